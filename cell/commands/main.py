@@ -28,6 +28,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "runs": ("history.runs", "list the runs in the journal and how each ended"),
     "tidy": ("history.tidy", "remove old recordings to free disk space; reports and the journal stay"),
     "report": ("history.report", "show the effects of a run and the path of its report page"),
+    "compare": ("history.compare", "compare two campaigns on the same seeds, or two runs"),
     "replay": ("history.replay", "open a run's recording in the Rerun viewer, or decide it again"),
     "resume": ("run.resume", "resume a run that was killed, stopped or ended before the garment was folded"),
     "reset": ("run.reset", "reset the robot's stop after its cause is cleared (driver ros)"),

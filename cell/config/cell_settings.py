@@ -165,23 +165,30 @@ class GraspConfig(_Group):
     grip_force: float = _number(1.0, 60.0, "N", "grip force of the pads")
     held_force: float = _number(0.05, 20.0, "N", "minimum mean force on each pad of a grasp that holds")
     lift_height: float = _number(0.005, 0.15, "m", "height of the lift that confirms a grasp")
+    tactile: bool = Field(
+        strict=True, description="use the tactile sensors; false: only the arms' and grippers' own measurements"
+    )
     calibration: Path | None = Field(
         description="a tactile calibration file, relative to this file: its thresholds replace those of this group"
     )
 
     def settings(self) -> GraspSettings:
         """The skill's settings. Thresholds without a key keep the skill's defaults."""
-        from skills.grasping.settings import GraspSettings
+        from skills.grasping.settings import GraspSettings, without_tactile
 
-        values = self.model_dump(exclude={"lift_height", "calibration"})
+        values = self.model_dump(exclude={"lift_height", "calibration", "tactile"})
         if self.calibration is not None:
             values |= load_tactile_thresholds(self.calibration)
-        return GraspSettings(**values)
+        settings = GraspSettings(**values)
+        return settings if self.tactile else without_tactile(settings)
 
 
 class InspectionConfig(_Group):
     """Thresholds for accepting an observed fold (skills.perception.inspection.inspect)."""
 
+    enabled: bool = Field(
+        strict=True, description="judge each fold by a picture; false: the plan goes on from the predicted shape"
+    )
     iou: float = _number(
         0.3, 1.0, "", "minimum intersection over union of the observed and the predicted silhouette"
     )
@@ -194,7 +201,7 @@ class InspectionConfig(_Group):
         """The skill's settings. Thresholds without a key keep the skill's defaults."""
         from skills.perception.inspection.inspect import InspectionSettings
 
-        values = self.model_dump(exclude={"drift_deg"})
+        values = self.model_dump(exclude={"drift_deg", "enabled"})
         return InspectionSettings(
             **values, drift_angle=math.radians(self.drift_deg), perception=perception.settings()
         )

@@ -52,7 +52,7 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
     force, opening = float(np.mean(state.pads, axis=0).min()), float(np.mean(state.openings))
     force_ratio = force / state.held.grip
     opening_ratio = (opening - s.empty_opening) / (state.held.opening - s.empty_opening)
-    if min(force_ratio, opening_ratio) >= s.kept_fraction:
+    if force_ratio >= s.kept_force and opening_ratio >= s.kept_opening:
         return Outcome(replace(state.held, stamp=reading.stamp, grip=force, opening=opening))
     return Outcome(
         failure=Failure(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
-__all__ = ["GraspSettings"]
+__all__ = ["GraspSettings", "without_tactile"]
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,10 @@ class GraspSettings:
     """Minimum assumed standard deviation of one opening reading [m]: twice the usual."""
     layer_doubt: float = 0.05
     """The planned number of layers is rejected below this probability."""
-    kept_fraction: float = 0.6
-    """Fraction of the confirmed force and opening that a lifted grasp must keep."""
+    kept_force: float = 0.6
+    """Fraction of the confirmed force that a lifted grasp must keep."""
+    kept_opening: float = 0.6
+    """The same for the opening."""
 
     # slip
     slip_baseline_readings: int = 12
@@ -112,3 +115,18 @@ class GraspSettings:
     """Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
     drift_time: float = 120.0
     """Shortest period of the drift [s]."""
+
+
+def without_tactile(settings: GraspSettings) -> GraspSettings:
+    """Settings whose force thresholds are never reached: only the arms' and the grippers' own measurements count. To
+    measure what the tactile sensors are worth."""
+    return replace(
+        settings,
+        contact_force=math.inf,
+        press_force=math.inf,
+        close_force=math.inf,
+        held_force=-math.inf,
+        kept_force=-math.inf,
+        slip_fraction=0.0,
+        stuck_force=math.inf,
+    )

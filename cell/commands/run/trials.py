@@ -1,40 +1,55 @@
-"""`foldcell trials`: success rates over seeds and garments in the simulated cell, as in the paper's table."""
+"""`foldcell trials`: campaigns of runs in the simulated cell over garments, seeds and variants."""
 
 from __future__ import annotations
 
 import argparse
-import functools
-import shutil
+import os
 import sys
-from contextlib import closing
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.trials import GarmentFigures, Trial, run_trials, tabulate
-from cell.commands.options import cell_option, count, driver_options, json_option, logs_option, seed
+from cell.campaigns.executors import Workers, cluster_workers, local_workers
+from cell.campaigns.statistics.summary import Row, claims
+from cell.campaigns.trials.campaign import Campaign, CampaignFile, SeedRange, campaign_of, read_campaign
+from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endure, growths, random_requests
+from cell.campaigns.trials.perform import perform_campaign
+from cell.campaigns.trials.progress import CampaignProgress
+from cell.campaigns.trials.results import campaign_results
+from cell.campaigns.trials.store import CampaignFolder
+from cell.campaigns.trials.trial import Trial
+from cell.commands.options import cell_option, count, driver_options, folder, json_option, logs_option, seed
 from cell.commands.output import print_json, print_table, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.library.library_file import user_library_path
-from cell.support.files.paths import campaign_folder, logs_directory, new_folder, prepare_logs
-from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
-from cell.support.process.workers import worker_pool
-from robots.errors import StorageError
+from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
+from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 
-RUNS_EACH = 8
-"""A worker process is replaced after this number of runs, which limits its memory."""
+MEMORY_GROWTH = 0.05
+"""Largest share by which the memory of a process may grow."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("--garments", default="all", metavar="A,B", help="names separated by commas, or all (all)")
-    parser.add_argument("--n", type=count, default=10, metavar="N", help="runs of each garment (10)")
-    parser.add_argument("--first-seed", type=seed, default=1, metavar="N", help="first seed (1)")
-    parser.add_argument("--workers", type=count, default=1, metavar="N", help="runs at a time (1)")
+    parser.add_argument("file", nargs="?", type=Path, metavar="CAMPAIGN.yaml", help="a campaign file, else flags")
+    parser.add_argument("--garments", metavar="A,B", help="names separated by commas, or all (all)")
+    parser.add_argument("--n", type=count, metavar="N", help="runs of each garment (10)")
+    parser.add_argument("--first-seed", type=seed, metavar="N", help="first seed (1)")
+    parser.add_argument("--workers", type=count, metavar="N", help="runs at a time (all cores)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="run on the workers of this Dask scheduler")
+    parser.add_argument(
+        "--keep", choices=["failures", "all", "none"], help="recordings to keep (failures, or the file's)"
+    )
+    parser.add_argument(
+        "--hours", type=_hours, metavar="H", help="random garments and faults for H hours; what each run leaves behind"
+    )
+    parser.add_argument("--renew", type=count, metavar="N", help="with --hours: a new process every N runs (never)")
+    parser.add_argument("--resume", type=folder, metavar="DIR", help="continue the campaign in this folder")
     driver_options(parser, real=False)  # hundreds of runs need an attendant that never tires
     cell_option(parser)
     logs_option(parser)
@@ -43,113 +58,149 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Returns 0 if every run ended without a fault, 3 if one was a fault or was not performed. A bad fold is a
-    figure, not an error. `trials.json` is written after each run, so an interrupted campaign keeps its results."""
-    settings = load_settings(options.cell)
-    garments = list(list_garments()) if options.garments == "all" else _named(options.garments)
-    for name in garments:
-        load_garment(name, settings.surface)
-    logs = prepare_logs(logs_directory(options.logs))
-    campaign = campaign_folder(logs, "trials")
-    work = functools.partial(_one, options.driver, options.world, options.cell, settings, campaign)
-    seeds = range(options.first_seed, options.first_seed + options.n)
-    planned = [(g, s) for g in garments for s in seeds]
-    trials: list[Trial] = []
+    figure, not an error."""
+    if options.hours is not None:
+        return _endurance(options)
+    if options.renew is not None:
+        raise ConfigurationError("--renew without --hours", "campaigns renew their processes by themselves")
+    campaign = _opened(options)
     out = progress_stream(options.json)
-    _copy_library(logs, campaign)
-    results_file = campaign / "trials.json"
-    write_whole(results_file, _text(_figures(trials, planned)))
-    print(f"{len(planned)} runs, {options.workers} at a time", file=out, flush=True)
-    try:
-        with (
-            worker_pool(options.workers, RUNS_EACH) as pool,
-            closing(run_trials(work, garments, seeds, pool)) as running,
-        ):
-            for trial in running:
-                trials.append(trial)
-                write_whole(results_file, _text(_figures(trials, planned)))
-                print(f"{len(trials):4d}/{len(planned)}  {_line(trial)}", file=out, flush=True)
-    except KeyboardInterrupt:
-        print(f"{len(trials)} of {len(planned)} runs were performed: {results_file}", file=sys.stderr)
-        raise
+    with campaign.owned():
+        finished = campaign.finished()
+        missing = len(campaign.missing(finished))
+        try:
+            with _workers(options, campaign.path) as workers:
+                for note in workers.notes:
+                    print(note, file=sys.stderr)
+                already = f", {len(finished)} of them finished earlier" if finished else ""
+                print(f"{missing + len(finished)} runs{already}, {workers.count} at a time", file=out, flush=True)
+                print(f"folder   {campaign.path}", file=out, flush=True)
+                progress = CampaignProgress(missing + len(finished), len(finished), workers.count)
+                trials = perform_campaign(
+                    campaign, workers, lambda trial: print(progress.line(trial), file=out, flush=True)
+                )
+        except KeyboardInterrupt:
+            made = len(campaign.finished())
+            again = command_for(f"trials --resume {campaign.path}", campaign.path.parent)
+            print(f"{made} of {missing + len(finished)} runs are finished; continue: {again}", file=sys.stderr)
+            raise
+    results = campaign_results(campaign.campaign, trials)
     if options.json:
-        print_json({**_figures(trials, planned), "directory": str(campaign)})
+        print_json({**results, "directory": str(campaign.path)})
     else:
-        _print(tabulate(trials), sum(not t.performed for t in trials), campaign)
+        _print(campaign, results, trials)
     return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
 
 
-def _named(garments: str) -> list[str]:
-    """The names without repetitions: repeating the same seeds gives no further evidence."""
-    return list(dict.fromkeys(name.strip() for name in garments.split(",")))
+def _endurance(options: argparse.Namespace) -> int:
+    """Returns 0 if every run ended in a declared state and nothing but memory (by 5 %) grew, else 3."""
+    _refuse(options, "--hours", ("file", "resume", "n", "keep", "cluster", "workers"))
+    settings = load_settings(options.cell)
+    garments = _checked_garments(options.garments or "all", settings)
+    logs = prepare_logs(logs_directory(options.logs))
+    path, out = campaign_folder(logs, "endurance"), progress_stream(options.json)
+    print(f"folder   {path}", file=out, flush=True)
+
+    def report(run: EnduranceRun) -> None:
+        print(
+            f"{run.number:4d}  {run.garment:<24} {run.fault or '-':<15} {run.result:<13} {run.seconds:6.1f} s  "
+            f"{run.threads} threads  {run.handles} handles  {run.memory_mib:.0f} MiB",
+            file=out, flush=True,
+        )  # fmt: skip
+
+    first = 1 if options.first_seed is None else options.first_seed
+    runs = endure(random_requests(garments, settings, first), path, options.hours, options.renew, report)
+    grown = growths(runs)
+    bad = sum(bool(run.error) for run in runs)
+    leaks = [g for g in grown if g.threads > 0 or g.handles > 0 or g.memory > MEMORY_GROWTH]
+    if options.json:
+        print_json({
+            "schema": 1, "directory": str(path), "runs": len(runs), "broken": bad,
+            "results": dict(Counter(run.result for run in runs)), "processes": [asdict(g) for g in grown],
+        })  # fmt: skip
+    else:
+        print(f"\n{len(runs)} runs, simulated: " + ", ".join(f"{n} {r}" for r, n in Counter(r.result for r in runs).items()))
+        print(f"{bad} ended without a result")
+        print_table(
+            ("process", "runs", "threads gained", "handles gained", "memory gained"),
+            [(g.process, g.runs, g.threads, g.handles, f"{100 * g.memory:+.1f} %") for g in grown],
+        )
+        print(f"gained: after the run {SETTLED} of a process; details  {path / SAMPLES}")
+    return 3 if bad or leaks else 0
 
 
-def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, Any]:
-    """The results so far. not_performed: the planned runs that have no figures."""
-    performed = sorted((t for t in trials if t.performed), key=_key)
-    missing = sorted(set(planned) - {_key(t) for t in performed})
-    return {
-        "schema": 1,
-        "garments": [asdict(r) for r in tabulate(trials)],
-        "runs": [_run(t) for t in performed],
-        "not_performed": [{"garment": garment, "seed": seed} for garment, seed in missing],
-    }
+def _checked_garments(named: str, settings: CellSettings) -> list[str]:
+    names = list(list_garments()) if named == "all" else [name.strip() for name in named.split(",")]
+    for name in names:
+        load_garment(name, settings.surface)
+    return names
 
 
-def _one(
-    driver: str, world: str, path: Path | None, settings: CellSettings, campaign: Path, garment: str, seed: int
-) -> dict[str, Any]:
-    """One run in a worker process. It has a logs folder of its own, so that trajectories which another run
-    optimised do not affect it. Each folder gets a copy of the user's library."""
-    from cell.runs.fold_run import FoldRequest, fold_once
-
-    logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
-    _copy_library(campaign, logs)
-    request = FoldRequest(
-        garment=garment, seed=seed, driver=driver, settings=settings, settings_path=path, logs=logs,
-        live=False, approve=False, realtime=False, world=world, quiet=True,
-    )  # fmt: skip
-    return dict(to_json(fold_once(request).as_json()))
-
-
-def _copy_library(logs: Path, to: Path) -> None:
-    """Copy the user's library, if there is one, from one logs folder to another. Raises StorageError."""
+def _hours(text: str) -> float:
     try:
-        shutil.copyfile(user_library_path(logs), user_library_path(to))
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        hint = "check the permissions of both folders and whether the disk is full"
-        raise StorageError(f"{user_library_path(logs)} cannot be copied to {to}: {error.strerror}", hint) from None
+        hours = float(text)
+    except ValueError:
+        hours = 0.0
+    if not 0.0 < hours <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of hours; up to 1000 is")
+    return hours
 
 
-def _key(trial: Trial) -> tuple[str, int]:
-    return trial.garment, trial.seed
+def _opened(options: argparse.Namespace) -> CampaignFolder:
+    """The campaign to resume, or a new one from the file or the flags. Nothing is written before all is checked."""
+    if options.resume is not None:
+        _refuse(options, "--resume", ("file", "garments", "n", "first_seed", "keep", "cell"))
+        campaign = CampaignFolder.open(options.resume.absolute())
+        campaign.check_program()
+        return campaign
+    content = _campaign(options)
+    logs = prepare_logs(logs_directory(options.logs))
+    return CampaignFolder.create(campaign_folder(logs, "trials"), content, logs)
 
 
-def _run(trial: Trial) -> dict[str, Any]:
-    return {"garment": trial.garment, "seed": trial.seed, "success": trial.success, "result": trial.result,
-            "error": trial.error, "figures": trial.figures}  # fmt: skip
+def _campaign(options: argparse.Namespace) -> Campaign:
+    settings = load_settings(options.cell)
+    if options.file is not None:
+        _refuse(options, "a campaign file", ("garments", "n", "first_seed"))
+        campaign = read_campaign(options.file, settings, options.driver, options.world)
+        return campaign if options.keep is None else Campaign(
+            campaign.about, options.keep, campaign.requests, campaign.variants
+        )  # fmt: skip
+    named = (options.garments or "all").split(",")
+    content = CampaignFile(
+        garments="all" if named == ["all"] else tuple(named),
+        seeds=SeedRange(first=1 if options.first_seed is None else options.first_seed, count=options.n or 10),
+        keep=options.keep or "failures",
+    )
+    return campaign_of(content, settings, options.driver, options.world)
 
 
-def _text(figures: dict[str, Any]) -> bytes:
-    import json
-
-    return (json.dumps(to_json(figures), indent=1) + "\n").encode()
-
-
-def _line(trial: Trial) -> str:
-    figures = trial.figures or {}
-    times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
-    verdict = "folded" if trial.success else "false claim" if trial.result == "folded" else trial.result
-    return f"{trial.garment:<24} seed {trial.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
+def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> None:
+    both = [f"--{name.replace('_', '-')}" if name != "file" else "a file" for name in names if getattr(options, name)]
+    if both:
+        raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
 
 
-def _print(rows: list[GarmentFigures], not_performed: int, campaign: Path) -> None:
-    print("\nsimulated; folded: passed the scorer; interval: Wilson, 95 %; times and IoU: medians")
+def _workers(options: argparse.Namespace, campaign: Path) -> AbstractContextManager[Workers]:
+    if options.cluster is not None:
+        if options.workers is not None:
+            raise ConfigurationError("--workers with --cluster", "the cluster's workers decide how many run at a time")
+        return cluster_workers(options.cluster, campaign)
+    return local_workers(options.workers or len(os.sched_getaffinity(0)))
+
+
+def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial]) -> None:
+    print("\nsimulated; folded: claimed and passed by the scorer; interval: Wilson, 95 %; times and IoU: medians")
+    several = len(campaign.campaign.variants) > 1
+    rows = [Row(**row) for row in results["garments"]]
     print_table(
-        ("garment", "folded", "interval", "false claims", "faults", "recoveries", "robot s", "wall s", "IoU"),
+        (
+            *(("variant",) if several else ()),
+            *("garment", "folded", "interval", "false claims", "faults", "recoveries", "robot s", "wall s", "IoU", "folds/h"),
+        ),
         [
             (
+                *((r.variant,) if several else ()),
                 r.garment,
                 f"{r.folded}/{r.runs}",
                 f"{100 * r.interval[0]:.0f}-{100 * r.interval[1]:.0f} %",
@@ -159,10 +210,34 @@ def _print(rows: list[GarmentFigures], not_performed: int, campaign: Path) -> No
                 r.robot_time_s,
                 r.wall_time_s,
                 "-" if r.iou is None else f"{r.iou:.3f}",
+                r.folds_per_hour,
             )
             for r in rows
         ],
     )
-    if not_performed:
-        print(f"{not_performed} runs were not performed because a worker process died; they are not in the table")
-    print(f"details  {campaign / 'trials.json'}")
+    for name in campaign.campaign.variants:
+        table = claims(t for t in trials if t.request.variant == name)
+        print(
+            f"{name + ': ' if several else ''}claimed and passed {table.claimed_passed}, claimed in error "
+            f"{table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, neither {table.unclaimed_failed}"
+        )
+    for c in results["comparisons"]:
+        print(
+            f"{c['second']} against {c['first']}: {c['pairs']} pairs, better in {len(c['only_second'])}, worse in "
+            f"{len(c['only_first'])}, p = {c['p_value']:.3f} (McNemar, exact)"
+        )
+    for cause, number in _causes(rows):
+        print(f"{number:4d}  {cause}")
+    if results["not_performed"]:
+        print(f"{len(results['not_performed'])} runs were not performed because their worker processes died")
+    print(f"details  {campaign.path / 'campaign.html'}")
+
+
+def _causes(rows: Sequence[Row]) -> list[tuple[str, int]]:
+    """Causes of failure over all garments and variants, the most frequent first."""
+    count: dict[str, int] = {}
+    for row in rows:
+        if row.garment != "all":
+            for cause, number in row.causes.items():
+                count[cause] = count.get(cause, 0) + number
+    return sorted(count.items(), key=lambda item: -item[1])

@@ -154,7 +154,8 @@ def _descend(
         descending = {}
         for s, descent in attempt.motion.descend.items():
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
-            goal = _goal(attempt.grasp_of(s), lowering[s].top - float(descent.depth[-1]))
+            bottom = lowering[s].top - float(descent.depth[-1])
+            goal = _goal(attempt.grasp_of(s), bottom, cell.settings.grasp.tactile)
             state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -162,9 +163,11 @@ def _descend(
     return cell.loop.run(begin)
 
 
-def _goal(grasp: Grasp, lowest: float) -> DescentGoal:
-    """Contact is expected on top of the stack under the hand. The descent ends at the lowest reachable height."""
-    return DescentGoal(grasp.height, bottom=min(max(lowest, -0.008), grasp.height), through=grasp.height)
+def _goal(grasp: Grasp, lowest: float, tactile: bool) -> DescentGoal:
+    """Contact is expected on top of the stack under the hand. The descent ends at the lowest reachable height, or
+    without tactile sensors where the table is expected."""
+    bottom = min(max(lowest, -0.008), grasp.height)
+    return DescentGoal(grasp.height, bottom, stop=None if tactile else max(bottom, 0.0), through=grasp.height)
 
 
 def _press(
@@ -186,7 +189,7 @@ def _press(
             contact = cell.hands.depth(s, hand.descent, start.q)
             tip_offset = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
             strokes[s] = contact, contact + float(tip_offset) + PRESS + deeper
-        max_force = cell.settings.grasp.press_force
+        max_force = cell.grasp.press_force
         return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 
     return cell.loop.run(begin).failure

@@ -38,6 +38,8 @@ HINTS = {
 
 def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
     """Accept the fold, or diagnose its failure."""
+    if not cell.settings.inspection.enabled:
+        return next_step(cell, context)
     step = plan.steps[context.fold.index]
     outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before)
     if outcome.failure:
@@ -84,7 +86,7 @@ def next_step(cell: Workcell, context: RunContext) -> Result:
     """Advance to the next fold. The predicted shape, moved to where it is seen, becomes the believed one. After
     the last fold the garment is folded, unless the operator skipped folds."""
     ending, index, steps = context.failure, context.fold.index, context.steps
-    advanced = replace(_with_step_note(context), failure=None)
+    advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
     if index + 1 < len(steps):
         return Result(Event.NEXT_FOLD, replace(advanced, fold=FoldContext(index + 1)))
     advanced = replace(advanced, fold=FoldContext(index))
@@ -155,13 +157,16 @@ def _compare(
     )  # fmt: skip
 
 
-def _with_step_note(context: RunContext) -> RunContext:
+def _with_step_note(context: RunContext, inspecting: bool) -> RunContext:
     """The context with the predicted shape of a completed fold as the believed one. An inspected fold is also
-    added to `done`, and the plan moves by the drift that the inspection measured."""
+    added to `done`, and the plan moves by the drift that the inspection measured. inspecting: whether folds are
+    inspected; else each completed fold is done."""
     note, plan = context.fold.note(), context.plan
     if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator skipped it
         return context
     plan = replace(plan, vertices=note.predicted.vertices)
+    if note.inspected is None and not inspecting:
+        return replace(context, done=(*context.done, note), plan=plan)
     if note.inspected is None:
         return replace(context, plan=plan)
     return replace(context, done=(*context.done, note), plan=apply_drift(plan, note.inspected))

@@ -43,7 +43,8 @@ def report(
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
 ) -> Path:
-    """Write `report.html`, `fold.png` and, if a fold was pressed, `pressing.png` into the run's folder.
+    """Write `report.html`, `fold.png`, `last.jpg` (the last camera picture) and, if a fold was pressed,
+    `pressing.png` into the run's folder.
 
     Returns the page's path. Raises StorageError if the page cannot be written.
     """
@@ -82,6 +83,8 @@ def report(
     )
     _write_strip(folder / "fold.png", steps)
     _write_pressing(folder / "pressing.png", list(notes.values()))
+    if context.sight.frame is not None:
+        cv2.imwrite(str(folder / "last.jpg"), context.sight.frame.rgb[..., ::-1])
     return write_report(folder / "report.html", record)
 
 

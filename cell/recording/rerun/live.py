@@ -17,6 +17,7 @@ from rerun.error_utils import catch_and_log_exceptions
 from cell.recording.rerun.blueprint import layout
 from cell.recording.rerun.entry import Entry
 from cell.recording.rerun.pump import Pump
+from cell.recording.rerun.streams import begin_stream
 
 __all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
 
@@ -54,9 +55,8 @@ class LiveStream:
     # on the pump's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
-        stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
         sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
-        stream.set_sinks(sink, default_blueprint=layout(self._floor))
+        stream = begin_stream(self._identity[0], sink, layout(self._floor), self._identity[1])
         stream.send_recording_name(self._identity[1])
         self._stream = stream
 

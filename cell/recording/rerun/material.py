@@ -16,6 +16,7 @@ from calibration.shear import ShearCalibration
 from cell.recording.rerun import style
 from cell.recording.rerun.entry import TIMELINE
 from cell.recording.rerun.scene import facing_normals
+from cell.recording.rerun.streams import begin_stream
 from robots.errors import StorageError
 from skills.vocabulary import Array
 
@@ -77,9 +78,10 @@ def _begin(path: Path, name: str, series: str) -> rr.RecordingStream:
     views = rrb.Vertical(
         rrb.Spatial3DView(origin="/", name=name), rrb.TimeSeriesView(origin=f"/{series}"), row_shares=[3, 1]
     )
-    stream = rr.RecordingStream("foldcell_calibration")
     try:
-        stream.set_sinks(rr.FileSink(str(path)), default_blueprint=rrb.Blueprint(views, collapse_panels=True))
+        stream = begin_stream(
+            "foldcell_calibration", rr.FileSink(str(path)), rrb.Blueprint(views, collapse_panels=True)
+        )
     except Exception as e:
         raise StorageError(f"cannot write {path}: {e}", "choose another folder with --logs", path=str(path)) from e
     stream.send_recording_name(name)

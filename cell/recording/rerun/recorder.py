@@ -28,6 +28,7 @@ from cell.recording.rerun.live import LiveStream
 from cell.recording.rerun.pump import Pump
 from cell.recording.rerun.robot import RobotFigure
 from cell.recording.rerun.series import Series
+from cell.recording.rerun.streams import begin_stream, drop_ended_streams
 from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
 from robots.visual import RobotVisual
 from skills.perception.fitting_picture import draw_fitting
@@ -120,8 +121,7 @@ class Recorder:
         """
         recorder = cls(table, robot, truth)
         try:
-            stream = rr.RecordingStream(APPLICATION, recording_id=run_id)
-            stream.set_sinks(rr.FileSink(str(path)), default_blueprint=layout(floor_of(robot)))
+            stream = begin_stream(APPLICATION, rr.FileSink(str(path)), layout(floor_of(robot)), run_id)
             stream.send_recording_name(run_id)
             recorder._file = stream
         except Exception as error:
@@ -160,6 +160,9 @@ class Recorder:
                 self._file.disconnect()
             except Exception as error:
                 self._note_error(error)
+            self._file = None
+            if self._live is None:  # a viewer that hangs would delay the clean-up
+                drop_ended_streams()
         self._report = RecorderReport(
             dropped, live_dropped, tuple(self._errors), self._error_count, tuple(self._live_errors)
         )

@@ -1,0 +1,103 @@
+"""Executors of campaigns: worker processes of this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cell.campaigns.trials.engine import process_died
+from cell.campaigns.trials.store import cpu_model, program_versions
+from cell.support.process.workers import worker_pool
+from robots.errors import ConfigurationError
+
+__all__ = ["Workers", "cluster_workers", "local_workers"]
+
+TASKS_EACH = 8
+"""A worker process of this machine is replaced after this number of runs, which limits its memory."""
+PATIENCE_S = 15.0
+
+
+@dataclass(frozen=True)
+class Workers:
+    """executor: any executor of `concurrent.futures`. count: tasks at a time. died: whether an exception of a task
+    means that its process died. notes: messages for the user."""
+
+    executor: Executor
+    count: int
+    died: Callable[[BaseException], bool] = process_died
+    notes: tuple[str, ...] = ()
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Workers]:
+    """`count` processes of this machine. An exception within the context ends the running tasks."""
+    with worker_pool(count, TASKS_EACH) as pool:
+        yield Workers(pool, count)
+
+
+@contextmanager
+def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
+    """The workers of the Dask scheduler at `address`, e.g. tcp://head:8786.
+
+    The workers must run the same program, one task at a time, and have `folder` at the same path. That is checked
+    first. Raises ConfigurationError.
+    """
+    try:
+        from distributed import Client
+        from distributed.client import CancelledError
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        raise ConfigurationError(
+            "--cluster needs the package distributed", "install it: pip install 'foldcell[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=PATIENCE_S)
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except (OSError, ValueError, TimeoutError) as e:
+        raise ConfigurationError(
+            f"no Dask scheduler with workers answers at {address}: {e}",
+            "start one (dask scheduler) and workers (dask worker ADDRESS --nthreads 1), or check the address",
+        ) from None
+    with client:
+        threads = {name: worker["nthreads"] for name, worker in client.scheduler_info(n_workers=-1)["workers"].items()}
+        several = [name for name, count in threads.items() if count != 1]
+        if several:
+            raise ConfigurationError(
+                f"{len(several)} workers perform several tasks at a time ({several[0]})",
+                "start the workers with --nthreads 1, and one process for each core",
+            )
+        try:
+            seen = client.run(_examine, str(folder))
+        except Exception as e:  # whatever the workers raise, e.g. if they lack the program
+            raise ConfigurationError(
+                f"the workers cannot be examined: {type(e).__name__}: {e}", "install foldcell where they run"
+            ) from None
+        own = program_versions()
+        for worker, (there, versions, _) in seen.items():
+            if not there:
+                raise ConfigurationError(
+                    f"the worker {worker} does not see the folder {folder}",
+                    "give a --logs DIR that all machines share",
+                )
+            other = [f"{name} {versions.get(name)} (here {own[name]})" for name in own if versions.get(name) != own[name]]
+            if other:
+                raise ConfigurationError(
+                    f"the worker {worker} runs another program: {', '.join(other)}",
+                    "install the same version there and start the worker again",
+                )
+        models = sorted({cpu for _, _, cpu in seen.values()} | {cpu_model()})
+        note = "processors differ, so the last digits of results may: " + ", ".join(models)
+        yield Workers(
+            client.get_executor(pure=False),
+            len(threads),
+            lambda error: process_died(error) or isinstance(error, KilledWorker | CancelledError),
+            (note,) if len(models) > 1 else (),
+        )
+
+
+def _examine(folder: str) -> tuple[bool, dict[str, str], str]:
+    """Called on a worker: whether it sees the folder, its program, its processor."""
+    return Path(folder).is_dir(), program_versions(), cpu_model()

@@ -1,0 +1,1 @@
+"""Statistics of campaigns: proportions, paired comparisons, tables."""

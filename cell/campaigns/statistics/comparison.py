@@ -1,0 +1,85 @@
+"""Paired comparison of two variants or campaigns: the same garments with the same seeds."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact
+from cell.campaigns.trials.trial import Trial
+
+__all__ = ["Comparison", "compare_trials"]
+
+Pair = tuple[Trial, Trial]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The second of two groups of runs against the first, on `pairs` garments and seeds that both have.
+
+    only_first, only_second: (garment, seed) of the pairs that succeeded in one group alone; p_value: McNemar's exact
+    test. unpaired: runs without a partner. Differences are second minus first, medians over the pairs in which
+    neither is a fault, with 95 % bootstrap intervals.
+    """
+
+    pairs: int
+    unpaired: int
+    both: int
+    neither: int
+    only_first: tuple[tuple[str, int], ...]
+    only_second: tuple[tuple[str, int], ...]
+    p_value: float
+    robot_time_difference_s: float | None
+    robot_time_interval_s: tuple[float, float] | None
+    height_difference_m: float | None
+    height_interval_m: tuple[float, float] | None
+    first_causes: Mapping[str, int]
+    """Causes of failure in the first group, of the pairs that only the second group folded."""
+    second_causes: Mapping[str, int]
+
+
+def compare_trials(first: Iterable[Trial], second: Iterable[Trial]) -> Comparison:
+    """Compare the performed runs. Each group has at most one run per garment and seed."""
+    a, b = _by_pair(first), _by_pair(second)
+    pairs = [(a[key], b[key]) for key in a if key in b]
+    only_first = [(x, y) for x, y in pairs if x.success and not y.success]
+    only_second = [(x, y) for x, y in pairs if y.success and not x.success]
+    sound = [(x, y) for x, y in pairs if "fault" not in (x.result, y.result)]
+    times = _differences(sound, lambda t: (t.figures or {}).get("robot_time_s"))
+    heights = _differences(sound, lambda t: ((t.figures or {}).get("score") or {}).get("height_m"))
+    return Comparison(
+        pairs=len(pairs),
+        unpaired=len(a) + len(b) - 2 * len(pairs),
+        both=sum(x.success and y.success for x, y in pairs),
+        neither=sum(not x.success and not y.success for x, y in pairs),
+        only_first=tuple(_named(x) for x, _ in only_first),
+        only_second=tuple(_named(x) for x, _ in only_second),
+        p_value=mcnemar_exact(len(only_first), len(only_second)),
+        robot_time_difference_s=statistics.median(times) if times else None,
+        robot_time_interval_s=bootstrap_median(times),
+        height_difference_m=statistics.median(heights) if heights else None,
+        height_interval_m=bootstrap_median(heights),
+        first_causes=_causes(x for x, _ in only_second),
+        second_causes=_causes(y for _, y in only_first),
+    )
+
+
+def _by_pair(trials: Iterable[Trial]) -> dict[tuple[str, int], Trial]:
+    return {_named(t): t for t in trials if t.performed}
+
+
+def _named(trial: Trial) -> tuple[str, int]:
+    return trial.request.garment, trial.request.seed
+
+
+def _differences(pairs: Sequence[Pair], figure: Callable[[Trial], float | None]) -> list[float]:
+    values = [(figure(x), figure(y)) for x, y in pairs]
+    return [y - x for x, y in values if x is not None and y is not None]
+
+
+def _causes(trials: Iterable[Trial]) -> dict[str, int]:
+    count: dict[str, int] = {}
+    for trial in trials:
+        count[trial.cause] = count.get(trial.cause, 0) + 1
+    return count

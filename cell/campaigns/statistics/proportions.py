@@ -1,0 +1,42 @@
+"""Intervals and tests of proportions and of paired differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+__all__ = ["bootstrap_median", "mcnemar_exact", "wilson_interval"]
+
+RESAMPLES = 9999
+SEED = 20_150_928
+"""Seed of the resampling: the same figures always have the same interval."""
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """95 % confidence interval of a proportion (Wilson 1927), accurate near 0 and 1 and for few runs too."""
+    from scipy.stats import binomtest
+
+    if runs == 0:
+        return 0.0, 1.0
+    interval = binomtest(successes, runs).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)
+
+
+def mcnemar_exact(only_first: int, only_second: int) -> float:
+    """Two-sided p-value of McNemar's exact test: of the pairs with different results, `only_first` succeeded in the
+    first variant alone and `only_second` in the second alone. 1 if there are no such pairs."""
+    from scipy.stats import binomtest
+
+    pairs = only_first + only_second
+    return float(binomtest(only_first, pairs, 0.5).pvalue) if pairs else 1.0
+
+
+def bootstrap_median(values: Sequence[float]) -> tuple[float, float] | None:
+    """95 % percentile bootstrap interval (Efron 1979) of the median; None for fewer than two values."""
+    import numpy as np
+
+    if len(values) < 2:
+        return None
+    generator = np.random.default_rng(SEED)
+    drawn = generator.choice(np.asarray(values, dtype=float), (RESAMPLES, len(values)))
+    low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
+    return float(low), float(high)

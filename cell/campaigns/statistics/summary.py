@@ -1,0 +1,125 @@
+"""Summary of a campaign: one row per variant and garment, claims against verdicts, causes of failure."""
+
+from __future__ import annotations
+
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from cell.campaigns.statistics.proportions import bootstrap_median, wilson_interval
+from cell.campaigns.trials.trial import Trial
+
+__all__ = ["ALL", "Claims", "Row", "claims", "summarise"]
+
+ALL = "all"
+HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Number of scored runs by what the executive claimed (folded or not) and what the scorer found."""
+
+    claimed_passed: int
+    claimed_failed: int
+    """False claims."""
+    unclaimed_passed: int
+    """Good folds that the executive did not claim."""
+    unclaimed_failed: int
+
+    @property
+    def precision(self) -> float | None:
+        """Share of the claims that the scorer confirms."""
+        return _share(self.claimed_passed, self.claimed_passed + self.claimed_failed)
+
+    @property
+    def recall(self) -> float | None:
+        """Share of the good folds that the executive claims."""
+        return _share(self.claimed_passed, self.claimed_passed + self.unclaimed_passed)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Runs of one variant and garment (or of all garments). folded: claimed and passed. interval: Wilson, 95 %. Times
+    are medians over the runs without faults [s]; robot_time_interval_s: bootstrap, 95 %. folds_per_hour: successful
+    garments per hour of the cell's clock, failures' time included."""
+
+    variant: str
+    garment: str
+    runs: int
+    folded: int
+    interval: tuple[float, float]
+    claimed: int
+    false_claims: int
+    faults: int
+    robot_time_s: float | None
+    robot_time_interval_s: tuple[float, float] | None
+    wall_time_s: float | None
+    iou: float | None
+    height_m: float | None
+    recoveries: int
+    folds_per_hour: float | None
+    causes: Mapping[str, int]
+
+
+def summarise(trials: Iterable[Trial]) -> list[Row]:
+    """One row per garment in order of name, and one for all garments, for each variant. Runs that were not performed
+    do not count."""
+    by_variant: dict[str, dict[str, list[Trial]]] = {}
+    for trial in (t for t in trials if t.performed):
+        by_variant.setdefault(trial.request.variant, {}).setdefault(trial.request.garment, []).append(trial)
+    rows = []
+    for variant, by_garment in by_variant.items():
+        rows += [_row(variant, name, by_garment[name]) for name in sorted(by_garment)]
+        if len(by_garment) > 1:
+            rows.append(_row(variant, ALL, [t for group in by_garment.values() for t in group]))
+    return rows
+
+
+def claims(trials: Iterable[Trial]) -> Claims:
+    """The 2 x 2 table of claims and verdicts over the scored runs."""
+    count = Counter((t.claimed, t.passed) for t in trials if t.passed is not None)
+    return Claims(count[True, True], count[True, False], count[False, True], count[False, False])
+
+
+def _row(variant: str, name: str, trials: Sequence[Trial]) -> Row:
+    figures = [t.figures for t in trials if t.figures is not None and t.result != "fault"]
+    folded = sum(t.success for t in trials)
+    scores = [f["score"] for f in figures if f.get("score")]
+    steps = [step for f in figures for step in f.get("steps") or []]
+    times = [f["robot_time_s"] for f in figures if f.get("robot_time_s") is not None]
+    spent = sum(t.figures.get("robot_time_s") or 0.0 for t in trials if t.figures is not None)
+    return Row(
+        variant=variant,
+        garment=name,
+        runs=len(trials),
+        folded=folded,
+        interval=wilson_interval(folded, len(trials)),
+        claimed=sum(t.claimed for t in trials),
+        false_claims=sum(t.claimed and not t.success for t in trials),
+        faults=sum(t.result == "fault" for t in trials),
+        robot_time_s=_median(times),
+        robot_time_interval_s=bootstrap_median(times),
+        wall_time_s=_median(f.get("wall_time_s") for f in figures),
+        iou=_median(s.get("iou") for s in scores),
+        height_m=_median(s.get("height_m") for s in scores),
+        recoveries=sum(_count(step.get("recoveries")) for step in steps),
+        folds_per_hour=HOUR_S * folded / spent if spent > 0.0 else None,
+        causes=dict(Counter(t.cause for t in trials if t.cause).most_common()),
+    )
+
+
+def _median(values: Iterable[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return statistics.median(known) if known else None
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _count(recoveries: object) -> int:
+    """Number of recoveries of a step, which are given as a number or as a list."""
+    if isinstance(recoveries, int):
+        return recoveries
+    return len(recoveries) if isinstance(recoveries, list | tuple) else 0

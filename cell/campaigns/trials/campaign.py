@@ -1,0 +1,220 @@
+"""A campaign: garments x seeds x variants. It is read from a YAML file or made from the flags of `foldcell trials`.
+
+about: the shipped garments, with and without pressing
+garments: [medium_towel, t_shirt]       # or: all
+seeds: {first: 1, count: 5}             # or a list: [7101, 7102]
+keep: failures                          # recordings to keep: failures, all or none
+variants:
+  shipped: {}
+  no_pressing:
+    about: creases are not pressed
+    cell: {pressing: {max_attempts: 0}}
+  slip:
+    do:
+      - when: {state: lifting}
+        fault: {kind: dropped_corner, side: left}
+  yesterday: {python: ../foldcell-0.5/.venv/bin/python}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from cell.campaigns.hil.script import Action
+from cell.config.cell_settings import CellSettings, overlaid
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.yaml_file import Document, read_yaml, validated
+from robots.errors import ConfigurationError
+
+__all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "read_campaign"]
+
+Keep = Literal["failures", "all", "none"]
+MAX_SEED = 2**31 - 1
+MAX_RUNS = 100_000
+DEFAULT_VARIANT = "shipped"
+
+
+class _Group(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SeedRange(_Group):
+    """The seeds first, first + 1, ..."""
+
+    first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
+    count: int = Field(ge=1, le=MAX_RUNS, strict=True, description="number of seeds")
+
+
+class Variant(_Group):
+    """The differences of one variant from the campaign's settings."""
+
+    about: str = Field("", description="the difference in words")
+    cell: dict[str, Any] = Field({}, description="settings that override those of the cell")
+    do: tuple[Action, ...] = Field((), description="scripted faults and commands, as in a HIL script")
+    world: Literal["xpbd", "mujoco"] | None = Field(None, description="solver of the simulated cloth")
+    garments: tuple[str, ...] | None = Field(None, description="garments of this variant, if not all")
+    python: str | None = Field(
+        None, min_length=1, description="Python of a virtual environment with another version of foldcell"
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Variant:
+        if self.python is not None and self.do:
+            raise ValueError("`do` needs this version of foldcell; it cannot be used with `python`")
+        return self
+
+
+_Seed = Annotated[int, Field(ge=0, le=MAX_SEED, strict=True)]
+_Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,40}$")]
+
+
+def _or_mapping(value: Any) -> Any:
+    """A variant without keys may be written with nothing after the colon."""
+    return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, Mapping) else value
+
+
+class CampaignFile(_Group):
+    """The content of a campaign file."""
+
+    about: str = Field("", description="the question that the campaign answers, in one sentence")
+    garments: tuple[str, ...] | Literal["all"] = Field("all", description="names or files, or all")
+    seeds: SeedRange | tuple[_Seed, ...] = Field(description="{first, count}, or a list of seeds")
+    keep: Keep = Field("failures", description="recordings to keep: of failures, of all runs, or of none")
+    variants: Annotated[dict[_Name, Variant], BeforeValidator(_or_mapping)] = Field(
+        {DEFAULT_VARIANT: Variant()}, min_length=1, description="what is compared on the same seeds"
+    )
+
+
+@dataclass(frozen=True)
+class TrialRequest:
+    """One run of a campaign; its result depends on nothing else. All values are plain JSON values.
+
+    settings: the complete settings of the cell (for another version of foldcell: only the keys that differ from the
+    shipped ones). actions: scripted faults and commands. python: interpreter of another version; None: this one.
+    """
+
+    variant: str
+    garment: str
+    seed: int
+    driver: str
+    world: str
+    settings: Mapping[str, Any]
+    actions: tuple[Mapping[str, Any], ...] = ()
+    python: str | None = None
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        return self.variant, self.garment, self.seed
+
+    @property
+    def folder(self) -> str:
+        """Name of the run's folder in the campaign. The shipped variant has the names of a campaign without
+        variants."""
+        name = f"{Path(self.garment).stem}-seed{self.seed}"
+        return name if self.variant == DEFAULT_VARIANT else f"{self.variant}/{name}"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """requests: all runs, in the order in which they are started: seed by seed, so that an unfinished campaign has
+    about equally many runs of each garment and variant."""
+
+    about: str
+    keep: Keep
+    requests: tuple[TrialRequest, ...]
+    variants: Mapping[str, str]
+    """Name -> the difference in words."""
+
+
+def read_campaign(path: Path, settings: CellSettings, driver: str = "sim", world: str = "xpbd") -> Campaign:
+    """Read a campaign file. Every variant's settings and every garment is checked.
+
+    settings: the cell's settings, which the variants override. world: of variants that do not name one.
+    Raises ConfigurationError with file, line, key and allowed values.
+    """
+    document = read_yaml(path, "campaign file")
+    content = validated(document, CampaignFile)
+    return campaign_of(content, settings, driver, world, document)
+
+
+def campaign_of(
+    content: CampaignFile,
+    settings: CellSettings,
+    driver: str,
+    world: str,
+    document: Document | None = None,
+) -> Campaign:
+    """The campaign of a validated file. document: the file, for messages and relative paths; None: flags.
+
+    Raises ConfigurationError.
+    """
+    folder = document.path.parent if document else Path()
+    of_all = list(list_garments()) if content.garments == "all" else _distinct(content.garments, folder)
+    seeds = _seeds(content.seeds)
+    requests = []
+    for name, variant in content.variants.items():
+        own = _settings(settings, name, variant, document)
+        garments = of_all if variant.garments is None else _distinct(variant.garments, folder)
+        for garment in garments:
+            load_garment(garment, own.surface)
+        python = None if variant.python is None else _interpreter(variant.python, folder)
+        requests += [
+            TrialRequest(
+                name,
+                garment,
+                seed,
+                driver,
+                variant.world or world,
+                variant.cell if python else own.model_dump(mode="json", by_alias=True),
+                tuple(action.model_dump(mode="json", exclude_none=True) for action in variant.do),
+                python,
+            )
+            for garment in garments
+            for seed in seeds
+        ]
+    if len(requests) > MAX_RUNS:
+        raise ConfigurationError(f"{len(requests)} runs", f"a campaign has at most {MAX_RUNS} runs: split it")
+    order = {seed: n for n, seed in enumerate(seeds)}
+    requests.sort(key=lambda request: order[request.seed])
+    about = {name: variant.about for name, variant in content.variants.items()}
+    return Campaign(content.about, content.keep, tuple(requests), about)
+
+
+def _settings(settings: CellSettings, name: str, variant: Variant, document: Document | None) -> CellSettings:
+    if variant.python is not None or not variant.cell:
+        return settings  # another version has keys of its own; it checks them itself
+    lines = document.lines if document else {}
+    at = ("variants", name, "cell")
+    own = {key[3:]: line for key, line in lines.items() if key[:3] == at}
+    return overlaid(settings, variant.cell, document.path if document else Path("campaign"), own)
+
+
+def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
+    """The garments without repetitions: the same seeds again are no further evidence."""
+    names = [str(folder / g) if g.endswith((".yaml", ".yml")) else g.strip() for g in garments]
+    if not names:
+        raise ConfigurationError("a campaign without garments", "name at least one, or write all")
+    return list(dict.fromkeys(names))
+
+
+def _seeds(seeds: SeedRange | tuple[int, ...]) -> list[int]:
+    if isinstance(seeds, SeedRange):
+        return [s for s in range(seeds.first, seeds.first + seeds.count) if s <= MAX_SEED]
+    if not seeds:
+        raise ConfigurationError("a campaign without seeds", "list at least one, or give {first, count}")
+    return list(dict.fromkeys(seeds))
+
+
+def _interpreter(python: str, folder: Path) -> str:
+    path = Path(python).expanduser()
+    path = path if path.is_absolute() else folder.absolute() / path
+    if not path.is_file():
+        raise ConfigurationError(
+            f"{path}: there is no such Python", "name the bin/python of a virtual environment with foldcell"
+        )
+    return str(path)  # not resolved: the link's place is what makes the environment

@@ -1,0 +1,166 @@
+"""Runs of random garments with random faults for hours, with the resources that each leaves behind."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import random
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.hil.script import Action
+from cell.campaigns.trials.campaign import TrialRequest
+from cell.campaigns.trials.trial import Trial, perform_trial
+from cell.config.cell_settings import CellSettings
+from cell.simulation import FaultKind
+from cell.states.transition_table import State
+from cell.support.process.workers import worker_pool
+from robots.errors import StorageError
+from robots.ports import Side
+
+__all__ = ["SAMPLES", "EnduranceRun", "Growth", "endure", "growths", "random_requests"]
+
+SAMPLES = "endurance.jsonl"
+SETTLED = 10
+"""A process has loaded and compiled everything after this number of runs; growth is counted from there."""
+MOMENTS = (State.LOOKING, State.APPROACHING, State.GRASPING, State.LIFTING, State.FOLDING, State.INSPECTING)
+SIDED = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER, FaultKind.SUDDEN_DROP, FaultKind.GRIPPER_STUCK)
+LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BLACK, FaultKind.CAMERA_SILENT)
+
+
+@dataclass(frozen=True)
+class EnduranceRun:
+    """One run and the state of its process afterwards. fault: its kind, or empty. number: of the run in its process,
+    from 1. memory_mib: resident memory."""
+
+    garment: str
+    seed: int
+    fault: str
+    result: str
+    error: str
+    seconds: float
+    process: int
+    number: int
+    threads: int
+    handles: int
+    memory_mib: float
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What one process gained between its run SETTLED and its last run. memory: as a fraction."""
+
+    process: int
+    runs: int
+    threads: int
+    handles: int
+    memory: float
+
+
+def random_requests(garments: Sequence[str], settings: CellSettings, seed: int) -> Iterator[TrialRequest]:
+    """Endless runs of random garments, every second one with a random fault. The same seed gives the same runs."""
+    generator = random.Random(seed)
+    values = settings.model_dump(mode="json", by_alias=True)
+    number = 0
+    while True:
+        number += 1
+        actions = (_fault(generator),) if generator.random() < 0.5 else ()
+        garment, run_seed = generator.choice(list(garments)), generator.randrange(2**31)
+        yield TrialRequest(f"run{number}", garment, run_seed, "sim", "xpbd", values, actions)
+
+
+def endure(
+    requests: Iterator[TrialRequest],
+    folder: Path,
+    hours: float,
+    runs_each: int | None,
+    report: Callable[[EnduranceRun], None],
+    clock: Callable[[], float] = time.monotonic,
+) -> list[EnduranceRun]:
+    """Perform runs one after the other until `hours` have passed; returns them. Each is appended to SAMPLES at once.
+
+    runs_each: a process is replaced after this number of runs; None: one process performs all. A process that dies
+    is replaced. Recordings of failures alone are kept.
+    """
+    until = clock() + 3600.0 * hours
+    runs: list[EnduranceRun] = []
+    work = functools.partial(_measured, str(folder))
+    # one process for ever: renewed after a number of runs that is never reached
+    with worker_pool(1, runs_each or 10**9) as pool, (folder / SAMPLES).open("a", encoding="utf-8") as samples:
+        while clock() < until:
+            request = next(requests)
+            try:
+                run = EnduranceRun(**pool.submit(work, request).result())
+            except StorageError:
+                raise
+            except Exception as e:  # the process died: the next run gets a new one
+                fault = request.actions[0]["fault"]["kind"] if request.actions else ""
+                run = EnduranceRun(
+                    request.garment, request.seed, fault, "not_performed", f"{type(e).__name__}: {e}", 0.0, 0, 0, 0, 0, 0.0
+                )  # fmt: skip
+            runs.append(run)
+            samples.write(json.dumps(asdict(run)) + "\n")
+            samples.flush()
+            os.fsync(samples.fileno())
+            report(run)
+    return runs
+
+
+def growths(runs: Sequence[EnduranceRun]) -> list[Growth]:
+    """The growth of each process that performed more than SETTLED runs."""
+    found = []
+    for process in dict.fromkeys(r.process for r in runs if r.process):
+        own = [r for r in runs if r.process == process]
+        if len(own) > SETTLED:
+            first, last = own[SETTLED - 1], own[-1]
+            memory = max(r.memory_mib for r in own[SETTLED:]) / first.memory_mib - 1.0
+            found.append(
+                Growth(process, len(own), last.threads - first.threads, last.handles - first.handles, memory)
+            )
+    return found
+
+
+def _fault(generator: random.Random) -> dict[str, Any]:
+    kind = generator.choice([k for k in FaultKind if k is not FaultKind.NO_GARMENT])
+    fault: dict[str, Any] = {"kind": kind.value}
+    if kind in SIDED:
+        fault["side"] = generator.choice(list(Side)).value
+    if kind in LASTING:
+        fault["duration_s"] = round(generator.uniform(0.2, 20.0), 1)
+    moment = {"state": generator.choice(MOMENTS).value, "after_s": round(generator.uniform(0.0, 1.0), 2)}
+    return Action.model_validate({"when": moment, "fault": fault}).model_dump(mode="json", exclude_none=True)
+
+
+_PERFORMED = 0
+"""Number of runs of this process."""
+
+
+def _measured(folder: str, request: TrialRequest) -> dict[str, Any]:
+    """Called in a worker process: perform the run, then count what the process holds."""
+    import gc
+
+    global _PERFORMED
+    _PERFORMED += 1
+    began = time.monotonic()
+    done = perform_trial(request, Path(folder) / request.folder, "failures")
+    gc.collect()
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    return asdict(
+        EnduranceRun(
+            request.garment,
+            request.seed,
+            request.actions[0]["fault"]["kind"] if request.actions else "",
+            Trial(request, done["figures"], done["error"]).result,
+            done["error"],
+            time.monotonic() - began,
+            os.getpid(),
+            _PERFORMED,
+            int(status["Threads"]),
+            len(os.listdir("/proc/self/fd")),
+            int(status["VmRSS"].split()[0]) / 1024.0,
+        )
+    )

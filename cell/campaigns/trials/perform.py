@@ -1,0 +1,61 @@
+"""Performs a campaign: starts the missing runs, keeps the results and the page up to date."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.executors import Workers
+from cell.campaigns.trials.campaign import Keep, TrialRequest
+from cell.campaigns.trials.engine import run_trials
+from cell.campaigns.trials.results import RESULTS, campaign_results, results_text
+from cell.campaigns.trials.store import CampaignFolder
+from cell.campaigns.trials.trial import Trial, perform_trial
+from cell.support.files.whole_file import write_whole
+
+__all__ = ["perform_campaign"]
+
+WRITE_EVERY_S = 10.0
+"""Least time between two versions of the results. Each finished run is on disk before that."""
+
+
+def perform_campaign(folder: CampaignFolder, workers: Workers, report: Callable[[Trial], None]) -> list[Trial]:
+    """Perform the runs that are missing; returns all. report: called after each run.
+
+    The results so far are written whatever ends the campaign. Raises StorageError if the folder cannot be written.
+    """
+    trials = folder.finished()
+    missing = folder.missing(trials)
+    work = functools.partial(_perform, str(folder.path), folder.campaign.keep)
+    written = 0.0
+    try:
+        write_results(folder, trials)
+        with closing(run_trials(missing, work, workers.executor, workers.died)) as running:
+            for trial in running:
+                trials.append(trial)
+                report(trial)
+                if time.monotonic() - written > WRITE_EVERY_S:
+                    write_results(folder, trials)
+                    written = time.monotonic()
+    finally:
+        write_results(folder, trials)
+    return trials
+
+
+def write_results(folder: CampaignFolder, trials: list[Trial]) -> dict[str, Any]:
+    """Write `trials.json` and `campaign.html`. Raises StorageError."""
+    from cell.campaigns.page.campaign_page import PAGE, campaign_page
+
+    results = campaign_results(folder.campaign, trials)
+    write_whole(folder.path / RESULTS, results_text(results))
+    write_whole(folder.path / PAGE, campaign_page(folder, trials))
+    return results
+
+
+def _perform(campaign: str, keep: Keep, request: TrialRequest) -> dict[str, Any]:
+    """Called in a worker process."""
+    return perform_trial(request, Path(campaign) / request.folder, keep)

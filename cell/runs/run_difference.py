@@ -1,0 +1,109 @@
+"""Differences between two runs: settings, versions, decisions and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cell.recording.journal import Entry, Intent, RunRecord, performed
+from cell.runs.request_file import SETTINGS
+
+__all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
+
+TIMES = ("wall_time_s", "run_dir", "stage_times_s")
+"""Figures that differ between any two runs, or that other figures contain."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A value that differs; None where one run does not have it."""
+
+    name: str
+    first: Any
+    second: Any
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One effect of a run: its name, the state in which it was performed, the fold (from 0), and its outcome: an
+    event and, after a failure, its kind."""
+
+    effect: str
+    state: str
+    fold: int | None
+    event: str | None
+    failure: str | None
+
+    def __str__(self) -> str:
+        fold = "" if self.fold is None else f" of fold {self.fold + 1}"
+        outcome = self.failure or self.event or "cut off"
+        return f"{self.effect} in {self.state}{fold}: {outcome}"
+
+
+@dataclass(frozen=True)
+class RunDifference:
+    """alike: number of decisions before the first that differs. then: the two decisions that differ, None for a run
+    that has ended there; None: all decisions are the same."""
+
+    settings: tuple[Difference, ...]
+    versions: tuple[Difference, ...]
+    alike: int
+    then: tuple[Decision | None, Decision | None] | None
+    figures: tuple[Difference, ...]
+
+
+def run_difference(
+    first: RunRecord, first_entries: Sequence[Entry], second: RunRecord, second_entries: Sequence[Entry]
+) -> RunDifference:
+    """Compare two runs of the journal. Raises StorageError if a run's settings cannot be read."""
+    a, b = ([_decision(x) for x in performed(entries)] for entries in (first_entries, second_entries))
+    alike = next((n for n, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    then = None
+    if alike < max(len(a), len(b)):
+        then = (a[alike] if alike < len(a) else None, b[alike] if alike < len(b) else None)
+    return RunDifference(
+        tuple(_differences(_settings(first), _settings(second))),
+        tuple(_differences(dict(first.versions), dict(second.versions))),
+        alike,
+        then,
+        tuple(_differences(_figures(first), _figures(second))),
+    )
+
+
+def _decision(intent: Intent) -> Decision:
+    begun, outcome = intent.begun, intent.result.payload if intent.result else {}
+    return Decision(begun.name, begun.state, begun.payload.get("step"), outcome.get("event"), outcome.get("kind"))
+
+
+def _settings(record: RunRecord) -> dict[str, Any]:
+    """The settings by dotted key. The driver, the garment and the seed count as settings."""
+    from cell.config.yaml_file import read_yaml
+
+    path = record.directory / SETTINGS
+    stated = dict(_flat(read_yaml(path, "cell settings file").data)) if path.is_file() else {}
+    return {"garment": record.garment, "seed": record.seed, "driver": record.driver, **stated}
+
+
+def _figures(record: RunRecord) -> dict[str, Any]:
+    kept = {k: v for k, v in record.summary.items() if k not in TIMES}
+    return {"status": record.status, **dict(_flat(kept))}
+
+
+def _flat(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values. Items of a list are numbered from 0, or named if they have a name."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
+    elif isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
+        for n, item in enumerate(value):
+            yield from _flat(item, f"{prefix}.{item['name'] if 'name' in item else n}")
+    else:
+        yield prefix, value
+
+
+def _differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Difference]:
+    for name in [*first, *(n for n in second if n not in first)]:
+        a, b = first.get(name), second.get(name)
+        if a != b:
+            yield Difference(name, a, b)
