@@ -81,7 +81,7 @@ def run_trials(
 
 
 def tabulate(trials: Iterable[Trial]) -> list[GarmentFigures]:
-    """One row for each garment in order of name, then one for all. Only performed runs count."""
+    """One row per garment, sorted by name, then one row for all garments. Only performed runs count."""
     by_garment: dict[str, list[Trial]] = {}
     for trial in (t for t in trials if t.performed):
         by_garment.setdefault(trial.garment, []).append(trial)
@@ -92,9 +92,10 @@ def tabulate(trials: Iterable[Trial]) -> list[GarmentFigures]:
 
 
 def wilson_interval(successes: int, runs: int, z: float = 1.959963984540054) -> tuple[float, float]:
-    """Confidence interval of a proportion (Wilson 1927), 95 % unless `z` says otherwise.
+    """Confidence interval of a proportion (Wilson 1927). z: quantile of the normal distribution; the default gives
+    95 %.
 
-    Unlike the normal approximation it is accurate near 0 and 1 and for few runs.
+    Unlike the normal approximation, the interval is accurate near 0 and 1 and for few runs.
     """
     if not 0 <= successes <= runs:
         raise ValueError(f"{successes} of {runs}")
@@ -133,7 +134,7 @@ def _median(values: Iterable[float | None]) -> float | None:
 
 
 def _count(recoveries: object) -> int:
-    """Number of recoveries of a step, which are given as a number or as a list."""
+    """Number of recoveries of a step. Figures hold it as a number or as a list of recoveries."""
     if isinstance(recoveries, int):
         return recoveries
     return len(recoveries) if isinstance(recoveries, list | tuple) else 0

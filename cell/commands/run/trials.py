@@ -35,15 +35,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--n", type=count, default=10, metavar="N", help="runs of each garment (10)")
     parser.add_argument("--first-seed", type=seed, default=1, metavar="N", help="first seed (1)")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="runs at a time (1)")
-    driver_options(parser, real=False)  # hundreds of runs need an attendant that never tires
+    driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
     cell_option(parser)
     logs_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if every run ended without a fault, 3 if one was a fault or was not performed. A bad fold is a
-    figure, not an error. `trials.json` is written after each run, so an interrupted campaign keeps its results."""
+    """Returns 0 if every run ended without a fault, 3 if a run ended in a fault or was not performed. A bad fold
+    appears in the figures and is no error. `trials.json` is written after each run, so that an interrupted
+    campaign keeps its results."""
     settings = load_settings(options.cell)
     garments = list(list_garments()) if options.garments == "all" else _named(options.garments)
     for name in garments:
@@ -98,8 +99,8 @@ def _figures(trials: list[Trial], planned: list[tuple[str, int]]) -> dict[str, A
 def _one(
     driver: str, world: str, path: Path | None, settings: CellSettings, campaign: Path, garment: str, seed: int
 ) -> dict[str, Any]:
-    """One run in a worker process. It has a logs folder of its own, so that trajectories which another run
-    optimised do not affect it. Each folder gets a copy of the user's library."""
+    """Perform one run in a worker process. The run has a separate logs folder with a copy of the user's library,
+    so that trajectories which another run optimised do not affect it."""
     from cell.runs.fold_run import FoldRequest, fold_once
 
     logs = new_folder(campaign, f"{Path(garment).stem}-seed{seed}")
