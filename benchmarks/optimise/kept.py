@@ -25,7 +25,7 @@ MEASURED = ("skills/cloth", "skills/trajectory", "skills/planning")
 
 def fingerprint(garment: str, **how: Any) -> str:
     """Hash of the sources in MEASURED, the garment's file, and the options of the measurement."""
-    files = [path for folder in MEASURED for path in sorted((ROOT / folder).glob("*.py"))]
+    files = [path for folder in MEASURED for path in sorted((ROOT / folder).rglob("*.py"))]
     digest = hashlib.sha256(json.dumps([VERSION, garment, how], sort_keys=True).encode())
     for path in [*files, garment_path(garment)]:
         digest.update(path.read_bytes())
