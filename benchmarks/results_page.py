@@ -37,7 +37,7 @@ class Row:
 def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -> str | None:
     """A section with the measured figures; None if none was measured."""
     cells = [found for found in (row.cells(figures) for row in rows) if found is not None]
-    return table(title, ("figure", "measured", "asked"), cells) if cells else None
+    return table(title, ("figure", "measured", "bar"), cells) if cells else None
 
 
 def table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
