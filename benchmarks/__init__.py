@@ -1,1 +1,1 @@
-"""What the program is measured with, beside its peers: `foldcell bench NAME`, and the pictures of the docs."""
+"""Benchmarks of the program and of its peers (`foldcell bench NAME`), and scripts for the pictures of the docs."""

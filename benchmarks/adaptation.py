@@ -1,13 +1,16 @@
-"""Does it help to learn the table's friction from one fold for the next?
+"""Benchmark of friction learning: does friction learned from one fold improve the next fold?
 
     python -m benchmarks.adaptation [GARMENT...] [--seeds N] [--friction LOW HIGH]
 
-The last fold but one is made in a world whose friction is drawn, whose mesh is another, whose cloth is a little
-stiffer or limper, with hands that lean and tools that are off. Its outline, with a camera's error, is all that is
-seen of it. The last fold is then chosen twice: with the friction of the garment file, and with what was learned
-(calibration/identify.py, bounded as in a run), each as in a run: the arcs of a search with the nominal fabric
-where they keep their promise, or else a search that begins from them. Both are made in the same world with the
-same mishaps: D of each on the world's mesh. A third choice knows the world's friction: no learning does better.
+Each seed draws a world: its friction, another mesh, slightly different bending stiffness, hands that lean and
+tools that are off target. The second-to-last fold is made in this world. The executive observes only the outline
+of the result, with a camera's error.
+
+The last fold is then chosen with the friction of the garment file, with the learned friction
+(calibration/identify.py, bounded as in a run), and with the world's true friction. The third choice is the limit
+for any learning. Each choice is made as in a run: it takes the arcs of a search with the nominal fabric if they
+reach their promised D, otherwise the result of a search that begins from them. All choices are executed in the
+same world with the same errors. The result is D on the world's mesh.
 """
 
 from __future__ import annotations
@@ -34,14 +37,14 @@ from skills.trajectory.paths import fold_paths, lifted
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
 
 SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05
-"""Error of an observed outline and its correlation along it [m]."""
+"""Standard deviation of an observed outline's error, and its correlation length along the outline [m]."""
 FINER = 0.85
 BUDGET = 25
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """One drawn world: its mesh, fabric and what goes wrong with each arm."""
+    """One drawn world: its mesh, its fabric, the lean of each hand [rad] and the offset of the tools [m]."""
 
     mesh: ClothMesh
     material: Material
@@ -62,7 +65,7 @@ class World:
         return cls(mesh, fabric, lean, np.append(rng.uniform(-0.003, 0.003, 2), 0.0))
 
     def fold(self, positions: Array, step: FoldStep, trajectory: GraspTrajectory) -> Array:
-        """(n, 3) after the fold as this world lets it happen."""
+        """Vertices (n, 3) after the fold with this world's fabric and errors."""
         executed = {
             i: replace(path, position=path.position + self.off, pitch=path.pitch + self.lean[i])
             for i, path in planned(step, trajectory).items()
@@ -77,7 +80,8 @@ def planned(step: FoldStep, trajectory: GraspTrajectory) -> dict[GraspId, ToolPa
 
 
 def seen(shape: shapely.Geometry, rng: np.random.Generator) -> Array:
-    """(k, 2) the outline of a shape as a camera would have it: off by a little, alike over some length."""
+    """Outline (k, 2) of a shape as a camera would observe it, with an error that is correlated along the
+    outline."""
     ring = max(getattr(shape, "geoms", [shape]), key=lambda part: part.area).exterior
     k = max(24, round(ring.length / SEEN_LENGTH))
     error = np.repeat(rng.normal(0.0, SEEN_SIGMA, (k, 2)), 4, axis=0)
@@ -101,7 +105,8 @@ class Choice:
 
 
 def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> list[dict[str, float | str]]:
-    """One row a seed: true, learned friction as shares of the file's; D [mm] without, with, and knowing."""
+    """One row per seed: true and learned friction relative to the file's; D [mm] without learning, with learning,
+    and with the true friction."""
     garment = load_garment(name, "bare_table")
     state = garment.flat_state(*garment.poses.middle)
     *_, first, last = plan_folds(state, garment).unwrap()

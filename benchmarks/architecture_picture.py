@@ -1,8 +1,8 @@
-"""The house as a picture, made from the imports themselves: `python -m benchmarks.architecture_picture`.
+"""Draws the packages and their imports: `python -m benchmarks.architecture_picture`.
 
-Rooms stand from top to bottom as `[tool.importlinter]` orders them. A row shows what a room imports: a dark square
-many modules, a light one few. An import that went up would lie to the left of the diagonal. `grimp` comes with
-import-linter (the extra `dev`).
+The packages are in the order of `[tool.importlinter]`, from top to bottom. A row shows the imports of one package:
+the darker a square, the more imports. An import of a higher package would lie to the left of the diagonal. `grimp`
+is installed with import-linter (the extra `dev`).
 """
 
 from __future__ import annotations
@@ -12,34 +12,36 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PICTURE = ROOT / "docs" / "pictures" / "house.svg"
-FLOORS = ("calibration", "skills", "robots")
+PICTURE = ROOT / "docs" / "pictures" / "packages.svg"
+ABOVE = ("foldcell",)
+BELOW = ("calibration", "skills", "robots")
 CELL, LEFT, TOP = 30, 150, 118
 SHADES = ((1, "#d6e4f7"), (5, "#8fb4e8"), (15, "#3f76c9"), (40, "#1d3f7a"))
-"""From so many imports on."""
+"""Least number of imports of each shade."""
 
 
-def rooms() -> list[str]:
-    """The rooms of `cell` in their order, then the floors below."""
+def packages() -> list[str]:
+    """The packages in their order: those above `cell`, those within it, those below."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     layers = next(c["layers"] for c in settings["contracts"] if c.get("containers") == ["cell"])
-    return [f"cell.{name}" for layer in layers for name in layer.split("|")] + list(FLOORS)
+    inner = [f"cell.{name}" for layer in layers for name in layer.split("|")]
+    return [*ABOVE, *inner, *BELOW]
 
 
 def imports(names: list[str]) -> Counter[tuple[str, str]]:
-    """How many imports of modules lead from one room to another."""
+    """Number of imports of modules from one package by another."""
     import grimp
 
-    graph = grimp.build_graph("cell", *FLOORS)
+    graph = grimp.build_graph("cell", *ABOVE, *BELOW)
 
-    def room(module: str) -> str | None:
+    def package(module: str) -> str | None:
         return next((n for n in names if module == n or module.startswith(n + ".")), None)
 
     return Counter(
         (a, b)
         for module in graph.modules
         for other in graph.find_modules_directly_imported_by(module)
-        if (a := room(module)) and (b := room(other)) and a != b
+        if (a := package(module)) and (b := package(other)) and a != b
     )
 
 
@@ -65,7 +67,7 @@ def draw(names: list[str], counts: Counter[tuple[str, str]]) -> str:
 
 
 def main() -> None:
-    names = rooms()
+    names = packages()
     PICTURE.write_text(draw(names, imports(names)), encoding="utf-8")
     print(PICTURE)
 

@@ -1,19 +1,21 @@
-"""D_relax: how well a fold can end at all, the yardstick of the optimiser.
+"""D_relax: the dissimilarity D of an ideal fold after it has settled. The optimiser is compared with it.
 
     python -m benchmarks.attainable_dissimilarity [GARMENT...]
 
-From the garment as the earlier steps leave it, made ideally and settled, the fold is made without grippers
-(benchmarks/turn_fold.py): what lies flat is put exactly on its target, the isometry of this fold and those before
-with layers at k x thickness. Then it settles for one second. What D is left is due to the cloth: creases open, and
-those of earlier folds lift what comes to lie on them. D is the paper's: 3-D, unaligned, over all layers,
-area-weighted over barycentres; triangles are cut at the fold lines, so that each has one place in the target.
+The start is the garment after the earlier steps, each made ideally and settled. The fold is then made without
+grippers (benchmarks/turn_fold.py): cloth that lies flat is moved exactly to its target, which is the isometry of
+this fold and the earlier ones with layers at k x thickness. The garment then settles for one second. The remaining
+D is due to the cloth: creases open, and earlier creases lift the layers above them. D is the paper's: 3-D,
+unaligned, over all layers, area-weighted over barycentres. Triangles are cut at the fold lines, so that each has
+one place in the target.
 
-Vertices are not simply mapped. An earlier crease, some 20 mm high, would be squeezed into the height of its layers
-and the strain would fling the cloth about; were it flat instead, it would have to open under the layers that now
-lie on it. And where several layers are folded at once, mapped triangles across the line pass through one another:
-130 to 1500 crossings, which stay for good and hold the crease shut. That figure is printed beside ours (flat_mm,
-with flat_crossings): of single layers on a first fold, where there is nothing to cross, both are alike. Cutting
-the simulated mesh at the line does not help: the crease locks onto the row of vertices and does not open at all.
+Mapping every vertex to its target is not enough. An earlier crease, some 20 mm high, would be compressed to the
+height of its layers, and the strain would throw the cloth about. If the crease started flat instead, it would have
+to open under the layers that now lie on it. Where several layers are folded together, mapped triangles across the
+line also pass through one another. This causes 130 to 1500 crossings, which remain and hold the crease shut. The D
+of mapped vertices is printed too (flat_mm, with flat_crossings). For the first fold of a single layer, where
+nothing can cross, both figures agree. Cutting the simulated mesh at the line does not help: the crease locks onto
+the row of vertices and does not open at all.
 """
 
 from __future__ import annotations
@@ -36,11 +38,11 @@ from skills.planning.plan import plan_folds
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85
-"""Edge length of the evaluation mesh [m], and its share of the optimiser's, at most."""
+"""Maximum edge length of the evaluation mesh: absolute [m], and relative to the optimiser's."""
 SETTLE_S = 1.0
 
 _SETTLED: dict[tuple[object, ...], Array] = {}
-"""What was settled in this process: a later step begins with it."""
+"""Shapes settled by this process; later steps begin from them."""
 
 
 def d_relax(
@@ -54,7 +56,8 @@ def d_relax(
 def ideal_fold(
     mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material, settings: SolverSettings | None = None
 ) -> Array:
-    """(n, 3) after all folds were made without grippers, each settled before the next; no line: laid flat."""
+    """Vertices (n, 3) after all folds, each made without grippers and settled before the next. Without lines: laid
+    flat."""
     if not lines:
         return mesh.lay_flat(material.thickness)
     settings = settings or SolverSettings()
@@ -68,12 +71,12 @@ def ideal_fold(
 
 
 def mapped_fold(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material) -> Array:
-    """(n, 3) where each vertex, put on its target, has settled: all creases start flat and sharp."""
+    """Vertices (n, 3) that were mapped to their targets and then settled. All creases start flat and sharp."""
     return settled(mesh, material, target_vertices(mesh, lines, material), SolverSettings())
 
 
 def settled(mesh: ClothMesh, material: Material, start: Array, settings: SolverSettings) -> Array:
-    """(n, 3) a second after `start` (n, 3), with no gripper."""
+    """Vertices (n, 3) one second after `start` (n, 3), without grippers."""
     simulation = ClothSimulation(mesh, material, start, settings)
     simulation.advance(frames=round(SETTLE_S * settings.frame_rate))
     return simulation.positions
@@ -91,12 +94,12 @@ def distance_to_target(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: M
 
 
 def evaluation_edge(garment: Garment, scale: float = 1.0) -> float:
-    """Edge length [m] of the mesh that judges a garment's folds, in another size if asked."""
+    """Edge length [m] of the mesh that evaluates a garment's folds. scale: factor on the garment's size."""
     return min(EDGE, FINER * garment.mesh_edge_m * scale)
 
 
 def table(garment: Garment) -> list[dict[str, float | int | str | bool]]:
-    """One row a step: D_relax, and what the scorer says of the settled ideal shape."""
+    """One row per step: D_relax, and the score of the settled ideal shape."""
     state = garment.flat_state(*garment.poses.middle)
     mesh = mesh_from_contour(state.contour, evaluation_edge(garment), garment.layers)
     rows: list[dict[str, float | int | str | bool]] = []

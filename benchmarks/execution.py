@@ -1,10 +1,10 @@
-"""What the arms' lag, jitter and sudden drops do to a fold: whole runs with the robot's errors scaled.
+"""Effect of the arms' lag, jitter and sudden drops on a fold: whole runs with the robot's errors scaled.
 
     foldcell bench execution        or  python -m benchmarks.execution
 
-The same worlds (garment, noise, and the moments of the drops, by seed) are folded with the lag, jitter and depth
-of drops of cell/simulation/noise.yaml times 0, 1 and 2. Everything is simulated, and the errors' sizes are
-assumed there.
+The same worlds (garment, noise, and the times of the drops, by seed) are folded with lag, jitter and depth of
+drops of cell/simulation/noise.yaml times 0, 1 and 2. Everything is simulated. The sizes of the errors in
+noise.yaml are assumed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def scaled_errors(noise: NoiseTable, scale: float) -> NoiseTable:
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Means over the seeds at each scale, flat, units in the keys. quick: one seed."""
+    """Means over the seeds at each scale: flat figures with units in the keys. quick: one seed."""
     seeds = range(1 if quick else 5)
     return compare(tell, seeds)
 
@@ -74,7 +74,8 @@ def compare(tell: Callable[[str], None], seeds: range) -> dict[str, Any]:
 
 
 def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array]:
-    """One run, and how far each tool was read from where it is sent to at every tick of its motions (n,) [m]."""
+    """The result of one run, and each tool's distance (n,) [m] between commanded and measured position at every
+    tick of its motions."""
     noise = scaled_errors(load_noise(), scale)
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -88,8 +89,8 @@ def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array
 
 @contextmanager
 def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
-    """Collects the distances between each set-point of a streamed motion and the reading at the moment when it is
-    sent: with ideal arms what is left is the encoders' error."""
+    """Collects the distance of each tool [m] between every set-point of a streamed motion and the position
+    measured when it is sent. With ideal arms only the encoders' error remains."""
     off: list[float] = []
     before: JointState | None = None
     streamed = False
@@ -100,7 +101,7 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
         read = judged(ports, q, sent, limits)
         if not streamed:
             return read
-        if before is not None and sent.stamp - before.stamp < TICK_S / 2:  # else the first of a motion
+        if before is not None and sent.stamp - before.stamp < TICK_S / 2:  # not the first set-point
             for side in Side:
                 cut, chain = arm_slice(side), model.chains[side]
                 gap = tool_pose(chain, before.q[cut]) - tool_pose(chain, q[cut])
@@ -109,7 +110,7 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
         return read
 
     def noted(motion: Callable[..., Motion[JointState]]) -> Callable[..., Motion[JointState]]:
-        """While this motion runs its set-points count; those of hands at work do not."""
+        """Set-points count only while this motion runs. Those of the grasping hands do not count."""
 
         def run(*given: Any) -> Motion[JointState]:
             nonlocal streamed

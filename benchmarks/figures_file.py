@@ -1,4 +1,4 @@
-"""Figures that a bench printed, read back by what makes a page of them."""
+"""Reads the figures that a benchmark printed, for the scripts that write the results pages."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def read_figures(path: Path, bench: str) -> dict[str, Any]:
 
 
 def command(main: Callable[[Sequence[str]], int]) -> int:
-    """Exit code of `main` over the command line; what the user got wrong is a message and 64, no traceback."""
+    """Exit code of `main` over the command line. A user error gives a message and exit code 64, without a
+    traceback."""
     try:
         return main(sys.argv[1:])
     except CellError as e:

@@ -25,7 +25,7 @@ SIZE = 560, 400
 DEFAULT = ("long_sleeve_shirt_small", "1")
 FRAME_MS, LAST_MS = 60, 1500
 EVERY = 4
-"""Every fourth recorded moment (12 a second of cell time) becomes a frame."""
+"""One frame is taken from every fourth recorded moment, that is 12 per second of cell time."""
 
 
 def main() -> int:

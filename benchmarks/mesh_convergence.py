@@ -1,10 +1,11 @@
-"""How fine the simulated world's mesh must be: both folds of a towel on ever finer meshes, and their score.
+"""Mesh convergence of the simulated world: score of a twice folded towel over the mesh's edge length.
 
     python -m benchmarks.mesh_convergence [GARMENT]
 
-The loop of an unpressed crease is about two bending lengths wide. A mesh whose edges are as long as that makes it
-a polygon that stands too high and pushes the layer above away. Fabrics and grasp errors are drawn as the world
-draws them (smaller table: noise.yaml has all), the same ones for every mesh; arcs are the plain ones.
+The loop of an unpressed crease is about two bending lengths wide. If the mesh's edges are as long as that, the
+loop becomes a polygon that is too high and pushes the layer above away. Fabrics and grasp errors are drawn as in
+the world, but with fewer kinds of errors than in noise.yaml. They are the same for every mesh. The arcs are not
+optimised.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from skills.trajectory.paths import fold_duration, fold_paths
 from skills.vocabulary import FoldStep, Material, frozen
 
 EDGES = (0.026, 0.022, 0.018, 0.015, 0.0125)
-"""Edge lengths [m], the last as the nearest to the limit."""
+"""Edge lengths [m]. The last one approximates the limit."""
 GRASP_ERROR = 0.003
 PLAIN_H = 0.45
 SUBSTEPS = 16
@@ -56,7 +57,7 @@ def main() -> None:
 
 
 def fold_both(garment: Garment, edge: float, seed: int) -> Score:
-    """Both folds of one drawn towel on a mesh of this edge length [m]."""
+    """Score of one drawn towel after both folds, on a mesh of this edge length [m]."""
     rng = np.random.default_rng(seed)
     fabric = _draw(garment.material, rng)
     state = garment.flat_state(*garment.poses.middle)

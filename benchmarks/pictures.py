@@ -1,4 +1,4 @@
-"""The pictures of README and docs, made from two runs: `python -m benchmarks.pictures` (`make docs`)."""
+"""Makes the pictures of README and docs from two runs: `python -m benchmarks.pictures` (`make docs`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "medium_towel", 4
 PRESSED = "pants", 1
 MOMENT = 15.2
-"""Cell time of the view's picture: the first fold is half way [s]."""
+"""Cell time of the viewer's picture [s]: the first fold is half done."""
 
 
 def main() -> int:

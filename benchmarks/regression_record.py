@@ -1,11 +1,11 @@
-"""A record of runs that names no class of the program, to prove that a change leaves every run as it was.
+"""Records of runs that do not depend on the program's classes, to prove that a change leaves all runs unchanged.
 
     python -m benchmarks.regression_record record DIR [SCRIPT.yaml ...]
     python -m benchmarks.regression_record compare BEFORE AFTER
 
-One folder a script: `events.json` (the journal's lines: cell time, state, name, figures), `commands.npz` (every
-set-point of the arms and every command to grippers and head, with its cell time), `score.json`. Two records are
-the same when every number of them is, to the last digit. Simulated cells only.
+Each script gets one folder: `events.json` (the journal's lines: cell time, state, kind, name, figures),
+`commands.npz` (every set-point of the arms and every command to grippers and head, with its cell time), and
+`score.json`. Two records are the same if all numbers are equal to the last digit. Simulated cells only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SCRIPTS = Path(__file__).parent / "regression_runs"
 
 
 class _Tap:
-    """A port that passes everything on, and notes what it is commanded and when."""
+    """A port that forwards everything, and records each command with its time."""
 
     def __init__(self, port: Any, note: Callable[..., None]) -> None:
         self._port, self._note = port, note
@@ -43,7 +43,7 @@ class _Tap:
 
 
 class _Commands:
-    """Everything that the ports were commanded, in order: name of the port -> rows of (cell time, values ...)."""
+    """All commands to the ports, in order: port name -> rows of (cell time, values ...)."""
 
     def __init__(self) -> None:
         self.rows: dict[str, list[np.ndarray]] = {}
@@ -103,7 +103,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
 
 
 def differences(before: Path, after: Path) -> list[str]:
-    """What is not the same in two records, one line a file; empty when nothing is."""
+    """The differences between two records, one line per file or port; empty if there are none."""
     names = sorted({p.name for folder in (before, after) for p in folder.iterdir() if p.is_dir()})
     return [line for name in names for line in _differing(before / name, after / name)]
 
@@ -125,7 +125,7 @@ def _differing(before: Path, after: Path) -> list[str]:
 
 
 def _plain(value: Any) -> Any:
-    """Without what differs from process to process: wall times and places on the disk."""
+    """The value without keys that differ between processes: wall times and tracebacks."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in sorted(value.items()) if "wall" not in k and "traceback" not in k}
     return [_plain(v) for v in value] if isinstance(value, list) else value

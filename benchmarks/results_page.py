@@ -1,4 +1,4 @@
-"""Tables of a bench's figures, each beside what is asked of it, as Markdown."""
+"""Markdown tables of a benchmark's figures, with the required value beside each figure."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["Row", "plain", "table", "table_of_rows"]
 
 @dataclass(frozen=True)
 class Row:
-    """A figure: what it says, its key, the bar (None: nothing is asked of it); least: whether the bar is the
-    least that is good."""
+    """One figure: its description, its key and its required value `bar` (None: no requirement). least: whether
+    `bar` is a minimum; otherwise it is a maximum."""
 
     about: str
     key: str
@@ -21,7 +21,7 @@ class Row:
     unit: str = ""
 
     def cells(self, figures: Mapping[str, Any]) -> tuple[str, str, str] | None:
-        """None where the figure was not measured."""
+        """The table cells; None if the figure was not measured."""
         value = figures.get(self.key)
         if value is None:
             return None
@@ -35,9 +35,9 @@ class Row:
 
 
 def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -> str | None:
-    """A section of the figures that were measured; None where none was."""
+    """A section with the measured figures; None if none was measured."""
     cells = [found for found in (row.cells(figures) for row in rows) if found is not None]
-    return table(title, ("figure", "measured", "asked"), cells) if cells else None
+    return table(title, ("figure", "measured", "bar"), cells) if cells else None
 
 
 def table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

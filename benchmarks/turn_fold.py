@@ -1,9 +1,10 @@
-"""A fold made without grippers: the moved part is turned over about the fold line like a page.
+"""A fold made without grippers: the moving part turns over about the fold line like a page.
 
-What lies flat before and after, away from creases, is guided: it turns rigidly about the line by half a turn and
-ends exactly where the fold's isometry takes it, at the height of its layer. The rest, which is the strip at the
-line and what bulges or lies on a bulge, goes along as cloth does, with contacts, so that creases open to loops,
-no layer passes through another, and nothing is strained that could fling the cloth about when it is let go.
+Cloth that lies flat before and after the fold, away from creases, is guided: it turns rigidly about the line by
+half a turn. It ends exactly where the fold's isometry maps it, at the height of its layer. The rest moves freely
+as cloth, with contacts: the strip at the line, and cloth that bulges or lies on a bulge. Creases can therefore
+open to loops, no layer passes through another, and no strain remains that could throw the cloth about at the
+release.
 """
 
 from __future__ import annotations
@@ -22,16 +23,17 @@ from skills.vocabulary import Array, FoldLine, Material
 __all__ = ["turned_over"]
 
 TURN_S, HOLD_S = 1.2, 0.2
-"""Time of the half turn, which starts and ends gently, and of being held where it ends."""
+"""Duration of the half turn, which starts and ends gently, and of the hold at its end."""
 UNTANGLING_S = 1.0
-"""Time for what still crosses then to part, at most."""
+"""Maximum time to resolve the remaining crossings."""
 LOOP = 3.0
-"""Half the width of the strip at the line that is left to itself, in bending lengths: a crease's loop is one and
-a half high. From 2 to 5 the results differ by less than from mesh to mesh."""
+"""Half the width of the free strip at the line, in bending lengths. A crease's loop is 1.5 bending lengths high.
+With values from 2 to 5 the results differ by less than between meshes."""
 FLAT, CLEARANCE = 0.002, 0.02
-"""What lies this near to its layer's height is flat [m]; guided are points this far from what is not [m]."""
+"""Cloth within FLAT of its layer's height is flat [m]. Guided points are at least CLEARANCE away from cloth that
+is not flat [m]."""
 KEPT = 0.9
-"""Share of its speed that what is not guided keeps from frame to frame."""
+"""Share of its velocity that the free cloth keeps from frame to frame."""
 
 
 def turned_over(
@@ -41,7 +43,8 @@ def turned_over(
     before: Array,
     settings: SolverSettings | None = None,
 ) -> Array:
-    """(n, 3) after the fold about the last of `lines`, from `before` (n, 3), where the earlier ones have led."""
+    """Vertices (n, 3) after the fold about the last of `lines`. before: (n, 3) vertices after the earlier
+    folds."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)
@@ -62,8 +65,11 @@ def turned_over(
 def _untangled(
     mesh: ClothMesh, material: Material, x: Array, guided: NDArray[np.int64], settings: SolverSettings
 ) -> Array:
-    """x (n, 3) itself, or what becomes of it in at most UNTANGLING_S while what is guided stays in its place: put
-    down anew in each frame, as above, cloth forgets how long it crosses, and is not helped out of it."""
+    """x (n, 3) with its crossings resolved in at most UNTANGLING_S, while guided points stay in place.
+
+    This needs one continuous simulation. The loop of `turned_over` sets positions anew in each frame, so the
+    solver forgets how long cloth has been crossing and does not resolve it.
+    """
     if not count_crossings(x, mesh.triangles):
         return x
     fixed = np.zeros(len(x), dtype=bool)
@@ -87,7 +93,7 @@ def _guided(before: Array, ideal: Array, goal: Array, distance: Array, loop: flo
 
 
 class _Page:
-    """Where guided points (g, 3) are while what is `turned` of them goes half around the line."""
+    """Positions of the guided points (g, 3) while those marked `turned` move half a turn about the line."""
 
     def __init__(
         self, line: FoldLine, before: Array, ideal: Array, goal: Array, turned: NDArray[np.bool_]
@@ -98,11 +104,13 @@ class _Page:
         self._left = goal - np.where(self._turned, self._about(np.pi), before)
 
     def at(self, share: float) -> Array:
-        """(g, 3). What the cloth had been off before is made good on the way."""
+        """Positions (g, 3) at a share (0..1) of the turn. The initial deviation from the ideal shape is removed
+        gradually."""
         return np.where(self._turned, self._about(np.pi * share), self._before) + share * self._left
 
     def _about(self, angle: float) -> Array:
-        """(g, 3) turned by `angle` [rad] about the line, each at the height midway between its two layers'."""
+        """Points (g, 3) turned by `angle` [rad] about the line. The axis of each is midway between the heights of
+        its two layers."""
         up = self._before[:, 2] - self._axis
         out = self._out * np.cos(angle) - up * np.sin(angle)
         height = self._axis + up * np.cos(angle) + self._out * np.sin(angle)

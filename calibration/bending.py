@@ -45,7 +45,7 @@ EDGE = 0.020
 RELAXATION = 15.0
 """Simulated time in units of sqrt(overhang / gravity)."""
 SUBSTEPS, SOFT = 20, 0.015
-"""Substeps of a frame for bending lengths up to SOFT [m]. A stiffer strip swings faster and gets more substeps."""
+"""Substeps per frame for bending lengths up to SOFT [m]. A stiffer strip swings faster and gets more substeps."""
 
 
 def bending_length(overhang: float) -> float:
@@ -70,8 +70,9 @@ class BendingCalibration:
     """Result of the cantilever test.
 
     bending_length: half of the measured overhang [m]. simulated: bending length of the virtual strip, scaled to
-    the real strip [m]. angle: of the virtual tip [rad]. overhang [m], gravity [m/s2]: of the virtual strip, which
-    hangs free from `behind` [m] before the edge. mesh, pictures (k, n, 3), times (k,) [s]: the virtual test.
+    the real strip [m]. angle: angle of the virtual tip [rad]. overhang [m], gravity [m/s2]: values of the virtual
+    strip, which hangs free from `behind` [m] before the edge. mesh, pictures (k, n, 3), times (k,) [s]: the
+    virtual test.
     """
 
     bending_length: float
@@ -103,7 +104,7 @@ class BendingCalibration:
 def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -> BendingCalibration:
     """The bending length for a measured overhang [m], and the virtual test of that fabric.
 
-    `agrees` of the result tells whether the virtual strip bends as far. Raises ConfigurationError for an overhang
+    The result's `agrees` states whether the virtual strip bends as far. Raises ConfigurationError for an overhang
     that no fabric has.
     """
     return cantilever(replace(material, bending_length=bending_length(overhang)), edge)
@@ -112,7 +113,8 @@ def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -
 def cantilever(
     material: Material, edge: float = EDGE, substeps: int | None = None, pictures: int = 61
 ) -> BendingCalibration:
-    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: of a frame; None: chosen for the fabric."""
+    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: number per frame; None: chosen for the
+    fabric."""
     overhang, behind = EDGES * edge, np.sqrt(3.0) / 4.0 * edge
     gravity = GRAVITY * (2.0 * material.bending_length / (overhang + behind)) ** 3
     if substeps is None:

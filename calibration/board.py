@@ -66,7 +66,7 @@ class Board:
 
 BOARD = Board()
 MIN_CORNERS = 6
-"""Corners in a view. Four determine a homography; more reveal outliers."""
+"""Smallest number of corners in a view. Four determine a homography; more reveal outliers."""
 MIN_TOLERANCE = 0.25
 """A corner this close to the homography of the others is always an inlier [px]."""
 
@@ -81,7 +81,7 @@ class BoardView:
     height: int
 
     def points(self, board: Board) -> Array:
-        """(n, 3) the same corners in the board frame."""
+        """(n, 3) positions of the found corners in the board frame."""
         return np.asarray(board.corners[self.index])
 
 

@@ -26,7 +26,8 @@ MIN_VIEWS = 5
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """views: images that show the board. pictures_per_view: largest number of images taken for each of them."""
+    """views: number of images that must show the board. pictures_per_view: largest number of images taken for each
+    of them."""
 
     views: int = 20
     pictures_per_view: float = 2.0
@@ -39,8 +40,8 @@ class CameraSettings:
     centre_sigma: float = 3.0
     """Largest standard deviation of the principal point [px]."""
     lean: float = float(np.deg2rad(8.0))
-    """Smallest mean tilt of the boards [rad]. If all boards face the camera, the standard deviations are too
-    small."""
+    """Smallest mean tilt of the boards [rad]. If all boards face the camera, the computed standard deviations are
+    too small."""
     distortion: float = 2.0
     """Largest displacement of an image corner by radial distortion [px]."""
 
@@ -51,9 +52,9 @@ class CameraSettings:
 
 @dataclass(frozen=True, eq=False)
 class IntrinsicsCalibration:
-    """rms: reprojection error [px]; worst_view: largest reprojection error of one view [px]. sigma: standard
-    deviations of fx, fy, cx, cy [px]. distortion: displacement of an image corner in a fit with radial distortion
-    [px]. coverage: share of the 8 x 6 image cells that contain a found corner."""
+    """Result of a camera calibration. rms: reprojection error [px]; worst_view: largest reprojection error of one
+    view [px]. sigma: standard deviations of fx, fy, cx, cy [px]. distortion: displacement of an image corner in a
+    fit with radial distortion [px]. coverage: share of the 8 x 6 image cells that contain a found corner."""
 
     intrinsics: Intrinsics
     rms: float

@@ -78,8 +78,8 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """Readings of a slow press. height: (n,) of the tool centre point from the joints, base frame [m]; force: (n,)
-    sum of both tips minus the tare [N]. x, y: position of the tool, base frame [m]."""
+    """Readings of a slow press. height: (n,) height of the tool centre point computed from the joints, base frame
+    [m]; force: (n,) sum of both tips minus the tare [N]. x, y: position of the tool, base frame [m]."""
 
     side: Side
     x: float

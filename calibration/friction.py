@@ -67,9 +67,10 @@ def friction_angle(height: float, length: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FrictionCalibration:
-    """angle: measured [rad]. coefficient: tan(angle). simulated: friction at which the virtual garment began to
-    slide. tried: pairs (friction, displacement down the slope [m]). pictures (k, n, 3) in the table's frame, with
-    their times (k,) [s], slopes of the table lifts (k,) [rad] and frictions (k,)."""
+    """Result of the friction test. angle: measured slope [rad]. coefficient: tan(angle). simulated: friction at
+    which the virtual garment began to slide. tried: pairs (friction, displacement down the slope [m]). pictures
+    (k, n, 3) in the table's frame, with their times (k,) [s], slopes of the table lifts (k,) [rad] and frictions
+    (k,)."""
 
     angle: float
     coefficient: float
@@ -109,7 +110,7 @@ def slides(
 
 class _TiltedTable:
     """The garment on the table. The contact forces carry over from one slope and friction to the next. Without
-    them a garment of two layers would redistribute its weight at each step and slip meanwhile."""
+    them, a garment of two layers would redistribute its weight at each step and slip while it does so."""
 
     def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
         self._mesh = mesh
@@ -139,7 +140,7 @@ def calibrate_friction(
 ) -> FrictionCalibration:
     """The friction between the table and a garment of outline `template` (k, 2) [m].
 
-    `agrees` of the result tells whether the virtual garment slides at tan(angle). Raises ConfigurationError for an
+    The result's `agrees` states whether the virtual garment slides at tan(angle). Raises ConfigurationError for an
     impossible measurement.
     """
     angle = friction_angle(height, length)

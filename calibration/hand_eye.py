@@ -37,7 +37,8 @@ __all__ = [
 
 PLACES = {Side.LEFT: BoardPlace.LEFT_HAND, Side.RIGHT: BoardPlace.RIGHT_HAND}
 MIN_VIEWS = 4
-"""Views in each hand. Three motions about two axes are the minimum; one more makes an error visible."""
+"""Smallest number of views in each hand. Three poses with rotations about two axes are the minimum; a fourth makes
+an error visible."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class HandEyeSettings:
 
     @classmethod
     def with_lens_of_data_sheet(cls, views: int) -> HandEyeSettings:
-        """Settings for intrinsics of a data sheet: a field of view in whole degrees, a principal point near the
-        middle. The pose then absorbs the error of the lens and is less certain."""
+        """Settings for intrinsics from a data sheet, which states a field of view in whole degrees and a principal
+        point near the middle. The fitted pose then absorbs the error of the lens and is less certain."""
         return cls(
             views, focal_sigma=0.01, centre_sigma=5.0, position_sigma=0.020, angle_sigma=float(np.deg2rad(1.5))
         )
@@ -121,8 +122,8 @@ def calibrate_hand_eye(
 ) -> Procedure[HandEyeCalibration]:
     """Show the camera the board in each hand in many poses, then fit the camera's pose.
 
-    camera: present calibration; it gives the intrinsics and the places to hold the board. Failures: UNREACHABLE
-    (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show it), and those of
+    camera: present calibration, which gives the intrinsics and the places to hold the board. Failures: UNREACHABLE
+    (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show the board), and those of
     `fit_hand_eye`.
     """
     settings = settings or HandEyeSettings()
@@ -147,7 +148,7 @@ def _views_in(
         if len(views) == settings.views:
             break
         reached = yield from reach(side, T_base_board @ np.linalg.inv(board.T_tool_board))
-        if reached.failure:  # found in planning, so nothing moved: take the next pose
+        if reached.failure:  # planning failed, so nothing moved: try the next pose
             continue
         if not holding:
             yield from grip(side, 0.02, settings.grip_force)
@@ -172,7 +173,7 @@ def _views_in(
     if not holding:
         what = f"the {side} hand reaches none of the {len(poses)} poses in front of the camera"
         return Outcome(failure=Failure(FailureKind.UNREACHABLE, what, "clear the table's surroundings"))
-    removed = yield from bring(BoardPlace.AWAY)  # before the hand opens, otherwise the board would fall
+    removed = yield from bring(BoardPlace.AWAY)  # so that the board does not fall when the hand opens
     if removed.failure:
         return Outcome(failure=removed.failure)
     yield from grip(side, 0.02, settings.grip_force)
@@ -186,8 +187,8 @@ def _views_in(
 def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> tuple[Array, ...]:
     """Board poses (4, 4) in the base frame for one hand. The sequence is the same in every call.
 
-    The poses are spread over the view and face the camera within the lean. The card's lower edge, which the hand
-    holds, points to the hand's side of the cell, where the arm has room.
+    The poses are spread over the view, and the board faces the camera to within the angle `lean`. The card's lower
+    edge, which the hand holds, points to the hand's side of the cell, where the arm has room.
     """
     rng = np.random.default_rng(11)
     sign = 1.0 if side is Side.LEFT else -1.0
@@ -261,8 +262,8 @@ def fit_hand_eye(
 
 
 class _Problem:
-    """The unknowns as one vector: a twist on X, then for each hand a twist on Y and seven joint offsets in units
-    of joint_sigma."""
+    """The least-squares problem. Its unknowns are one vector: a twist on X, then for each hand a twist on Y and
+    seven joint offsets in units of joint_sigma."""
 
     def __init__(
         self,

@@ -11,8 +11,8 @@ dragging begins depends on the mesh. The deviations hold under the assumed `Nois
 confidence bounds.
 
 Method: Bayes on a grid. The signed distances of the observed outline from the predicted one are interpolated
-between the candidates, linearly in the logarithms of friction and stretch. A robust (Huber) likelihood weighs
-them, with one independent point for each correlation length of the outline.
+between the candidates, linearly in the logarithms of friction and stretch. A robust (Huber) likelihood weighs the
+distances. Each correlation length of the outline counts as one independent point.
 """
 
 from __future__ import annotations
@@ -69,8 +69,9 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The grid: friction (f,) static coefficients and stretch (s,) fractions, both increasing; shapes[i][j][k]:
-    silhouette (polygon, table frame [m]) in picture k, predicted with friction i and stretch j."""
+    """The grid of candidates: friction (f,) static coefficients and stretch (s,) fractions, both increasing;
+    shapes[i][j][k]: silhouette (polygon, table frame [m]) in picture k, predicted with friction i and stretch
+    j."""
 
     friction: Array
     stretch: Array
@@ -79,7 +80,7 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Quantity:
-    """value and its standard deviation under the assumed `Noise`; learned: relative reduction of the prior's
+    """A value and its standard deviation under the assumed `Noise`. learned: relative reduction of the prior's
     variance by the pictures (0: no information, 1: full information)."""
 
     value: float
@@ -89,16 +90,16 @@ class Quantity:
 
 @dataclass(frozen=True)
 class MaterialEstimate:
-    """misfit: rms distance of the outlines at the estimate [m]. A misfit of more than a few sigma means that no
-    candidate explains the observation; it widens the deviations."""
+    """Estimates of friction and stretch. misfit: rms distance of the outlines at the estimate [m]. A misfit of
+    more than a few sigma means that no candidate explains the observation; it increases the deviations."""
 
     friction: Quantity
     stretch: Quantity
     misfit: float
 
     def update_of(self, believed: Material, nominal: Material) -> Material:
-        """`believed` with its friction moved towards the estimate. In logarithms, the step is the difference times
-        `learned`. The result stays within BOUND of the friction of `nominal`."""
+        """`believed` with its friction moved towards the estimate. The step of its logarithm is `learned` times
+        the difference of the logarithms. The result stays within BOUND of the friction of `nominal`."""
         before, lowest = believed.friction_static, (1.0 - BOUND) * nominal.friction_static
         moved = before * (self.friction.value / before) ** self.friction.learned
         return believed.with_friction(float(np.clip(moved, lowest, (1.0 + BOUND) * nominal.friction_static)))
@@ -127,8 +128,9 @@ def predict_candidates(
 ) -> Candidates:
     """Simulate the fold from `positions` (n, 3) with each factor of the friction and the stretch of `material`.
 
-    Runs len(friction_factors) * len(stretch_factors) simulations. The one picture is the end of the fold. seen_as:
-    maps vertices (n, 3) to their apparent positions (n, 3) in the camera; default: a view from straight above.
+    Runs len(friction_factors) * len(stretch_factors) simulations. Each candidate has one picture, taken at the end
+    of the fold. seen_as: maps vertices (n, 3) to their apparent positions (n, 3) in the camera; default: a view
+    from straight above.
     """
     friction = material.friction_static * np.sort(friction_factors)
     stretch = material.stretch_fraction * np.sort(stretch_factors)

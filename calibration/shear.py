@@ -51,8 +51,8 @@ WIDEST_CLIP = 1.5 * CLIP
 EDGE = 0.020
 """Default edge length of the virtual garment's mesh [m]."""
 SUBSTEPS = 40
-"""Substeps of a frame. The predictor's smaller number changes the elongation by up to 0.1 percentage points, which
-is less than the difference between starts."""
+"""Substeps per frame. With the predictor's smaller number, the elongation changes by up to 0.1 percentage points,
+which is less than the difference between starts."""
 DRAG = 4.0
 """Air drag [1/s]. It brings the garment to rest soon and does not change its final length."""
 SETTLE_S = 4.0
@@ -62,14 +62,14 @@ RIPPLES = ((40.0, 0.0), (25.0, 1.0), (60.0, 2.0))
 MIN_STRETCH, MAX_STRETCH = 0.002, 0.10
 TOLERANCE, ACCEPTED, MAX_FABRICS = 2e-4, 5e-4, 16
 """Error of the elongation at which the search ends (0.02 percentage points), error that is still accepted (0.05),
-and largest number of fabrics to try. Two layers that hang against each other settle in different ways: a change of
-the stiffness by one per cent then changes the elongation by 0.1 percentage points or not at all."""
+and largest number of fabrics to try. Two layers that hang against each other can settle in several ways. A change
+of the stiffness by one per cent then changes the elongation by 0.1 percentage points or not at all."""
 NEAR = 0.1
-"""Largest relative error of the elongations from which the local slope is estimated."""
+"""Fabrics with a relative error of the elongation up to this are used to estimate the local slope."""
 DISTINCT = 3e-3
 """Smallest relative difference of the stretch between two fabrics that are tried."""
 NO_WIDER = 2e-4
-"""Smallest relative width of a bracket of fabrics around the wanted one that is still halved."""
+"""A bracket of two fabrics around the wanted elongation is halved only while its relative width exceeds this."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
 """Factors of a fabric's stretch for its neighbours, which are tried last."""
 STIFFEST, LIMPEST = 2e-4, 0.4
@@ -119,10 +119,10 @@ class HungShape:
 
 @dataclass(frozen=True, eq=False)
 class ShearCalibration:
-    """stretch_fraction: measured. hang_drop: length of the strip that elongates as much [m]. simulated: mean
-    elongation of the virtual garment's hangs; spread: largest minus smallest of them. l2: of the virtual garment
-    [m]. simulations: number of simulated hangs. shape, pictures (k, n, 3), times (k,) [s]: the last hang, for the
-    report."""
+    """Result of the stretch test. stretch_fraction: the measured stretch. hang_drop: length of the strip that
+    elongates as much [m]. simulated: mean elongation in the hangs of the virtual garment; spread: largest minus
+    smallest of these elongations. l2: laid length of the virtual garment [m]. simulations: number of simulated
+    hangs. shape, pictures (k, n, 3), times (k,) [s]: the last hang, for the report."""
 
     stretch_fraction: float
     hang_drop: float
@@ -173,7 +173,7 @@ def hung_shape(
     lowest = int(np.argmin(np.linalg.norm(mesh.rest, axis=1)))
     middle = mesh.rest[clip].mean(axis=0)
     starts = []
-    for wave, phase in RIPPLES:  # a ripple decides at once to which side the flanks fall
+    for wave, phase in RIPPLES:  # a ripple decides early to which side the flanks fall
         ripple = 0.001 * np.sin(wave * mesh.rest[:, 0] + phase) + thickness * (mesh.layer - 0.5)
         starts.append(np.column_stack([mesh.rest[:, 0], ripple, mesh.rest[:, 1] + 0.2]))
     rest_length = float(np.linalg.norm(middle - mesh.rest[lowest]))
@@ -189,7 +189,7 @@ def _upright(template: Array, pair: tuple[int, int]) -> Array:
 
 
 def clip_width(template: Array, pair: tuple[int, int]) -> float:
-    """Width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment has a narrow top there, and
+    """Width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment is narrow at the top there, and
     more if the cloth beside the point is as high as the point."""
     local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
@@ -240,7 +240,8 @@ def hang(
     """Simulate `seconds` of hanging from one of the starts. Returns the final positions (n, 3) and `pictures` of
     the motion (k, n, 3).
 
-    material.stretch_fraction: of a strip of REFERENCE_DROP. substeps: of a frame; None: the predictor's number.
+    material.stretch_fraction: stretch of a strip of REFERENCE_DROP. substeps: number per frame; None: the
+    predictor's number.
     """
     settings = SolverSettings(substeps=substeps, drag=DRAG, sleep_frames=0)
     simulation = ClothSimulation(
@@ -320,7 +321,7 @@ def calibrate_shear(
 
 
 def _advice(strip: float) -> str:
-    """Hint for a search that failed. strip: elongation of the strip of the nearest fabric."""
+    """Hint for a search that failed. strip: strip elongation of the nearest fabric."""
     if strip <= STIFFEST:
         return "the simulation resolves no stiffer cloth on this mesh: measure again, or hang it by another point"
     if strip >= LIMPEST:
@@ -342,7 +343,8 @@ class _Hung:
 
 
 def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[[str], None]) -> tuple[_Hung, int]:
-    """The fabric with which the garment elongates most nearly as wanted, and how many were tried."""
+    """Find the fabric with which the garment's elongation is closest to `wanted`. Returns it and the number of
+    fabrics tried."""
     strip, best = wanted / 2.0, None
     tried: list[tuple[float, float]] = []
     for _ in range(MAX_FABRICS):
@@ -353,7 +355,7 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
         if best is None or abs(got - wanted) < abs(best.elongation - wanted):
             best = hung
         following = _next(tried, wanted)
-        if abs(got - wanted) < TOLERANCE or following is None or following == strip:  # at a bound
+        if abs(got - wanted) < TOLERANCE or following is None or following == strip:  # at a limit of the search
             break
         strip = following
     assert best is not None
@@ -361,9 +363,10 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
 
 
 def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None:
-    """The middle of the narrowest bracket: two neighbouring fabrics with too little and too much elongation. At a
-    jump of the elongation a fabric between them settles in one way from some starts and in the other way from the
-    rest. None if there is no bracket or if it is narrower than NO_WIDER."""
+    """The middle of the narrowest bracket. A bracket is a pair of neighbouring fabrics, one with too little and
+    one with too much elongation. At a jump of the elongation, a fabric between the two settles in one way from
+    some starts and in another way from the other starts. None if there is no bracket or if it is narrower than
+    NO_WIDER."""
     rising = sorted(near)
     crossing = [
         (b[0] - a[0], 0.5 * (a[0] + b[0]))
@@ -378,8 +381,9 @@ def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
     """The next strip elongation to try; None if all candidates were tried.
 
     The garment's elongation is nearly proportional to the strip's. With two or more fabrics near the wanted
-    elongation, the candidates are, in this order: the mean of their ratios, the middle of a bracket at a jump,
-    each of their ratios (nearest first), and neighbours of the mean. With fewer, a secant step on the logarithms.
+    elongation, each has a ratio of garment elongation to strip elongation. The candidates then follow, in this
+    order, from: the mean ratio, the middle of a bracket at a jump, each single ratio (nearest fabric first), and
+    neighbours of the mean ratio. With fewer fabrics, the candidate is a secant step on the logarithms.
     """
     near = sorted((t for t in tried if abs(t[1] / wanted - 1.0) < NEAR), key=lambda t: abs(t[1] - wanted))
     if len(near) > 1:

@@ -4,7 +4,8 @@ contacts.
 A press is slow. Its readings are fitted by a linear spring, force = k (z0 - z) below the height of first contact
 z0, plus the offset that the tips read above it. z0 therefore depends neither on a threshold nor on the delay of
 detection. A press that is not linear is rejected (a soft object, a jump of the tips' zero). The remaining error is
-that of the arms, which differs between them. With more than three points both arms touch.
+the error of the arms, which differs between the two. The points alternate between the arms, so that both
+contribute.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ __all__ = [
     "on_table",
 ]
 
-# Reachable from straight above. The first three points span a triangle; both arms touch the middle.
+# Places that the hands reach from straight above. The first three span a triangle; both arms touch the middle.
 LAYOUT = (
     (Side.LEFT, 0.45, 0.40),
     (Side.RIGHT, 0.45, -0.40),
@@ -75,9 +76,9 @@ class TableSettings:
 
 @dataclass(frozen=True, eq=False)
 class TableCalibration:
-    """height: of the table top in the base frame at the centre of the points [m]; tilt_x, tilt_y: slope along x
-    and y [rad]. points: (n, 3) contacts, base frame [m]; residual: (n,) distances from the plane [m]; sides: arm
-    of each contact; stiffness: (n,) of arm and tips in series [N/m]."""
+    """Result of the touches. height: height of the table top in the base frame at the centre of the points [m];
+    tilt_x, tilt_y: slope along x and y [rad]. points: (n, 3) contacts, base frame [m]; residual: (n,) distances
+    from the plane [m]; sides: arm of each contact; stiffness: (n,) stiffness of arm and tips in series [N/m]."""
 
     height: float
     tilt_x: float
@@ -89,13 +90,15 @@ class TableCalibration:
 
     @property
     def residual_rms(self) -> float | None:
-        """[m]; None for three points, which always lie on a plane."""
+        """Root mean square residual per degree of freedom [m]; None for three points, which always lie on a
+        plane."""
         free = len(self.points) - MIN_POINTS
         return float(np.sqrt((self.residual**2).sum() / free)) if free > 0 else None
 
     @property
     def arms_differ(self) -> float | None:
-        """Mean height of the left arm's contacts over the right arm's, at the points that both touched [m]."""
+        """Mean height of the left arm's contacts above the right arm's, at the points that both arms touched
+        [m]."""
         pairs = [
             self.points[i, 2] - self.points[j, 2]
             for i, a in enumerate(self.sides)
@@ -108,7 +111,8 @@ class TableCalibration:
 
 
 def calibrate_table(table: Table, settings: TableSettings | None = None) -> Procedure[TableCalibration]:
-    """Touch the table at `settings.points` points. table: its configured position; points beside it are skipped.
+    """Touch the table at `settings.points` points. table: configured position of the table; points that are not on
+    it are skipped.
 
     Failures: NO_CONTACT (no table), UNREACHABLE (too few points), LOW_CONFIDENCE (no plane, points on one line, a
     tilted table).
@@ -172,7 +176,7 @@ def contact_height(touched: Touched, settings: TableSettings | None = None) -> O
 
 def _unloaded_force(touched: Touched, settings: TableSettings) -> float:
     """Reading of the tips before the contact [N]. The tare was taken before the first touch, which may have
-    shifted it. 0 for a press that begins in contact."""
+    shifted the zero. The result is 0 for a press that begins in contact."""
     n = max(len(touched.force) // 4, settings.min_readings)
     z, force = touched.height[:n], touched.force[:n]
     if len(z) < settings.min_readings or _spring(z, force)[1] <= SOFTEST:

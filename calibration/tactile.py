@@ -37,12 +37,12 @@ class TactileSettings:
 
     seconds: float = 60.0
     horizon: float = 15.0
-    """Largest age of a tare: from above the grasp to the release."""
+    """Largest age of a tare: from the pose above the grasp to the release."""
     sigmas: float = 5.0
     reserve: float = 2.0
     """Ratio of the noise that the thresholds allow for to the measured noise."""
     max_contact: float = 2.0
-    """Largest contact threshold. Above it a hand presses the garment before the contact is detected."""
+    """Largest contact threshold. With a higher one, a hand presses the garment before the contact is detected."""
     max_held: float = 4.0
     odd: float = 5.0
     """Ratio of a cell's noise to the median of its hand above which the cell is defective."""
@@ -72,9 +72,10 @@ class FingerFigures:
 
 @dataclass(frozen=True, eq=False)
 class TactileCalibration:
-    """contact_force, held_force [N]: as in GraspSettings. By hand: figures; stiffness of arm and tips on the table
-    [N/m]; noticed: depth below first contact at which the threshold detected it [m]. false_contacts: number of
-    recorded periods, out of `zeros`, in which the unloaded readings reach the contact threshold."""
+    """Result of a tactile calibration. contact_force, held_force [N]: as in GraspSettings. For each hand: figures;
+    stiffness of arm and tips on the table [N/m]; noticed: depth below first contact at which the threshold
+    detected the contact [m]. false_contacts: number of recorded periods, out of `zeros`, in which the unloaded
+    readings reach the contact threshold."""
 
     contact_force: float
     held_force: float
@@ -88,7 +89,7 @@ class TactileCalibration:
 def calibrate_tactile(
     table: Table, grasp: GraspSettings, settings: TactileSettings | None = None
 ) -> Procedure[TactileCalibration]:
-    """Record the unloaded hands, then press the table with each hand. table: its configured position.
+    """Record the unloaded hands, then press the table with each hand. table: configured position of the table.
 
     Failures: UNREACHABLE (the places to press are not on the table), HARDWARE_FAULT (a dead or defective cell),
     LOW_CONFIDENCE (too much noise or drift for a useful threshold; a late detection), and those of a touch.
@@ -132,8 +133,9 @@ def calibrate_tactile(
 def finger_figures(
     side: Side, readings: Sequence[TactileReading], settings: TactileSettings | None = None
 ) -> Outcome[FingerFigures]:
-    """Noise from the differences of successive readings, which a drift does not affect, and drift from means over
-    a tenth of a second. Fails with HARDWARE_FAULT for too few readings and for dead or defective cells."""
+    """Noise and drift of one hand. The noise comes from the differences of successive readings, which a drift does
+    not affect; the drift comes from means over a tenth of a second. Fails with HARDWARE_FAULT for too few readings
+    and for dead or defective cells."""
     settings = settings or TactileSettings()
     stamps = np.array([r.stamp for r in readings])
     span = float(stamps[-1] - stamps[0]) if len(stamps) > 1 else 0.0
@@ -199,8 +201,8 @@ def thresholds(
 def _detection(
     touched: Touched, contact: float, in_a_row: int, settings: TactileSettings
 ) -> Outcome[tuple[float, float]]:
-    """Stiffness [N/m], and depth below first contact at which the threshold detects it [m]. Each tip bears
-    half."""
+    """Stiffness [N/m], and depth below first contact at which the threshold detects the contact [m]. Each tip
+    bears half of the force."""
     fitted = contact_height(touched)
     if fitted.failure:
         return Outcome(failure=fitted.failure)
@@ -223,8 +225,8 @@ def _detection(
 
 
 def _drift(x: Array, rate: float, horizon: float) -> float:
-    """Largest change of any column of x (n, k) within the horizon, of means over a tenth of a second. The range of
-    their noise is subtracted: 2 sqrt(2 ln m) standard deviations for m normal values."""
+    """Largest change of any column of x (n, k) within the horizon, computed from means over a tenth of a second.
+    The range of their noise is subtracted: 2 sqrt(2 ln m) standard deviations for m normal values."""
     n = max(1, round(0.1 * rate))
     means = x[: len(x) // n * n].reshape(-1, n, x.shape[1]).mean(axis=1)
     steps = min(len(means) - 1, round(horizon * rate / n))
@@ -238,8 +240,8 @@ def _drift(x: Array, rate: float, horizon: float) -> float:
 def false_contacts(
     readings: Sequence[TactileReading], contact: float, grasp: GraspSettings, settings: TactileSettings
 ) -> tuple[int, int]:
-    """(number of false contacts, number of tares tried). The horizon in readings comes from the mean rate, because
-    the stamps of single readings jitter over a network."""
+    """(number of false contacts, number of tares tried). The horizon as a number of readings comes from the mean
+    rate, because the stamps of single readings jitter over a network."""
     tips = np.array([r.tip for r in readings])
     span = readings[-1].stamp - readings[0].stamp
     n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0

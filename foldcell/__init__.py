@@ -1,10 +1,10 @@
-"""The cell from Python: fold a garment, optimise its folds, look at a picture, read a finished run.
+"""The cell from Python: fold a garment, optimise its folds, recognise it in a picture, read a finished run.
 
-Importing this package loads none of the cell; a function imports what it needs when it is called.
+Importing this package loads none of the cell. Each function imports the modules that it needs when it is called.
 
-Errors are those of `robots.errors`: ConfigurationError for an argument or a file that is wrong, StorageError for a
-disk that cannot be read or written. An expected failure (no garment in the picture, a fold that was not made) is
-no exception: the result holds it as `failure`.
+The functions raise the errors of `robots.errors`: ConfigurationError for an invalid argument or file, StorageError
+if the disk cannot be read or written. An expected failure (no garment in the picture, a fold that was not made)
+raises no error: the result holds it as `failure`.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The types of the cell that results are of, imported at their first use."""
+    """Import the cell's result types when they are first used."""
     if name == "FoldResult":
         from cell.states.fold_request import FoldResult
 

@@ -1,4 +1,4 @@
-"""One run of the cell."""
+"""Fold a garment in one run of the cell."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ def fold(
 ) -> FoldResult:
     """Fold a garment once, as the command `fold` does, and wait for the end.
 
-    garment: a shipped name, a garment file, or 'auto' (the cell recognises it). seed: of the simulated cell, 0 to
-    2147483647; a simulated run is a function of its seed. driver: 'sim', 'emulator' or 'ros' (the robot that
-    ROS_MASTER_URI names). logs: folder of journal and runs; None: FOLDCELL_LOGS, else the usual one. approve: ask
-    at the terminal before each fold; with a robot the cell always asks. record: keep recording, transcript and
-    report in the run's folder. quiet: no progress lines on standard output.
+    garment: a shipped name, a garment file, or 'auto' (the cell recognises it). seed: seed of the simulated cell,
+    0 to 2147483647; it alone determines a simulated run. driver: 'sim', 'emulator' or 'ros' (the robot that
+    ROS_MASTER_URI names). logs: folder of journal and runs; None: FOLDCELL_LOGS, else the default folder. approve:
+    ask at the terminal before each fold; with a robot the cell always asks. record: save recording, transcript and
+    report in the run's folder. quiet: print no progress lines on standard output.
 
     The result has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
-    'not_folded' or 'fault', `failure` the reason, `score` the judgement of the simulated truth (None on hardware),
-    `steps` a mapping a fold, `run_dir` the folder for `load_run`. On the main thread SIGINT and SIGTERM stop the
-    cell while it runs; the result's `signal` then says which it was.
+    'not_folded' or 'fault'; `failure` is the reason; `score` holds the scorer's figures (None on hardware);
+    `steps` has one mapping per fold; `run_dir` is the folder for `load_run`. When called on the main thread,
+    SIGINT and SIGTERM stop the cell during the run, and `signal` of the result is the number of that signal.
 
     Raises ConfigurationError and StorageError before anything moves.
     """

@@ -1,4 +1,4 @@
-"""The arcs of a garment's folds, optimised."""
+"""Optimise the arcs of a garment's folds."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ __all__ = ["OptimisedFold", "optimise"]
 
 @dataclass(frozen=True, eq=False)
 class OptimisedFold:
-    """The arcs of one fold, for the garment flat in the middle of where it may lie.
+    """The arcs of one fold, for the flat garment in the middle of its pose range.
 
-    step: its number in the plan, from 1. control_points: 'left' and 'right' (a fold with one hand has one) ->
-    (k, 3) Bezier control points of the tool centre point [m], table frame (x forward, y left, z = 0 on the table),
-    after the straight lift by lift_m [m]; read-only. duration_s: from grasp to release, without the lift.
-    dissimilarity_initial_m, dissimilarity_m: mean distance of the predicted from the wanted shape [m], by the
-    paper's first guess and by these arcs. simulations: of the cloth, of them failed_simulations came to no end.
+    step: number of the fold in the plan, from 1. control_points: 'left' and 'right' (only one of them for a fold
+    with one hand) -> (k, 3) Bezier control points of the tool centre point [m], table frame (x forward, y left, z
+    = 0 on the table), read-only. The arc follows a straight lift by lift_m [m]. duration_s: duration from grasp to
+    release, without the lift [s]. dissimilarity_initial_m, dissimilarity_m: mean distance between the predicted
+    and the ideal fold [m], with the paper's initial arcs and with these arcs. simulations: number of cloth
+    simulations; failed_simulations: number of those that failed.
 
-    failure: why there are no arcs; control_points is empty and duration_s None then.
+    failure: the reason why there are no arcs. In that case control_points is empty and duration_s is None.
     """
 
     name: str
@@ -51,13 +52,13 @@ def optimise(
     budget: int | None = None,
     settings: Settings = None,
 ) -> tuple[OptimisedFold, ...]:
-    """Optimise the folds of a garment's plan, in order; the first that fails is the last.
+    """Optimise the folds of a garment's plan, in order. The first fold that fails is the last in the result.
 
-    garment: a shipped name or a garment file. step: only this fold, from 1; those before it are made by their
-    initial arcs. method: 'initial' (one simulation), 'two_parameter', 'paper', 'default'. budget: simulations of
-    one fold. method and budget are those of the settings where they are None.
+    garment: a shipped name or a garment file. step: optimise only this fold, from 1; the folds before it use their
+    initial arcs. method: 'initial' (one simulation), 'two_parameter', 'paper', 'default'. budget: number of
+    simulations per fold. None for method or budget: the value of the settings.
 
-    Raises ConfigurationError for an argument or a file that is wrong.
+    Raises ConfigurationError for an invalid argument or file.
     """
     from cell.campaigns.plan_optimisation import optimise_plan
     from cell.config.garments.garment_file import load_garment

@@ -1,4 +1,4 @@
-"""Recognition of a garment in one picture."""
+"""Recognise a garment in one picture."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ if TYPE_CHECKING:
 __all__ = ["Image", "PerceivedGarment", "perceive"]
 
 Image: TypeAlias = Union["NDArray[Any]", Path, str]
-"""An array or a file."""
+"""An array, or the path of a file."""
 
 
 @dataclass(frozen=True, eq=False)
 class PerceivedGarment:
-    """What lies on the table.
+    """The garment recognised in a picture.
 
-    garment: name of the one whose template fits; category: its kind. confidence: 0..1. ambiguous: symmetries that
-    the picture does not resolve. unit: 'm' [m] in the table frame (x forward, y left), or 'px', column and row in
-    the picture. keypoints: name -> (2,). contour: (n, 2), not closed, counter-clockwise in the table frame.
+    garment: name of the garment whose template fits; category: its kind. confidence: 0 to 1. ambiguous: symmetries
+    that the picture does not resolve. unit: 'm' for the table frame (x forward, y left) in metres, 'px' for pixels
+    (column, row) of the picture. keypoints: name -> (2,). contour: (n, 2), not closed, counter-clockwise in the
+    table frame.
 
-    failure: why no garment was accepted; garment and category are None then, confidence 0 and the rest empty.
+    failure: the reason why no garment was accepted. In that case garment and category are None, confidence is 0
+    and the other values are empty.
     """
 
     garment: str | None
@@ -53,15 +55,15 @@ def perceive(
     unit: str = "m",
     settings: Settings = None,
 ) -> PerceivedGarment:
-    """Find the garment in a picture: its kind, key points and outline.
+    """Recognise the garment in a picture: its kind, key points and outline.
 
-    rgb: (H, W, 3) uint8, red first, or a PNG or JPEG file. depth: (H, W) floats [m] along the optical axis, 0,
-    negative or NaN where nothing was measured, or a file (16-bit PNG in millimetres, `.npy` in metres). garment:
-    the expected one, a name or a file; None: any of the shipped ones. reference, reference_depth: pictures of the
-    empty table. unit: 'm' for a picture by the cell's own camera, calibrated as the settings say; 'px' for one
-    taken from above by an unknown camera.
+    rgb: (H, W, 3) uint8, red first, or a PNG or JPEG file. depth: (H, W) floats [m] along the optical axis, with
+    0, a negative value or NaN where nothing was measured; or a file (16-bit PNG in millimetres, `.npy` in metres).
+    garment: name or file of the expected garment; None: any of the shipped garments. reference, reference_depth:
+    picture and depth of the empty table. unit: 'm' for a picture by the cell's camera, with the calibration of the
+    settings; 'px' for a picture taken from above by an unknown camera.
 
-    Raises ConfigurationError for an argument or a file that is wrong, and for a picture of another size than the
+    Raises ConfigurationError for an invalid argument or file, and for a picture whose size differs from the
     calibrated camera's.
     """
     import numpy as np
@@ -102,7 +104,7 @@ def perceive(
 
 
 def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> Photograph:
-    """name, depth_name: of the arguments, for messages about arrays."""
+    """name, depth_name: names of the arguments, for messages about arrays."""
     from cell.hardware.photograph import Photograph
     from cell.support.files.picture_file import read_depth, read_picture
 

@@ -1,4 +1,4 @@
-"""Finished runs, read from their folder and the journal."""
+"""Read finished runs from their folder and the journal."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ __all__ = ["Run", "load_run"]
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A run that has ended. Times `..._s` are of the cell's clock [s], lengths `..._m` [m].
+    """A run that has ended. Values named `..._s` are in seconds of the cell's clock, values named `..._m` in
+    metres.
 
-    status: its result ('folded', 'not_folded', 'fault', 'not_begun'; of a calibration 'done', 'not_done'), or
-    'interrupted' where its process ended without ending the run. seed: None on hardware without one. started,
-    ended: seconds since 1970, of the wall's clock; ended is None for an interrupted run. versions: package ->
-    version.
+    status: result of the run ('folded', 'not_folded', 'fault', 'not_begun'; for a calibration 'done', 'not_done'),
+    or 'interrupted' if its process ended without ending the run. seed: None on hardware without a seed. started,
+    ended: wall time [s since 1970]; ended is None for an interrupted run. versions: package -> version.
 
-    result: all that `fold --json` prints; empty for an interrupted run. folds: its `steps`, a mapping a fold.
-    stage_times_s: state -> time spent in it. events: every line of the journal in order (sequence, cell_time [s],
-    wall_time [s since 1970], state, kind: 'event', 'intent' or 'result', name, answers: the sequence of a result's
-    intent, payload). effects: everything that was performed, in order (name, state, fold: index into `folds`,
-    attempt, begun_s, ended_s, event, failure, what); ended_s is None where the run was cut off.
+    result: everything that `fold --json` prints; empty for an interrupted run. folds: `steps` of the result, one
+    mapping per fold. stage_times_s: state -> time spent in it. events: every line of the journal in order
+    (sequence, cell_time [s], wall_time [s since 1970], state, kind: 'event', 'intent' or 'result', name, answers:
+    sequence number of the intent that a result answers, payload). effects: every effect in order (name, state,
+    fold: index into `folds`, attempt, begun_s, ended_s, event, failure, what); ended_s is None if the run ended
+    during the effect.
     """
 
     id: str
@@ -55,14 +56,14 @@ class Run:
 
     @property
     def robot_time_s(self) -> float | None:
-        """Without waiting for an operator; None for a run that has no result."""
+        """Duration of the run without waiting for an operator; None for a run without a result."""
         return self.result.get("robot_time_s")
 
     def set_points(self) -> SetPoints | None:
-        """What was commanded, read from the transcript; None for a run without a recording, which keeps none.
+        """The set-points sent to the arms, read from the transcript; None for a run without a transcript.
 
-        The arrays' shapes and units stand at `cell.recording.transcript.set_points.SetPoints`. Raises StorageError
-        for a transcript that is damaged or of another version.
+        `cell.recording.transcript.set_points.SetPoints` documents the arrays' shapes and units. Raises
+        StorageError if the transcript is damaged or of another version.
         """
         from cell.recording.transcript.set_points import read_set_points
         from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
@@ -72,11 +73,11 @@ class Run:
 
 
 def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
-    """A finished run. run: its id, the beginning of one, its folder, or 'last'. logs: folder of the journal; None:
-    the one that holds the run's folder, else FOLDCELL_LOGS, else the usual one.
+    """Read a finished run. run: its id, the beginning of its id, its folder, or 'last'. logs: folder of the
+    journal; None: the folder that holds the run's folder, else FOLDCELL_LOGS, else the default folder.
 
-    Raises ConfigurationError for a run that there is not, or that has not ended, and StorageError for a journal
-    that cannot be read.
+    Raises ConfigurationError if the run does not exist or has not ended, StorageError if the journal cannot be
+    read.
     """
     from cell.recording.journal import Journal, performed
     from cell.support.files.paths import journal_path, logs_directory

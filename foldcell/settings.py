@@ -1,4 +1,4 @@
-"""The settings of the cell, in each form that a caller may give them."""
+"""The settings of the cell, in all forms that the functions of this package accept."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 __all__ = ["Settings", "cell_settings"]
 
 Settings: TypeAlias = Union["CellSettings", Mapping[str, Any], Path, str, None]
-"""A settings file, a mapping of what differs from the shipped settings (as in a file: `{"optimiser": {"method":
-"initial"}}`), settings that are loaded already, or None: the shipped ones."""
+"""A settings file, a mapping of the values that differ from the shipped settings (as in a file: `{"optimiser":
+{"method": "initial"}}`), loaded settings, or None for the shipped settings."""
 
 
 def cell_settings(given: Settings) -> CellSettings:
     """The validated settings. File names in a mapping are relative to the working directory.
 
-    Raises ConfigurationError: unreadable file, unknown key, value out of range.
+    Raises ConfigurationError for an unreadable file, an unknown key or a value out of range.
     """
     from cell.config.cell_settings import load_settings, overlaid
 

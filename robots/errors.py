@@ -1,8 +1,8 @@
-"""Errors and failures of the whole cell. Each states what happened and what the operator can do.
+"""Errors and failures of the whole cell. Each one states what happened and what the operator can do.
 
-Skills do not raise for failures that a cell has to expect (a missed grasp, an unreachable target). They return an
-`Outcome` that carries a `Failure`. Exceptions are for unexpected errors: a broken driver, a wrong configuration, a
-bug. Both use the same list of `FailureKind`, as do recovery, reports and injected faults.
+Skills do not raise exceptions for failures that a cell must expect (a missed grasp, an unreachable target). They
+return an `Outcome` that contains a `Failure`. Exceptions are for unexpected errors: a broken driver, a wrong
+configuration, a bug. Failures, exceptions, recoveries, reports and injected faults use the same `FailureKind`.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Failure:
 
 
 class CellError(Exception):
-    """Base class. what: what happened; hint: what the operator can do; values: figures."""
+    """Base class of the exceptions. what: what happened; hint: what the operator can do; values: figures."""
 
     def __init__(self, what: str, hint: str = "", **values: Any) -> None:
         super().__init__(what)
@@ -94,7 +94,7 @@ class CellError(Exception):
 
 
 class ConfigurationError(CellError):
-    """A file or an argument of the user is wrong. Nothing moved; nothing was written."""
+    """A file or an argument of the user is wrong. Nothing moved and nothing was written."""
 
 
 class DriverError(CellError):
@@ -110,11 +110,11 @@ class DriverError(CellError):
 
 
 class StorageError(CellError):
-    """Logs, journal or recording cannot be written. Raised before anything moves."""
+    """A file of this program (logs, journal, recording, cache) cannot be read or written."""
 
 
 class RecordError(CellError):
-    """The journal could not be written during a run. The arms are held. The journal lacks the last events."""
+    """The journal could not be written during a run. The arms hold, and the last events are not in the journal."""
 
 
 class InternalError(CellError):

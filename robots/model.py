@@ -1,7 +1,7 @@
 """Model of a two-armed robot for the motion skills: kinematics, collision geometry, limits and named poses.
 
 A robot package (robots/baxter) creates the value. The skills receive it and never import the package. The value
-holds models only; its users own the working memory (`pinocchio.Data`).
+contains only models. Its users own the working memory (`pinocchio.Data`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 class JointLimits:
     """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
 
-    Raises ConfigurationError for an empty range and for limits that are not positive.
+    Raises ConfigurationError for an empty position range or for other limits that are not positive.
     """
 
     lower: Array
@@ -57,8 +57,8 @@ class JointLimits:
 class ArmChain:
     """One arm as seven revolute joints about their own z axes.
 
-    rotation (8, 3, 3), translation (8, 3): fixed placement before each joint. The first is relative to the base
-    frame; the eighth leads from the last joint to the tool frame.
+    rotation (8, 3, 3), translation (8, 3): fixed placement before each joint. The first placement is relative to
+    the base frame. The eighth leads from the last joint to the tool frame.
     """
 
     rotation: Array
@@ -67,7 +67,8 @@ class ArmChain:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A robot as the skills know it. Vectors of 14 are ordered left arm, right arm (robots.ports).
+    """The description of a robot that the skills use. Vectors of 14 have the order left arm, right arm
+    (robots.ports).
 
     pin_model: the whole robot, including other joints. collision_model: its geometry with the pairs to check.
     joint_index: (14,) index of each arm joint in a configuration of pin_model. q_rest: (nq,) assumed positions of
@@ -94,8 +95,8 @@ class RobotModel:
     fingertips: Mapping[Side, tuple[str, ...]]
 
     def limits(self, accelerations: str = "planning", velocity_scale: float | None = None) -> JointLimits:
-        """The set 'planning' or 'commissioning'. velocity_scale: replaces its velocities by this fraction of the
-        joints' own limits."""
+        """The limits 'planning' or 'commissioning'. velocity_scale: replaces their velocities by this fraction of
+        the joints' own limits."""
         chosen = {"planning": self.planning, "commissioning": self.commissioning}[accelerations]
         if velocity_scale is None:
             return chosen
@@ -120,7 +121,7 @@ class RobotModel:
 
 
 def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> ArmChain:
-    """The chain of seven joints that ends in `tool_frame`. Raises ValueError if the joints form no such chain."""
+    """The chain of seven joints that ends in `tool_frame`. Raises ValueError if there is no such chain."""
     ids = [model.getJointId(name) for name in joints]
     for before, joint in zip([0, *ids], ids, strict=False):
         if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:

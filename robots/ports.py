@@ -5,9 +5,9 @@ Units: metres, radians, seconds, newtons, kilograms. Stamps are seconds of the c
 Frames
 ------
 base    the robot's base frame: x forward, y left, z up.
-table   parallel to base, with its origin on the table top directly below the base origin: a point on the
-        table has z = 0. Garments, fold plans and tool paths are in this frame. `T_base_table` maps table
-        coordinates to base coordinates (`p_base = T_base_table @ p_table`).
+table   parallel to base. Its origin is at the height of the table top, directly below the base origin, so a
+        point on the table has z = 0. Garments, fold plans and tool paths are in this frame. `T_base_table` maps
+        table coordinates to base coordinates (`p_base = T_base_table @ p_table`).
 camera  OpenCV's convention: z along the view, x right, y down.
 tool    origin between the tips of the pads (the tool centre point); z out of the hand (down when the hand
         points at the table), y in the closing direction of the pads, x along the width of the pads.
@@ -15,8 +15,8 @@ tool    origin between the tips of the pads (the tool centre point); z out of th
 Joint vectors have 14 entries: the left arm's seven, then the right arm's seven, each from shoulder to wrist.
 Arrays inside a value are read-only.
 
-Every value carries its stamp. A getter never blocks, never raises because a value is late and never invents a
-value. The reader judges its age.
+Every value has a stamp. A getter never blocks, never raises because a value is late, and never invents a value.
+The reader judges the age of the value.
 """
 
 from __future__ import annotations
@@ -165,9 +165,9 @@ class ArmTrajectory:
 
 @dataclass(frozen=True)
 class GripperState:
-    """opening: distance between the pads [m]; force: grip force measured by the gripper [N]. stamp: time of that
-    measurement [s]; later commands do not renew it. in_error: the gripper refuses commands until it is calibrated
-    again."""
+    """opening: distance between the pads [m]; force: grip force measured by the gripper [N]. stamp: time of this
+    measurement [s], which later commands do not change. in_error: the gripper refuses commands until it is
+    calibrated again."""
 
     stamp: float
     side: Side
@@ -207,7 +207,7 @@ class StopState:
 
 
 class Clock(Protocol):
-    """The cell's time. A simulated world advances only in `sleep_until`."""
+    """The cell's time. Time in a simulated world advances only in `sleep_until`."""
 
     def now(self) -> float: ...
 
@@ -217,7 +217,7 @@ class Clock(Protocol):
 class Arms(Protocol):
     """Both arms as one position-controlled device of 14 joints, commanded at 100 Hz.
 
-    A command is valid for `command_timeout` seconds. Without a new one the arms hold their position.
+    A command is valid for `command_timeout` seconds. Without a new command the arms hold their position.
     """
 
     command_timeout: float
@@ -246,7 +246,7 @@ class Gripper(Protocol):
     def calibrate(self) -> None: ...
 
     def command(self, opening: float, force: float) -> None:
-        """Move the pads to `opening` [m] with at most `force` [N]. Returns at once."""
+        """Move the pads to `opening` [m] with at most `force` [N]. Returns immediately."""
 
     def state(self) -> GripperState: ...
 
@@ -265,8 +265,8 @@ class Camera(Protocol):
         scene has to be still. Raises DriverError(CAMERA_FAULT) if the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:
-        """A picture for display, without waiting. Returns None if there is none yet, and requests one. It may be
-        called between two set-points of a motion. Raises DriverError as `capture` does."""
+        """A picture for display, without waiting. If there is no picture yet, requests one and returns None. May
+        be called between two set-points of a motion. Raises DriverError as `capture` does."""
 
 
 class Stop(Protocol):
@@ -290,13 +290,14 @@ class BoardPlace(StrEnum):
 
 
 class Attendant(Protocol):
-    """The person at the cell, who does what the robot cannot do itself."""
+    """The person at the cell, for tasks that the robot cannot do itself."""
 
     def lay_garment(self) -> None:
-        """Ask for the garment to be laid flat on the empty table. Returns when it lies there."""
+        """Ask the person to lay the garment flat on the empty table. Returns when the garment lies there."""
 
     def bring_board(self, place: BoardPlace) -> None:
-        """Ask for the calibration board. Returns when it is in place. Each SHOWN asks for another pose."""
+        """Ask the person for the calibration board. Returns when it is in place. Each SHOWN asks for a new
+        pose."""
 
 
 @dataclass(frozen=True)

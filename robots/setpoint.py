@@ -1,4 +1,4 @@
-"""Clipping of a set-point by a driver, to the joints' ranges and to the distance that they can travel."""
+"""Clipping of a set-point by a driver: to the joints' ranges, and to the distance that the joints can travel."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from robots.ports import Array, JointSetpoint, frozen
 __all__ = ["JUMP_TIME", "clip_setpoint"]
 
 JUMP_TIME = 0.04
-"""Largest step between set-points, as travel time of the joints at full speed [s]."""
+"""Largest step between set-points, expressed as the joints' travel time at full speed [s]."""
 
 
 def clip_setpoint(
     q: Array, qd: Array, before: Array, stands: Array, limits: JointLimits, stamp: float
 ) -> JointSetpoint:
     """Clip a set-point. q, qd: (14,) requested [rad], [rad/s]. before: (14,) present set-point [rad]. stands:
-    (14,) measured joints [rad]. A set-point between `before` and `stands` is never a jump, however far apart they
-    are.
+    (14,) measured joints [rad]. A set-point between `before` and `stands` is never a jump, even if these two are
+    far apart.
 
-    A joint outside its range moves no further out. It may stay, or return at no more than its full speed. It is
-    not moved into its range at once, because that would be an unrequested jump.
+    A joint outside its range moves no further out. It may stay there, or return with at most its full speed. The
+    driver does not move it into its range in one step, because that would be an unrequested jump.
     """
     reach = limits.velocity * JUMP_TIME
     lower, upper = np.minimum(limits.lower, before), np.maximum(limits.upper, before)

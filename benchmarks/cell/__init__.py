@@ -1,4 +1,4 @@
-"""The executive itself: where a run's time goes, what keeping everything costs, and how soon a stop is at rest.
+"""Benchmarks of the executive: wall time of a run, cost of its records, and time from a stop to rest.
 
 foldcell bench cell
 """
@@ -14,7 +14,7 @@ __all__ = ["measure"]
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Flat figures, units in the keys; the runs are simulated. quick: fewer lines, runs and stops."""
+    """Flat figures with units in the keys. All runs are simulated. quick: fewer lines, runs and stops."""
     return {
         "simulated": True,
         **journal_file.measure(tell, lines=100 if quick else 1000),

@@ -1,5 +1,8 @@
-"""What a line of the journal costs beside its peers: the same lines in a synced text file, and in a database that
-may lose the last ones when the machine goes down."""
+"""Time to write one line of the journal, compared with two peers.
+
+The peers write the same lines to a synced text file, and to an unsynced database, which may lose the last lines
+when the machine fails.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the wall time of whole runs goes, and what recording, showing and keeping cost them."""
+"""Wall time of whole runs by activity, and the cost of recording, live display and checkpoints."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ KINDS: dict[str, dict[str, Any]] = {
     "bare_run": {"record": False, "record_truth": False},
     "shown_run": {"live": True},
 }
-"""All that a user gets; without recording, report, truth and score; and with a live stream that nobody reads."""
+"""A run with all its output; one without recording, report, truth and score; and one with a live stream that
+nobody reads."""
 SEEING = frozenset({Effect.PHOTOGRAPH_TABLE, Effect.LOOK, Effect.RECOGNISE, Effect.INSPECT})
 THINKING = frozenset({Effect.PLAN_FOLDS, Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION})
 
 
 class _Walls:
-    """Wall time within effects, by what they do; an observer of the runner."""
+    """Wall time within effects, by kind of effect. It is an observer of the runner."""
 
     def __init__(self) -> None:
         self.seconds = {"seeing": 0.0, "thinking": 0.0, "moving": 0.0}
@@ -49,7 +50,8 @@ class _Walls:
 
 
 def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
-    """The fastest of so many rounds, in which the kinds of run take turns; one more before, to warm up."""
+    """Figures of the fastest of `rounds` rounds per kind of run. Each round makes one run of each kind. A first
+    run warms up."""
     _fold({}, _Walls())
     best: dict[str, tuple[float, FoldResult, _Walls, list[float]]] = {}
     for n in range(rounds):
@@ -83,7 +85,7 @@ def _fold(options: dict[str, Any], walls: _Walls) -> FoldResult:
 
 @contextmanager
 def _keeping_timed() -> Iterator[list[float]]:
-    """What each putting down of belief and world took [s]."""
+    """Collects the duration of each write of a checkpoint [s]."""
     took: list[float] = []
     keep = CheckpointWriter.keep
 

@@ -1,7 +1,7 @@
-"""How soon the arms are at rest when the stop is triggered while they move, and how far they go until then.
+"""Time and distance until the arms are at rest when the stop is triggered while they move.
 
-The executive is not asked: it stays within the very tick in which the stop comes, as if it hung. The peer is
-what the brake alone would take, without lag: the longest of the joints' speeds over their decelerations.
+The executive does not react: it stays within the tick in which the stop comes, as if it had hung. The peer is the
+brake alone, without lag: the maximum over the joints of speed divided by deceleration.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ __all__ = ["measure"]
 
 GARMENT = "small_towel"
 MOVING, AT_REST = 0.15, 0.02
-"""Joint speeds [rad/s] above which a stop is of interest, and below which the arms count as at rest."""
+"""Joint speed [rad/s] above which the arms count as moving, and below which they count as at rest."""
 TICK_S = 0.005
 LONGEST_S = 3.0
 
 
 @dataclass(frozen=True)
 class _Stop:
-    """took [s] until rest; way (2,) [m] of the tools; brake [s] that the brake alone would have taken."""
+    """One stop. took: time until rest [s]. way: (2,) distance between the tools' places at the stop and at rest
+    [m]. brake: time that the brake alone would take [s]."""
 
     took: float
     way: Array
@@ -42,7 +43,7 @@ class _Stop:
 
 
 class _StoppingClock:
-    """The cell's clock; after the moment `due`, at the first tick in which the arms move, it triggers the stop."""
+    """The cell's clock. At the first tick after the time `due` in which the arms move, it triggers the stop."""
 
     def __init__(self, ports: Ports, due: float) -> None:
         self._ports, self._due = ports, due
@@ -70,7 +71,7 @@ class _StoppingClock:
 
 
 def measure(tell: Callable[[str], None], stops: int) -> dict[str, Any]:
-    """Stops at moments spread evenly over a run's motions."""
+    """Figures of stops at times that are spread evenly over a run."""
     made = [_stopped_at(due) for due in np.linspace(7.0, 30.0, stops)]
     found = [stop for stop in made if stop is not None]
     took = np.array([stop.took for stop in found])
@@ -104,11 +105,12 @@ def _stopped_at(due: float) -> _Stop | None:
 
 
 def _deceleration() -> Array:
-    """(14,) [rad/s^2] of the simulated driver's brake: the wrists' is twice the shoulders' and elbows'."""
+    """(14,) [rad/s^2] deceleration of the simulated driver's brake: twice as large at the wrists as at shoulders
+    and elbows."""
     return load_noise().robot.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
 
 
 def _tools(ports: Ports) -> Array:
-    """(2, 3) [m] base frame."""
+    """(2, 3) [m] positions of both tools, base frame."""
     model, q = load_model(), ports.arms.state().q
     return np.array([tool_pose(model.chains[side], q[arm_slice(side)])[:3, 3] for side in Side])

@@ -1,10 +1,10 @@
 """Figures of the cloth solver, in parts: foldcell bench cloth [--only PART,...] [--keep FILE].
 
-Speeds are simulated seconds over CPU seconds of the thread that computes (`time.thread_time`), the best of three
-(peers', which take minutes, are of one), so that what else runs on the machine matters little;
-two_threads_x_throughput is wall time and wants an idle machine. Errors are against closed forms (block on a slope,
-hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and PyBullet's soft body. Everything is
-simulated.
+Speeds are simulated seconds over CPU seconds of the computing thread (`time.thread_time`), so other work on the
+machine has little effect. They are the best of three; those of the peers, which take minutes, come from one
+measurement. two_threads_x_throughput is wall time and needs an idle machine. Errors are against closed forms
+(block on a slope, hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and PyBullet's soft body.
+Everything is simulated.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from robots.errors import ConfigurationError
 __all__ = ["PARTS", "Tell", "measure"]
 
 Tell = Callable[[str], None]
-"""Takes a line for the person who waits."""
+"""Function that shows one line of progress to the user."""
 PEER_FIGURE = "mujoco_final_error_difference_mm"
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration", "benchmarks/cloth")
@@ -32,8 +32,11 @@ MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration",
 
 @dataclass(frozen=True)
 class Part:
-    """A function `measure(quick, tell) -> figures` of a module here, named MODULE:FUNCTION, that tells what it has
-    done where that takes minutes; needs: a package that only peers need."""
+    """One part of the benchmark.
+
+    function: MODULE:FUNCTION in this package, called as `function(quick, tell)`; it returns figures and reports
+    its progress if it takes minutes. needs: a package that only the peers need.
+    """
 
     function: str
     about: str
@@ -80,11 +83,13 @@ PARTS: Mapping[str, Part] = {
 def measure(
     tell: Tell, *, peers: bool, quick: bool, only: Sequence[str] = (), keep: Path | None = None
 ) -> dict[str, Any]:
-    """Flat figures, units in the keys; those of peers only with `peers`, PEER_FIGURE then null.
+    """Flat figures with units in the keys. Without `peers` there are no figures of the peers, and PEER_FIGURE is
+    null.
 
-    only: names of PARTS. keep: a file in which each part's figures are put down when it is done, and from which a
-    part is taken that the same sources measured before. Raises ConfigurationError for a part that does not exist,
-    for a peer that is not installed, or a file that is none of ours or cannot be written.
+    only: names of PARTS. keep: a file to which each part's figures are saved as soon as it is measured. Parts that
+    are already in the file, measured with the same sources, are not measured again. Raises ConfigurationError for
+    an unknown part, a peer that is not installed, or a file that cannot be written or is not one of this
+    benchmark.
     """
     chosen = _chosen(only, peers)
     kept = _Kept(keep, quick)
@@ -123,7 +128,7 @@ def _chosen(only: Sequence[str], peers: bool) -> dict[str, Part]:
 
 
 def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures that take two parts."""
+    """Figures that need the results of two parts."""
     out: dict[str, Any] = {}
     strip, garment = (figures.get(f"hang_{name}_error_pp_max") for name in ("strip", "garment"))
     if strip is not None and garment is not None:
@@ -137,7 +142,7 @@ def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Kept:
-    """Figures of parts in a file, as long as the sources are the same."""
+    """Saved figures of parts. They are valid as long as the sources are the same."""
 
     def __init__(self, path: Path | None, quick: bool) -> None:
         self._path = path
@@ -145,7 +150,7 @@ class _Kept:
         self.parts: dict[str, dict[str, Any]] = {}
         if path is None:
             return
-        if not os.access(path.parent, os.W_OK):  # told before a part is measured for nothing
+        if not os.access(path.parent, os.W_OK):  # fails before a part is measured
             raise ConfigurationError(f"{path} cannot be written", "give --keep a file in a folder that can")
         if not path.exists():
             return

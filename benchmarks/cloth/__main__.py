@@ -1,4 +1,4 @@
-"""python -m benchmarks.cloth: the figures without peers, as JSON."""
+"""Prints the figures without peers as JSON: python -m benchmarks.cloth."""
 
 import json
 

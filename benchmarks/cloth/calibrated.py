@@ -1,4 +1,4 @@
-"""The calibration procedures on the paper's garments."""
+"""Tests of the calibration procedures on the paper's garments."""
 
 from __future__ import annotations
 
@@ -21,16 +21,19 @@ from skills.trajectory.paths import fold_paths
 from skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
-"""[m] edge lengths of the other meshes, for garments of one layer and of two (which take long)."""
+"""Edge lengths [m] of the other meshes, by number of the garment's layers. Garments of two layers take long."""
 QUICK = ("small_towel",)
 TRUE_FRICTION = 0.8
-"""Over what is believed, in the test of the identification."""
+"""True friction relative to the believed one, in the test of the identification."""
 
 
 def hung(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The paper's test of its garments: each calibrated on the mesh that predicts its folds, and on a finer and
-    a coarser one; there the fabric is hung again with the predictor's own substeps. The spread: one fabric, the
-    one of the predicting mesh, on all of them."""
+    """The paper's hanging test for each of its garments.
+
+    Each garment is calibrated on the mesh that predicts its folds, on a finer and on a coarser mesh. On each mesh,
+    the calibrated fabric is then hung again with the predictor's own substeps. The mesh spread is the error of the
+    fabric calibrated on the predicting mesh, hung on all meshes.
+    """
     first, again, spread, rows = 0.0, 0.0, 0.0, []
     for name in QUICK if quick else tuple(PAPER):
         garment = load_garment(name)
@@ -72,7 +75,8 @@ def _hung(test: Mapping[str, float]) -> str:
 
 
 def friction(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Each garment on the paper's tilted table: the coefficient at which it begins to slide against tan(angle)."""
+    """Each garment on the paper's tilted table: error of the coefficient at which it begins to slide, against
+    tan(angle)."""
     worst = 0.0
     names = QUICK if quick else tuple(PAPER)
     for name in names:
@@ -85,7 +89,7 @@ def friction(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def identified(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Friction from the outline of one fold that drags, in a world with another mesh."""
+    """Friction identified from the outline after one fold that drags the cloth. The world has another mesh."""
     believed = Material(0.4, 0.03, 0.012, 0.0025, 0.45, 0.85 * 0.45, 0.6)
     contour = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
     up, controls = np.array([0.0, 0.0, 0.45]), {}

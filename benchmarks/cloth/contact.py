@@ -1,4 +1,4 @@
-"""Self-contact: what passes through what, whether it comes to rest, and whether cloth is torn."""
+"""Benchmark of self-contact: crossings, motion after the release, and strain of the edges."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from skills.vocabulary import Material
 
 FRAMES = SolverSettings().frame_rate
 AFTER = round((RELEASE + SETTLE) * FRAMES)
-"""Frames of a second, and of what follows the release."""
+"""Number of frames per second, and after the release."""
 STARTS, MOVED = 6, 1e-6
-"""From how many starts folds are repeated, and by how much they differ [m]."""
+"""Number of starts from which each fold is repeated, and standard deviation of their difference [m]."""
 TURNS = (30.0, 45.0, 60.0, 75.0, 90.0)
-"""[degrees] by which cloth may turn and be no crease, for a table of what hangs on that."""
+"""Angles [degrees] above which cloth counts as a crease, for a table of the figures over this threshold."""
 VARIANTS = (
     # friction (table and layers), thickness [m], speed
     (0.3, 0.003, 1.0), (0.9, 0.003, 1.0), (0.6, 0.002, 1.0), (0.6, 0.004, 1.0), (0.6, 0.003, 2.0),
@@ -49,8 +49,11 @@ VARIANTS = (
 
 @dataclass
 class Folded:
-    """Of each fold: crossings at its end and the most at any frame; residual: the largest displacement [m] of a
-    vertex in the last 0.1 s of the first second after the release; edges: how strained they are at the end."""
+    """Results, one entry per fold.
+
+    end: crossings at the end. most: maximum crossings in any frame. residual: largest displacement of a vertex in
+    the last 0.1 s of the first second after the release [m]. edges: strains at the end.
+    """
 
     end: list[int] = field(default_factory=list)
     most: list[int] = field(default_factory=list)
@@ -62,15 +65,18 @@ class Folded:
             mine.extend(others)
 
     def row(self) -> dict[str, Any]:
-        """The worst of its folds, for a table."""
+        """The maxima over the folds, as a row of a table."""
         strained = self.strained()
         del strained["edges_looked_at"]
         shown = {"end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual)}
         return shown | strained
 
     def strained(self, turn: float = TURN) -> dict[str, Any]:
-        """Of the edges about which the cloth turns by no more than `turn` [rad]: the largest strain, of edges that
-        are longer or shorter than at rest; tension, of longer ones; how many have more than MOST_STRAIN."""
+        """Strains of the edges about which the cloth turns by at most `turn` [rad].
+
+        strain: largest elongation or compression. tension: largest elongation. Also the number of edges with a
+        strain above MOST_STRAIN, and of all edges.
+        """
         strain = np.concatenate([edges.away(turn) for edges in self.edges])
         return {
             "strain_percent": 100.0 * float(np.abs(strain).max(initial=0.0)),
@@ -80,7 +86,7 @@ class Folded:
         }
 
     def line(self) -> str:
-        """The same for a person who waits."""
+        """The maxima as one line of text, for progress messages."""
         return f"{max(self.end)} crossings at the end, {max(self.most)} on the way, " + (
             f"{1e3 * max(self.residual):.2f} mm of motion, strain {self.strained()['strain_percent']:.1f} %"
         )
@@ -99,8 +105,8 @@ class Folded:
 
 
 def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int = 0) -> Folded:
-    """The folds one after the other, looked at in every frame. start: others than 0 begin from vertices that are
-    moved by MOVED, each number by another draw."""
+    """Make the folds one after the other and check every frame. start: 0, or the seed of a perturbation of the
+    initial vertices by MOVED."""
     found = Folded()
     x = mesh.lay_flat(material.thickness)
     if start > 0:
@@ -115,7 +121,7 @@ def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int
         counts = [count_crossings(shot, mesh.triangles) for shot in shots]
         found.end.append(counts[-1])
         found.most.append(max(counts))
-        second = len(shots) - AFTER + FRAMES - 1  # after the release
+        second = len(shots) - AFTER + FRAMES - 1  # one second after the release
         moved = shots[second] - shots[second - FRAMES // 10]
         found.residual.append(float(np.linalg.norm(moved, axis=1).max()))
         found.edges.append(edge_strains(mesh, x, np.array(pinched), lined))
@@ -139,7 +145,8 @@ def shirt(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
-    """Of folds of MATERIAL, one after the other from x (n, 3)."""
+    """Speed of each fold of MATERIAL, relative to real time. The folds are made one after the other from x (n,
+    3)."""
     speeds = []
     for paths in folds:
         result, speed = timed(mesh, x, MATERIAL, paths, times=TIMES)
@@ -149,7 +156,7 @@ def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
 
 
 def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The same folds with a fabric that stretches as that of the paper's large shirt."""
+    """The shirt's folds with a fabric that stretches like the paper's large shirt."""
     paper = load_garment("long_sleeve_shirt_large").material
     material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
     mesh, folds = shirt_folds(material)
@@ -157,7 +164,7 @@ def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def sides(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The same shirt, its sleeves folded in together with its sides."""
+    """The same shirt. Each sleeve is folded together with its side."""
     mesh = mesh_from_contour(SHIRT, SHIRT_EDGE, layers=2)
     speeds = _speeds(mesh, mesh.lay_flat(MATERIAL.thickness), sides_folds())
     figures: dict[str, Any] = {"sides_x_realtime": min(speeds[:2]), "sides_hem_x_realtime": speeds[2]}
@@ -165,7 +172,8 @@ def sides(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Every shipped garment through its plan, along the same kind of arc: the worst of all, and each one."""
+    """Every shipped garment through its plan, along arcs of the same kind: the worst figures, and a row per
+    garment."""
     rows, worst = [], Folded()
     for name in list_garments()[: 2 if quick else None]:
         found = fold_all(*planned_folds(name))
@@ -176,8 +184,11 @@ def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def starts(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Folds of the two-layer shirt and of all shipped garments that begin a little differently: how much of one
-    garment's figures is luck. Folds that end with crossings, have more than five at a frame, or still move."""
+    """Folds of the two-layer shirt and of all shipped garments, each from slightly different starts.
+
+    The spread shows how much of one garment's figures is chance. Counts the folds that end with crossings, that
+    have more than five crossings in a frame, or that are not at rest.
+    """
     mesh, folds = shirt_folds()
     rows: list[dict[str, Any]] = []
     for name in ["shirt", *list_garments()][: 2 if quick else None]:
@@ -203,7 +214,7 @@ def pants(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def variants(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Shirt and pants with other friction and thickness, and moved faster: the worst of all, and each one's."""
+    """Shirt and pants with other friction, thickness and speed: the worst figures, and a row per case."""
     rows, worst = [], Folded()
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
         found = fold_all(mesh, material, folds)

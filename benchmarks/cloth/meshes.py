@@ -14,7 +14,7 @@ from skills.cloth.mesh import mesh_from_contour
 
 
 def quality(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The smallest angle, the shortest and the longest edge over the edge length that was asked for."""
+    """Smallest angle, and shortest and longest edge relative to the requested edge length."""
     angles, shortest, longest, seconds = [], [], [], []
     names = sorted(list_garments())
     for name in names:

@@ -1,8 +1,8 @@
-"""MuJoCo's flex as an independent cloth: the optional extra `peers`, never needed at run time.
+"""MuJoCo's flex as an independent cloth simulation. It needs the optional extra `peers`, which no run needs.
 
-The very body that is the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads
-and materials. How fine its steps and how stiff its contacts must be is taken from its own refinement, without a
-look at our result: both are halved until the end of the fold stops changing.
+The model is the one of the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads
+and materials. Time step and contact stiffness are chosen by a refinement of MuJoCo alone, without comparing with
+our result: step and contact time are halved until the end of the fold stops changing.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ Figures = dict[str, Any]
 LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)
 USED = 8
 REFINEMENTS = (4, USED, 2 * USED)
-"""Steps in a frame; the contacts' time constant is 2.4 of them. The folds are compared with USED ones."""
+"""Steps per frame. The contacts' time constant is 2.4 steps. The comparison of folds uses USED steps."""
 SETTLED = 0.5
-"""[mm] mean over the vertices: a refinement that changes the end of the fold by less has converged."""
+"""Mean change of the vertices at the end of the fold [mm] below which the refinement has converged."""
 
 
 def refined(steps: int) -> MujocoSettings:
@@ -69,7 +69,7 @@ def tilt(figures: Figures, frictions: Sequence[float] = FRICTIONS) -> None:
 def hang(
     figures: Figures, stretches: Sequence[float] = STRETCHES, edges: Sequence[float] = (0.018, 0.026)
 ) -> None:
-    """Strips that hang in their own plane."""
+    """Elongation of strips that hang in their own plane."""
     width, length = STRIP
     worst = 0.0
     for edge in edges:
@@ -86,7 +86,7 @@ def hang(
 
 
 def bending(figures: Figures, edge: float = 0.020) -> None:
-    """A strip whose overhang is twice its bending length."""
+    """Peirce's cantilever: a strip whose overhang is twice its bending length."""
     material = replace(MATERIAL, bending_length=0.08)
     overhang = 2.0 * material.bending_length
     outline = [(-2 * edge, 0.0), (0.0, 0.0), (overhang, 0.0)]
@@ -101,7 +101,7 @@ def bending(figures: Figures, edge: float = 0.020) -> None:
 
 
 def folded(fold: SharedFold, settings: MujocoSettings) -> tuple[Array, float]:
-    """Where the fold ends (n, 3), and how many times faster than real time one thread computed it."""
+    """Vertices (n, 3) at the end of the fold, and the speed of one thread relative to real time."""
     cloth = MujocoCloth(fold.mesh, fold.material, fold.start, settings)
     start = time.thread_time()
     frames = round((fold.seconds - RELEASE - SETTLE) * settings.frame_rate)
@@ -116,13 +116,16 @@ def folded(fold: SharedFold, settings: MujocoSettings) -> tuple[Array, float]:
 
 
 def apart(a: Array, b: Array) -> float:
-    """[mm] mean distance of vertices (n, 3)."""
+    """Mean distance [mm] between two sets of vertices (n, 3)."""
     return 1e3 * float(np.linalg.norm(a - b, axis=1).mean())
 
 
 def refinement(quick: bool, tell: Tell) -> Figures:
-    """MuJoCo's own: how far the end of the fold moves when step and contact time are halved, and whether it moves
-    by less than SETTLED from the settings that the folds are compared with."""
+    """MuJoCo's own refinement: change of the fold's end when step and contact time are halved.
+
+    It has converged if the last halving changes the end by less than SETTLED. The comparison of folds uses the
+    settings before this halving.
+    """
     fold, rows, before = plain_fold(), [], None
     for steps in REFINEMENTS[:2] if quick else REFINEMENTS:
         end, speed = folded(fold, refined(steps))
@@ -141,7 +144,7 @@ def refinement(quick: bool, tell: Tell) -> Figures:
 
 
 def folds(quick: bool, tell: Tell) -> Figures:
-    """The same folds in both, with the pads at the same places of the same mesh."""
+    """The same folds in both simulations, with the same mesh and the same places of the pads."""
     figures: Figures = {"mujoco_steps_a_frame": USED}
     settings, rows = refined(USED), []
     for mu in (0.6,) if quick else (0.2, 0.6, 1.0):
@@ -164,7 +167,7 @@ def folds(quick: bool, tell: Tell) -> Figures:
 
 
 def optimised(quick: bool, tell: Tell) -> Figures:
-    """The trajectory that our predictor found, in both."""
+    """The fold along the trajectory that our predictor found, in both simulations."""
     best = optimised_fold()
     ours = predict_fold(best.mesh, best.start, best.material, best.paths, RELEASE, SETTLE).vertices
     theirs, _ = folded(best, refined(USED))
@@ -177,13 +180,13 @@ def optimised(quick: bool, tell: Tell) -> Figures:
 
 
 def _drift(fold: SharedFold, x: Array) -> float:
-    """[mm] mean motion of the half that should rest, away from the crease."""
+    """Mean motion [mm] of the half that should stay at rest, away from the crease."""
     rests = fold.mesh.rest[:, 0] < -0.05
     return 1e3 * float(np.linalg.norm((x - fold.start)[rests], axis=1).mean())
 
 
 def lab(quick: bool, tell: Tell) -> Figures:
-    """The laboratory's tests."""
+    """The laboratory tests in MuJoCo: tilted table, hanging strip and cantilever."""
     figures: Figures = {"mujoco_version": mujoco.__version__}
     tilt(figures, (0.6,) if quick else FRICTIONS)
     hang(figures)

@@ -25,18 +25,20 @@ STRIP = (0.15, 0.6)
 
 
 def slope(mu: float, ratio: float) -> tuple[float, tuple[float, float, float]]:
-    """The angle [rad] of `ratio` times the critical slope, and gravity in the table's frame."""
+    """Angle [rad] of a slope that is `ratio` times as steep as the critical one, and gravity in the table's
+    frame."""
     angle = float(np.arctan(ratio * mu))
     return angle, (GRAVITY * float(np.sin(angle)), 0.0, -GRAVITY * float(np.cos(angle)))
 
 
 def slide_expected(mu: float, angle: float, seconds: float = 1.0) -> float:
-    """Way of a block down a slope [m]."""
+    """Distance that a block slides down a slope [m]."""
     return float(0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)) * seconds**2)
 
 
 def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Coulomb: what holds does not creep, what slides slides as a block."""
+    """Coulomb friction on a tilted table: below the critical slope nothing creeps, above it the sheet slides as a
+    block."""
     mesh = mesh_from_contour(PATCH, 0.026)
     creep, error = 0.0, 0.0
     for mu in FRICTIONS:
@@ -55,7 +57,8 @@ def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def layers(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The same of a sheet that lies on a sheet which the table holds, once it lies (0.2 s)."""
+    """The same test for a sheet on another sheet, which the table holds. Measured from 0.2 s on, when the sheet
+    lies still on the other one."""
     n, mesh = _sheet_on_a_sheet()
     creep, error = 0.0, 0.0
     for mu in FRICTIONS:
@@ -69,7 +72,7 @@ def layers(quick: bool, tell: Tell) -> dict[str, Any]:
                 s.advance(60)
                 creep = max(creep, 1e3 * float(np.abs(s.positions[n:, 0] - before).max()))
                 continue
-            frames = 24  # the upper sheet stays on the lower one
+            frames = 24  # short enough for the upper sheet to stay on the lower one
             s.advance(frames)
             t = frames * s.settings.frame
             way = float((s.positions[n:, 0] - before).mean()) - speed * t
@@ -78,14 +81,14 @@ def layers(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _sheet_on_a_sheet() -> tuple[int, ClothMesh]:
-    """Two sheets that are not joined, and how many vertices the lower one has."""
+    """Number of vertices of the lower sheet, and a mesh of two sheets that are not joined."""
     lower = mesh_from_contour(np.array([[-0.2, -0.15], [0.6, -0.15], [0.6, 0.15], [-0.2, 0.15]]), 0.026)
     upper = mesh_from_contour(PATCH * [0.66, 0.7], 0.026, rotate=0.3)
     return len(lower.rest), stacked([lower, upper])
 
 
 def hang_strip(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Hung by its upper edge a strip elongates by areal_mass g L / (2 Y)."""
+    """A strip hung by its upper edge elongates by areal_mass g L / (2 Y)."""
     width, length = STRIP
     worst, substeps = 0.0, 0
     for edge in EDGES:
@@ -105,7 +108,7 @@ def hang_strip(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def bending(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Peirce's cantilever."""
+    """Peirce's cantilever test."""
     worst = 0.0
     for length in (0.012, 0.020, 0.035):
         for edge in (0.015, 0.020, 0.030):
@@ -115,8 +118,8 @@ def bending(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
-    """In the void: the share of the momentum that is lost, and of the kinetic energy that is won, in half a second
-    of wild motion. On the table: how far a sheet at rest moves in 10 s."""
+    """Conservation and rest. In free space, half a second of fast random motion: relative loss of momentum and
+    gain of kinetic energy. On the table: motion of a resting sheet in 10 s."""
     mesh = mesh_from_contour(PATCH, 0.026)
     s = ClothSimulation(
         mesh, MATERIAL, settings=SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0), table=False
@@ -140,8 +143,8 @@ def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def grasp(quick: bool, tell: Tell) -> dict[str, Any]:
-    """How far the held line strays from between the pads in a fold; what a hanging towel weighs to the hand, and
-    at which force it slips out, against its weight."""
+    """Test of the pinch: distance by which the held line moves away from the pads in a fold; weight of a hanging
+    towel as the hand measures it; and pad force at which the towel slips out, relative to its weight."""
     mesh, material = towel_mesh(425)
     follow = 0.0
     paths = towel_half()
@@ -165,7 +168,8 @@ def grasp(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _hung(mesh: ClothMesh) -> tuple[Array, float]:
-    """(3,) force of the hanging towel on the hand [N], and what the pads bear [N] when it slips out."""
+    """(3,) force of the hanging towel on the hand [N], and the maximum friction of the pads when it slips out
+    [N]."""
     s = ClothSimulation(mesh, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
     turned = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     start = np.array([0.288, 0.0, 0.001])

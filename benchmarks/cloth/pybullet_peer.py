@@ -1,7 +1,8 @@
 """PyBullet's soft body on the same fold: a net of springs.
 
-Stretching springs have our edges' stiffness; its bending springs have no laboratory meaning and keep its default.
-Hands are small bodies to which the nearest vertex is anchored. Its friction is the product of both coefficients.
+The stretching springs have our edges' stiffness. The bending springs correspond to no laboratory quantity and have
+the default stiffness. Hands are small bodies to which the nearest vertex is anchored. The friction of a contact is
+the product of both bodies' coefficients.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from skills.vocabulary import REFERENCE_DROP
 
 STEP = 1.0 / 240.0
 SUBSTEPS = (1, 4)
-"""Of PyBullet in a step: its default, and finer."""
+"""PyBullet's substeps per step: its default, and a finer one."""
 SPRING = np.sqrt(3.0) / 2.0
-"""Stiffness of an edge of an equilateral mesh over the membrane's Young modulus."""
+"""Stiffness of an edge of an equilateral mesh, relative to the membrane's Young modulus."""
 
 
 def folded(fold: SharedFold, substeps: int) -> tuple[Array, float]:
-    """Where the fold ends (n, 3), and how many times faster than real time one thread computed it."""
+    """Vertices (n, 3) at the end of the fold, and the speed of one thread relative to real time."""
     client = pb.connect(pb.DIRECT)
     try:
         pb.resetSimulation(pb.RESET_USE_DEFORMABLE_WORLD, physicsClientId=client)
@@ -101,7 +102,7 @@ def _nodes(cloth: int, client: int) -> Array:
 
 
 def _order(start: Array, nodes: Array) -> np.ndarray:
-    """Which of PyBullet's nodes each of our vertices is."""
+    """Index of PyBullet's node for each of our vertices."""
     return np.array([int(np.argmin(np.linalg.norm(nodes - p, axis=1))) for p in start])
 
 

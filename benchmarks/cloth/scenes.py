@@ -1,4 +1,4 @@
-"""The garments, folds and arcs that the figures are taken on."""
+"""The garments, folds and arcs of the cloth benchmarks."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ SHIRT = np.array(HALF_SHIRT + [(-x, y) for x, y in HALF_SHIRT[::-1]])
 SHIRT_EDGE = 0.0255  # [m]: about 1300 vertices
 DURATION, RELEASE, SETTLE = 3.0, 0.3, 1.0
 TIMES = 3
-"""Speeds are the fastest of so many."""
+"""Number of repetitions; a speed is the fastest of them."""
 IN = 0.012
-"""Grasps so far inside a corner [m]."""
+"""Distance of a grasp inside a corner [m]."""
 
 HANDS = {GraspId.LEFT: 0, GraspId.RIGHT: 1}
 
@@ -36,7 +36,7 @@ Paths = Mapping[GraspId, ToolPath]
 def arc(
     start: tuple[float, ...], end: tuple[float, ...], heading: float, lift: float = 0.4, duration: float = DURATION
 ) -> ToolPath:
-    """The paper's kind of arc: a cubic Bezier, even in arc length, smooth in time."""
+    """An arc as in the paper: a cubic Bezier curve, parametrised by arc length, with a smooth time law."""
     a, b = np.array(start), np.array(end)
     up = np.array([0.0, 0.0, lift * np.linalg.norm((b - a)[:2])])
     p = np.array([a, a + 0.25 * (b - a) + up, a + 0.75 * (b - a) + up, b])
@@ -54,14 +54,15 @@ def arc(
 
 
 def towel_mesh(vertices: int) -> tuple[ClothMesh, Material]:
-    """The 0.60 x 0.40 m towel with about so many vertices. Cloth must be thinner than its mesh is fine."""
+    """The 0.60 x 0.40 m towel with about `vertices` vertices. The cloth must be thinner than the mesh's edge
+    length."""
     edge = float(np.sqrt(0.24 / (0.5 * np.sqrt(3.0) * vertices))) * (0.0262 / 0.02554)
     thickness = min(MATERIAL.thickness, 0.4 * edge)
     return mesh_from_contour(TOWEL, edge), replace(MATERIAL, thickness=thickness)
 
 
 def stacked(sheets: Sequence[ClothMesh]) -> ClothMesh:
-    """Sheets of one layer that are not joined, as the layers of one mesh, the first the lowest."""
+    """Separate sheets of one layer as the layers of one mesh. The first is the lowest."""
     starts = np.cumsum([0, *(len(s.rest) for s in sheets)])
     numbers = np.arange(len(sheets), dtype=np.int32)
     return ClothMesh(
@@ -74,7 +75,7 @@ def stacked(sheets: Sequence[ClothMesh]) -> ClothMesh:
 
 
 def towel_half(lift: float = 0.4) -> Paths:
-    """The towel's right half over its left half."""
+    """Fold of the towel's right half over its left half."""
     x, y, q = 0.3 - IN, 0.2 - IN, np.pi / 2
     return {
         i: arc((x, s * y, 0.001), (-x, s * y, 0.012), q, lift) for i, s in ((GraspId.LEFT, 1), (GraspId.RIGHT, -1))
@@ -82,7 +83,7 @@ def towel_half(lift: float = 0.4) -> Paths:
 
 
 def mirrored(mesh: ClothMesh, material: Material, x: Array) -> float:
-    """Mean distance [m] of the towel at x (n, 3) from its half laid over the other."""
+    """Mean distance [m] of the towel at x (n, 3) from the exact shape with one half on the other."""
     target = mesh.lay_flat(material.thickness)
     over = target[:, 0] > 0
     target[over, 0] *= -1.0
@@ -91,22 +92,26 @@ def mirrored(mesh: ClothMesh, material: Material, x: Array) -> float:
 
 
 def shortened(path: ToolPath, seconds: float) -> ToolPath:
-    """Its beginning."""
+    """The first `seconds` of a path."""
     n = int(np.searchsorted(path.t, seconds)) + 1
     return ToolPath(path.t[:n], path.position[:n], path.heading[:n], path.pitch[:n], path.roll[:n])
 
 
 def towel_quarter() -> Paths:
-    """The folded towel once more."""
+    """Second fold of the towel, to a quarter."""
     grasps = ((GraspId.LEFT, -0.268), (GraspId.RIGHT, -0.06))
     return {i: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for i, x in grasps}
 
 
 def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[ClothMesh, list[Paths]]:
-    """The two-layer shirt of SHIRT, and its right sleeve, left sleeve and hem as long-sleeve shirts are planned: a
-    sleeve at a time onto the body, the hem over both with two hands; `speed` times as fast."""
+    """The two-layer shirt SHIRT with three folds, planned as for long-sleeve shirts.
+
+    The right and then the left sleeve are folded onto the body. Then two hands fold the hem over both. speed:
+    factor on the speed of the hands.
+    """
     planned = load_garment("long_sleeve_shirt_large")
-    side = np.array(HALF_SHIRT[::-1]) @ [[0.0, -1.0], [1.0, 0.0]]  # hem to collar, the collar to +x, y < 0
+    # From hem to collar, at y < 0. The collar is at +x.
+    side = np.array(HALF_SHIRT[::-1]) @ [[0.0, -1.0], [1.0, 0.0]]
     outline = np.vstack([side, side[::-1] * (1.0, -1.0)])
     outline[:, 0] -= 0.5 * (outline[:, 0].min() + outline[:, 0].max())
     garment = replace(planned, name="shirt", template=outline, material=material)
@@ -114,8 +119,8 @@ def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[Clot
 
 
 def sides_folds() -> list[Paths]:
-    """Harder than any plan of ours: each sleeve together with a side that is too narrow to stay folded, sleeves
-    on each other, and the hem; start and end of each hand."""
+    """Three folds that are harder than any shipped plan: each sleeve together with a side that is too narrow to
+    stay folded, one sleeve on the other, and the hem. The values are start and end of each hand."""
     q = np.pi / 2
     return [
         {i: arc(*ends, heading) for i, ends in ((GraspId.LEFT, left), (GraspId.RIGHT, right))}
@@ -128,8 +133,11 @@ def sides_folds() -> list[Paths]:
 
 
 def planned_folds(name: str, speed: float = 1.0, **made: float) -> tuple[ClothMesh, Material, list[Paths]]:
-    """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets. made: what its fabric
-    has instead of the shipped one's; how high the hands lay it follows from that."""
+    """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets.
+
+    made: fabric values that replace those of the shipped fabric. The release heights of the hands follow from
+    them.
+    """
     shipped = load_garment(name)
     garment = replace(shipped, material=replace(shipped.material, **made))
     mesh, folds = _planned(garment, garment.mesh_edge_m, speed)
@@ -151,8 +159,11 @@ def _planned(garment: Garment, edge: float, speed: float) -> tuple[ClothMesh, li
 def timed(
     mesh: ClothMesh, x: Array, material: Material, paths: Paths, settle: float = SETTLE, times: int = 1
 ) -> tuple[FoldPrediction, float]:
-    """A fold, and how many times faster than real time its thread computed it (CPU time): the fastest of `times`,
-    which are the same computation to the last bit and differ by what else the host does."""
+    """A fold, and the speed of its thread relative to real time (CPU time).
+
+    The speed is the fastest of `times` repetitions. They are the same computation to the last bit and differ only
+    by the machine's other load.
+    """
     seconds = np.inf
     for _ in range(times):
         start = time.thread_time()
@@ -162,12 +173,13 @@ def timed(
 
 
 def seconds_of(paths: Paths, settle: float = SETTLE) -> float:
-    """A fold's time: motion, release and settling [s]."""
+    """Duration of a fold with its motion, release and settling [s]."""
     return max(float(path.t[-1]) for path in paths.values()) + RELEASE + settle
 
 
 def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
-    """Poses of hands 0 (left) and 1 (right) at the frames' bounds: (frames + 1, 2, 3), (frames + 1, 2, 3, 3)."""
+    """Poses of hands 0 (left) and 1 (right) at the start and end of each frame: positions (frames + 1, 2, 3),
+    rotations (frames + 1, 2, 3, 3)."""
     t = np.arange(frames + 1) * frame
     p, r = np.zeros((frames + 1, 2, 3)), np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, 2, 1, 1))
     for i, path in paths.items():
@@ -179,7 +191,7 @@ def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
 
 
 def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
-    """A fold frame by frame, positions (n, 3): the same bits as `predict_fold`'s."""
+    """Positions (n, 3) of a fold in each frame, bit-identical to `predict_fold`'s."""
     simulation = ClothSimulation(mesh, material, x, at_rest=True)
     frame = simulation.settings.frame
     frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
@@ -198,7 +210,7 @@ def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> It
 
 @dataclass(frozen=True, eq=False)
 class SharedFold:
-    """A fold that all simulations make, from flat; error: [m] of where the cloth ends (n, 3)."""
+    """A fold from flat that all simulations make. error: [m] of the cloth's shape (n, 3) at the end."""
 
     mesh: ClothMesh
     material: Material
@@ -211,20 +223,20 @@ class SharedFold:
 
     @property
     def seconds(self) -> float:
-        """Of the whole, settling too."""
+        """Duration of the fold, settling included [s]."""
         return seconds_of(self.paths)
 
 
 def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
-    """The 0.60 x 0.40 m towel of 425 vertices in half."""
+    """Fold of the 0.60 x 0.40 m towel of 425 vertices in half."""
     mesh, material = towel_mesh(425)
-    # one coefficient a contact is what the peers have
+    # The peers have only one friction coefficient per contact.
     material = replace(material, friction_static=friction, friction_dynamic=friction)
     return SharedFold(mesh, material, towel_half(), lambda x: mirrored(mesh, material, x))
 
 
 def optimised_fold() -> SharedFold:
-    """The medium towel's first fold along the trajectory that our predictor found (the shipped library's)."""
+    """The medium towel's first fold along the trajectory of the shipped library, which our predictor found."""
     from benchmarks.attainable_dissimilarity import distance_to_target
     from cell.config.library.library_file import load_library
     from skills.trajectory.library import lookup, trajectory_from

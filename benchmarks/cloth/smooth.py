@@ -1,4 +1,4 @@
-"""The same bits again, and how rough a cost is that is taken from the simulation."""
+"""Determinism of the simulation, and roughness of a cost that is computed from it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from skills.cloth.predict import predict_fold
 from skills.vocabulary import Material
 
 NOISE = 1e-6
-"""[m] deviation of each coordinate of the start."""
+"""Standard deviation of each coordinate of the perturbed start [m]."""
 
 
 def digest() -> str:
-    """Of a towel fold and a sleeve fold, every bit of the result."""
+    """Hash of all bits of the results of a towel fold and a sleeve fold."""
     mesh, material = towel_mesh(425)
     towel = _end(mesh, mesh.lay_flat(material.thickness), material, towel_half())
     shirt, folds = shirt_folds()
@@ -53,8 +53,12 @@ def determinism(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Growth: how far apart vertices end when the start is perturbed by 1e-6 m, and a cost's spread (standard
-    deviation). Along a parameter: what of the cost is no parabola when the arc's height goes by steps of 0.001."""
+    """Sensitivity of the result to the start and to a parameter.
+
+    Start: final distance of the vertices, and standard deviation of a cost, when the start is perturbed by 1e-6 m.
+    Parameter: standard deviation of the cost about a fitted parabola when the arc's height changes in steps of
+    0.001.
+    """
     samples = 3 if quick else 8
     mesh, material = towel_mesh(425)
     flat = mesh.lay_flat(material.thickness)
@@ -70,7 +74,7 @@ def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
     sleeves = _jittered(shirt, lying, MATERIAL, folds[:2], samples)
 
     def shirt_cost(x: Array) -> float:
-        """The mean distance from where the garment was, which a fold changes as much as any cost."""
+        """Mean distance from the flat shirt [m]. A fold changes it as strongly as it changes any cost."""
         return float(np.average(np.linalg.norm(x - lying, axis=1), weights=shirt.vertex_area))
 
     figures |= _spread("shirt_two_sleeves", sleeves, shirt_cost)
@@ -88,7 +92,7 @@ def _end(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Array:
 
 
 def _jittered(mesh: ClothMesh, x: Array, material: Material, folds: list[Paths], samples: int) -> list[Array]:
-    """The end of the folds from x, and from x perturbed before the first."""
+    """Ends of the folds from x, and from x perturbed before the first fold."""
     rng, ends = np.random.default_rng(1), []
     for k in range(samples + 1):
         end = x + (rng.normal(scale=NOISE, size=x.shape) if k else 0.0)

@@ -1,4 +1,4 @@
-"""How fast: simulated seconds over CPU seconds of one thread."""
+"""Speed of the solver: simulated seconds over CPU seconds of one thread."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZES = (425, 1300, 5200, 20000)
 def towel(quick: bool, tell: Tell) -> dict[str, Any]:
     mesh, material = towel_mesh(425)
     flat = mesh.lay_flat(material.thickness)
-    timed(mesh, flat, material, towel_half())  # compiles
+    timed(mesh, flat, material, towel_half())  # compiles the solver
     one, speed = timed(mesh, flat, material, towel_half(), times=TIMES)
     two, second = timed(mesh, one.vertices, material, towel_quarter(), times=TIMES)
     return {
@@ -37,16 +37,18 @@ def towel(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The 5200-vertex fold, and what the first second of the fold costs over the number of vertices (CPU seconds;
-    about linear is an exponent of about one); sizes at which the cloth lost its positions."""
+    """Speed of the fold with 5200 vertices, and CPU time of a fold's first second over the number of vertices.
+
+    An exponent of about 1 means that the cost is about linear. Also the sizes at which the simulation diverged.
+    """
     counts, seconds, lost = [], [], []
     paths = {side: shortened(path, 1.0) for side, path in towel_half().items()}
-    for n in (SIZES[0], *SIZES[: 2 if quick else None]):  # the first compiles
+    for n in (SIZES[0], *SIZES[: 2 if quick else None]):  # the first one compiles the solver
         mesh, material = towel_mesh(n)
         start = time.thread_time()
         try:
             predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths, 0.0, 0.1)
-        except InternalError:  # a figure too, and no reason to lose the others
+        except InternalError:  # a failure is a figure too; the other sizes are still measured
             lost.append(len(mesh.rest))
             continue
         counts.append(len(mesh.rest))
@@ -55,7 +57,7 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
     counts, seconds, speed = counts[1:], seconds[1:], None
     if not quick:
         mesh, material = towel_mesh(5200)
-        ClothSimulation(mesh, material)  # its patches are built once a mesh
+        ClothSimulation(mesh, material)  # builds the mesh's patches, which happens once per mesh
         speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half(), times=TIMES)[1]
     return {
         "towel_5200_x_realtime": speed,
@@ -68,8 +70,11 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def threads(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Two simulations in two threads against one after the other: the shortest wall time of each, of eight. (Of
-    ratios the largest would flatter: one after the other was disturbed then.)"""
+    """Throughput of two simulations in two threads, relative to one after the other.
+
+    It is the ratio of the shortest wall times of eight measurements each. The largest of eight ratios would be too
+    high, because it comes from a measurement in which the serial part was disturbed.
+    """
     mesh, material = towel_mesh(1300)
     flat = mesh.lay_flat(material.thickness)
 
@@ -97,7 +102,7 @@ print(time.perf_counter() - start)
 
 
 def start(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Wall time [s] from a new interpreter to the end of its first fold; the compiled loop is cached on disk."""
+    """Wall time [s] of the first fold in a new interpreter. The compiled loop is cached on disk."""
     found = [
         float(subprocess.run([sys.executable, "-c", FIRST_FOLD], capture_output=True, check=True).stdout)
         for _ in range(2)

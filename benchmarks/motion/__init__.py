@@ -1,7 +1,8 @@
-"""Figures of the arms: folds planned, timing against bounds, inverse kinematics beside its peers, grasps felt.
+"""Benchmarks of arms and grasping: fold planning, timing against lower bounds, inverse kinematics against peers,
+and fault detection in grasps.
 
-Times are CPU times of one thread, so that other work on the machine does not enter them. All grasps and poses are
-simulated: drawn by seed from the shipped garments' own ranges and from the simulated cell's noise table.
+Times are CPU times of one thread, so that other work on the machine has little effect. All grasps and poses are
+simulated: drawn by seed from the shipped garments' pose ranges and from the simulated cell's noise table.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ __all__ = ["measure"]
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """All figures, flat, units in the keys. peers: also those that need extra packages. quick: few samples."""
+    """Flat figures with units in the keys. peers: also the figures that need extra packages. quick: few
+    samples."""
     began = time.process_time()
     model, settings = load_model(), load_settings()
     garments = [load_garment(name, settings.surface) for name in list_garments()]

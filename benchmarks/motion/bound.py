@@ -1,10 +1,10 @@
-"""A lower bound on the time that a path takes: no jerk limit, a dense grid, linear programs.
+"""Lower bound on the duration of a path: no jerk limit, a dense grid, linear programs.
 
 With b = (ds/dt)^2 at n + 1 grid points and (b[k+1] - b[k]) / (2 ds) for the path's acceleration, the joints'
 limits are linear in b, and the time  T(b) = sum 2 ds / (sqrt b[k] + sqrt b[k+1])  is convex (Verscheure et al.,
-IEEE TAC 54(10), 2009). Kelley's cutting planes: a tangent plane of T lies below T, so the least of it over the
-limits, a linear program, is a true lower bound of the discretised problem; the best b so far gives an upper one.
-Nothing here is shared with the planner's timing, nor with TOPP-RA.
+IEEE TAC 54(10), 2009). The method is Kelley's cutting planes: a tangent plane of T lies below T. The minimum of
+the tangent planes over the limits is a linear program, and it is a true lower bound of the discretised problem.
+The best b so far gives an upper bound. The code shares nothing with the planner's timing or with TOPP-RA.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ __all__ = ["TimeBound", "time_bound"]
 GRID = 200
 PLANES = 12
 GAP = 0.003
-"""Relative distance of upper and lower bound at which it ends."""
+"""Relative distance between upper and lower bound at which the iteration ends."""
 
 
 @dataclass(frozen=True)
 class TimeBound:
-    """lower: no motion within the limits is faster [s]; upper: of the best one found, on the same grid."""
+    """lower: no motion within the limits is faster [s]. upper: duration of the best motion found on the same grid
+    [s]."""
 
     lower: float
     upper: float
@@ -42,9 +43,10 @@ class TimeBound:
 def time_bound(
     path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None, grid: int = GRID
 ) -> TimeBound:
-    """From rest to rest along the cubic spline through joint samples (m, 14), spaced by their largest joint step.
+    """Bounds for a motion from rest to rest along the cubic spline through joint samples (m, 14), which are spaced
+    by their largest joint step.
 
-    lengths: (m, k) what k tools have travelled [m], at most `speed` [m/s] each.
+    lengths: (m, k) distances that k tools have travelled [m]. speed: maximum speed of each tool [m/s].
     """
     step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
     s = np.concatenate([[0.0], np.cumsum(step)])
@@ -61,9 +63,10 @@ def time_bound(
 
 
 def _acceleration(curve: CubicSpline, u: Array, d: float, limits: JointLimits) -> csr_array:
-    """Rows with A b <= 1: |q' a + q'' b| <= limit in the middle of each interval, a its constant acceleration.
+    """Rows with A b <= 1: |q' a + q'' b| <= limit in the middle of each interval, where a is its constant
+    acceleration.
 
-    One column more than b has, empty: for the time.
+    A has one more column than b, which is empty and belongs to the time.
     """
     middle = (u[1:] + u[:-1]) / 2
     slope, bend = curve(middle, 1) / limits.acceleration, curve(middle, 2) / limits.acceleration
@@ -76,12 +79,13 @@ def _acceleration(curve: CubicSpline, u: Array, d: float, limits: JointLimits) -
 
 
 def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
-    """Least T over {A b <= 1, 0 <= b <= most}; the last unknown stands for T and lies above all tangent planes."""
+    """Bounds of the minimum of T over {A b <= 1, 0 <= b <= most}. The last unknown represents T and lies above all
+    tangent planes."""
     n = len(most)
     bounds = [*((0.0, float(m)) for m in most), (0.0, None)]
     rows, right = A, np.ones(A.shape[0])
     time_only = np.append(np.zeros(n), 1.0)
-    # The fastest everywhere: the solution itself where the limits' set is a lattice, a good start elsewhere.
+    # Start with the largest b. It is the solution if the feasible set is a lattice, and otherwise a good start.
     best = linprog(time_only - 1.0, A_ub=rows, b_ub=right, bounds=bounds, method="highs").x[:n]
     b, lower, upper = best, 0.0, np.inf
     for _ in range(PLANES):
@@ -96,12 +100,12 @@ def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
         lower = max(lower, float(solved.x[-1]))
         if upper - lower < GAP * upper:
             break
-        b = 0.5 * (best + solved.x[:n])  # between: never at zero inside, where the tangent is vertical
+        b = 0.5 * (best + solved.x[:n])  # The midpoint is never zero inside, where the tangent would be vertical.
     return TimeBound(lower, upper)
 
 
 def _time(b: Array, d: float) -> tuple[float, Array]:
-    """T(b) for b positive but at its ends, and its gradient."""
+    """T(b) and its gradient, for b that is positive except at its ends."""
     root = np.sqrt(b)
     sums = root[1:] + root[:-1]
     each = -d / sums**2

@@ -1,4 +1,4 @@
-"""Every fold planned, and each plan measured again by other means than the planner's own."""
+"""Plans all folds, and checks each plan by other methods than the planner's own."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from skills.vocabulary import ToolPath
 __all__ = ["measure_folds"]
 
 FINE = 0.001
-"""Samples at which limits are judged [s]."""
+"""Sampling period at which limits are checked [s]."""
 DEVIATION_SAMPLE = 0.005
 CLEARANCE_STEP = 0.08
-"""Joint motion between two distances [rad]."""
+"""Joint motion between two clearance measurements [rad]."""
 PATH_SAMPLES = 120
-"""Of a path whose best time is asked for."""
+"""Number of samples of a path for the time bounds."""
 MEASURED = 12
-"""Of the poses of each garment, how many are measured in depth."""
+"""Number of poses of each fold whose plans are measured in detail."""
 
 
 @dataclass
@@ -64,7 +64,8 @@ class _Findings:
 def measure_folds(
     tell: Callable[[str], None], model: RobotModel, settings: CellSettings, poses: int, measured: int = MEASURED
 ) -> dict[str, Any]:
-    """poses: of each garment; the first `measured` of them are measured in depth."""
+    """Figures of all folds. poses: number per garment; the plans of the first `measured` of them are measured in
+    detail."""
     checker = CollisionChecker(model, settings.table)
     limits = model.limits(settings.motion.accelerations, settings.motion.velocity_scale)
     ruler = _Ruler(model, settings, limits)
@@ -108,7 +109,8 @@ def _planned(
 
 
 class _Ruler:
-    """Measures a plan: limits at 1 ms, tools by Pinocchio, distances without margins, times against bounds."""
+    """Measures a plan: limits at 1 ms, tool poses by Pinocchio, clearance without margins, times against
+    bounds."""
 
     def __init__(self, model: RobotModel, settings: CellSettings, limits: JointLimits) -> None:
         self.model, self.table, self.limits = model, settings.table, limits
@@ -134,7 +136,8 @@ class _Ruler:
         self._times(task, motion, found)
 
     def _times(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
-        """The fold's path as fast as the arms can, as the cloth allows, and the free moves, over their bounds."""
+        """Durations over their lower bounds: the fold's path at the arms' limits and at the cloth's, and the free
+        motions."""
         path, lengths = self._evenly(motion)
         bound = time_bound(path, self.limits)
         found.gap.append(bound.gap)
@@ -148,14 +151,16 @@ class _Ruler:
                 found.ratio_free.append(free.duration / time_bound(free.q, self.limits).lower)
 
     def _evenly(self, motion: FoldMotion) -> tuple[Array, Array]:
-        """The fold's joint path (n, 14) and its tools' lengths (n, k) at even steps, whatever its times."""
+        """The fold's joint path (n, 14) and its tools' travelled lengths (n, k) at even steps along the path,
+        independent of its timing."""
         s = _travelled(motion.fold.q)
         at = np.interp(np.linspace(0.0, s[-1], PATH_SAMPLES), s, motion.fold.t)
         lengths = [_travelled(motion.tool_paths[side].position) for side in motion.postures]
         return hermite(motion.fold, at)[0], np.stack([np.interp(at, motion.fold.t, x) for x in lengths], axis=1)
 
     def _deviation(self, fold: ArmTrajectory, intended: dict[Side, ToolPath]) -> float:
-        """Largest distance of a tool from its intended curve [m]: Pinocchio's pose, a spline of the path."""
+        """Largest distance [m] of a tool's position, by Pinocchio, from its intended curve, a spline through the
+        path."""
         q = hermite(fold, np.arange(0.0, fold.duration, DEVIATION_SAMPLE))[0]
         at = {side: np.empty((len(q), 3)) for side in intended}
         for i, x in enumerate(q):
@@ -173,7 +178,7 @@ class _Ruler:
         return worst
 
     def _down(self, motion: FoldMotion) -> Array:
-        """(n, 14) both hands going down together to the planned grasps."""
+        """(n, 14) joints while both hands descend together to the planned grasps."""
         q = np.tile(motion.grasp.q_above, (30, 1))
         for side, way in motion.descend.items():
             q[:, arm_slice(side)] = [way.at(x) for x in np.linspace(0.0, way.grasp_depth, len(q))]
@@ -204,7 +209,7 @@ def hermite(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array, A
 
 
 def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, float, float]:
-    """Largest share of the velocity, acceleration and jerk limits at 1 ms samples of what the arms are sent."""
+    """Largest share of the velocity, acceleration and jerk limits at 1 ms samples of the commanded motion."""
     t = np.append(np.arange(0.0, trajectory.duration, FINE), trajectory.duration)
     _, qd, qdd, jerk = hermite(trajectory, t)
     return (
@@ -215,7 +220,7 @@ def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, 
 
 
 def _toppra_time(path: Array, limits: JointLimits) -> float:
-    """TOPP-RA's own minimum time along the same spline, jerk-free [s]."""
+    """Minimum time [s] by TOPP-RA along the same spline, without a jerk limit."""
     step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
     s = np.concatenate([[0.0], np.cumsum(step)])
     v, a = limits.velocity, limits.acceleration

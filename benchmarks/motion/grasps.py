@@ -1,14 +1,14 @@
-"""Grasps through the simulated cell's tactile cells and gripper sensor: how often a fault is told, and wrongly.
+"""Detection rates and false alarm rates of the grasping controllers on simulated sensors.
 
-Each trial draws a hand (gains and drift of its cells), a garment's cloth and a force, takes a zero, and then lets
-the controllers of skills.grasping judge one event by readings alone:
+Each trial draws a hand (gains and drift of its cells), a garment's cloth and a force, and tares the sensors. The
+controllers of skills.grasping then judge one event from the sensor readings alone:
 
-missed  the pads closed on one another, or on nothing at all, in place of the layers that were planned
-double  they hold twice the layers that were planned
-slipped the cloth leaves the pads during the fold; told within 100 ms or not at all
+    missed   the pads closed on each other or on nothing, instead of on the planned layers
+    double   the pads hold twice the planned layers
+    slipped  the cloth leaves the pads during the fold; a detection counts only within 100 ms
 
-against a grasp that is as planned. The receiver operating characteristic (pairs of false alarm and detection rate)
-comes from moving the threshold that decides.
+The false alarms are counted on grasps as planned. The receiver operating characteristic (pairs of false alarm rate
+and detection rate) is obtained by changing the detection threshold.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ __all__ = ["measure_grasps"]
 
 SCALES = (1.0, 2.0)
 STACKED = (1, 2)
-"""A later fold takes the layers that an earlier one has laid on one another."""
+"""Factors on the garment's layers: a later fold grasps layers that an earlier fold has stacked."""
 DESCENT_S = 5.0
-"""From the zero to the closed pads, for the cells to drift [s]."""
+"""Time from the tare to the closed pads, during which the cells drift [s]."""
 FOLD_S = 1.5
 TOLD_WITHIN = 0.1
 THICKNESS_SPREAD = 0.10
-"""Largest share by which a layer's thickness departs from the garment file's, as the simulated cell draws it."""
+"""Maximum relative deviation of a layer's thickness from the garment file's, as in the simulated cell."""
 DOUBTS = (1e-4, 1e-3, 0.01, 0.05, 0.2, 0.5, 0.9)
 HELD_FORCES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.0)
 FRACTIONS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
-"""Thresholds of the characteristics; the shipped ones are among the settings' defaults."""
+"""Thresholds of the characteristics. The shipped thresholds are the settings' defaults."""
 
 
 class _Hand:
-    """One hand of the simulated cell without its world: force on the pads and opening are free to set."""
+    """One hand of the simulated cell without its world. Force on the pads and opening are set directly."""
 
     def __init__(self, rng: np.random.Generator, scale: float) -> None:
         table = load_noise()
@@ -76,7 +76,8 @@ class _Hand:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """What was drawn: nominal thickness of a layer [m], the real one, the planned layers, the pads' force [N]."""
+    """Drawn values of a trial. thickness, real: nominal and true thickness of a layer [m]. layers: planned number.
+    force: on the pads [N]."""
 
     thickness: float
     real: float
@@ -85,7 +86,7 @@ class _Trial:
 
 
 def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: int) -> dict[str, Any]:
-    """count: of seeded grasps of each kind at each scale of the sensors' noise."""
+    """Rates and characteristics from `count` seeded grasps of each kind, at each scale of the sensors' noise."""
     settings = GraspSettings()
     figures: dict[str, Any] = {"grasps": count}
     rates: dict[tuple[str, float], tuple[float, float]] = {}
@@ -127,7 +128,8 @@ def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: 
 
 @dataclass(frozen=True, eq=False)
 class _Record:
-    """One hand's zero and its readings: the planned layers, twice as many, one more, none (slack or pressing)."""
+    """One hand's tare and its readings by case: planned layers, twice as many, one more, and no cloth with the
+    pads apart ("nothing") or on each other ("closed")."""
 
     trial: _Trial
     tare: TactileBias
@@ -160,7 +162,7 @@ def _recorded(seed: int, scale: float, garments: list[Garment], settings: GraspS
         "double": (2 * trial.layers * trial.real, trial.force),
         "one_more": ((trial.layers + 1) * trial.real, trial.force),
         "nothing": (0.0, 0.0),
-        "closed": (0.0, trial.force),  # the pads press on one another
+        "closed": (0.0, trial.force),  # the pads press on each other
     }
     readings = {}
     for name, (opening, force) in held.items():
@@ -185,7 +187,8 @@ def _kind(record: _Record, name: str, settings: GraspSettings) -> FailureKind | 
 
 
 def _told_missed(records: list[_Record], settings: GraspSettings) -> tuple[float, float]:
-    """(share of missed grasps told, share of good ones called missed); half of the missed press pad on pad."""
+    """Detection rate of missed grasps, and rate of good grasps reported as missed. In half of the missed grasps
+    the pads press on each other."""
     missed = [_kind(r, "closed" if i % 2 else "nothing", settings) for i, r in enumerate(records)]
     good = [_kind(r, "planned", settings) for r in records]
     return _share(missed, FailureKind.MISSED_GRASP), _share(good, FailureKind.MISSED_GRASP)
@@ -203,7 +206,8 @@ def _share(kinds: list[FailureKind | None], wanted: FailureKind) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _SlipRecord:
-    """A fold's readings as they are when the cloth stays and when it goes at `lost` [s into the fold]."""
+    """Readings of a fold in which the cloth stays, and of one in which it is lost at `lost` [s after the fold's
+    start]."""
 
     tare: TactileBias
     held: Held
@@ -229,7 +233,8 @@ def _slip_record(seed: int, scale: float, garments: list[Garment], settings: Gra
 
 
 def _fold(hand: _Hand, trial: _Trial, lost: float | None, seed: int) -> Iterator[HandReading]:
-    """The cloth's pull swings force and opening; when it is gone the pads shut in 25 ms, or stay apart, slack."""
+    """Readings during a fold. The cloth's pull makes force and opening oscillate. After the loss, the pads shut
+    within 25 ms or stay apart without force."""
     rng = np.random.default_rng([seed, 6])
     rate, phase, shuts = rng.uniform(2.0, 12.0), rng.uniform(0.0, 6.28), bool(rng.integers(2))
     begun, opening = hand.now, trial.layers * trial.real
@@ -248,7 +253,7 @@ def _fold(hand: _Hand, trial: _Trial, lost: float | None, seed: int) -> Iterator
 
 
 def _told_slipped(records: list[_SlipRecord], settings: GraspSettings) -> tuple[float, float]:
-    """(share of losses told within 100 ms, share of folds without one that raise an alarm)."""
+    """Rate of losses detected within 100 ms, and rate of false alarms in folds without a loss."""
     hits, alarms = 0, 0
     for r in records:
         t = _first_alarm(r, r.goes, settings)

@@ -1,7 +1,7 @@
-"""Inverse kinematics of single poses: ours and its peers', on the same poses, in the same process.
+"""Inverse kinematics of single poses: our solver and its peers on the same poses, in the same process.
 
-A pose is solved when Pinocchio's forward map puts the tool within 1 mm and 0.5 degrees of it and every joint is
-within its limits. Poses are those of random joint vectors, so each can be reached. Times are CPU times.
+A pose is solved if Pinocchio's forward kinematics puts the tool within 1 mm and 0.5 degrees of it and every joint
+is within its limits. The poses are those of random joint vectors, so each can be reached. Times are CPU times.
 """
 
 from __future__ import annotations
@@ -27,18 +27,20 @@ __all__ = ["measure_kinematics"]
 
 POSITION, ANGLE = 0.001, np.deg2rad(0.5)
 STARTS = 60
-"""Starts that ours may take, the parked pose and a fixed random spread."""
+"""Number of random starts of our solver, besides the parked pose. They are the same for all poses."""
 PEER_STARTS = 10
-"""Starts that each peer may take, the same ones: with these it takes tens of milliseconds at most."""
+"""Number of starts that each peer may use, the first ones of ours. With these a peer takes tens of milliseconds at
+most."""
 
 Solver = Callable[[Side, Array], Array | None]
-"""T_base_tool (4, 4) -> joints (7,) or None."""
+"""Function from arm and T_base_tool (4, 4) to joints (7,), or None."""
 
 
 def measure_kinematics(
     tell: Callable[[str], None], model: RobotModel, poses: int, peer_poses: int, peers: bool
 ) -> dict[str, Any]:
-    """poses: for ours; peer_poses: how many of them the slower peers get. peers: also Pink, where installed."""
+    """Success rates and times of all solvers. poses: number for our solver. peer_poses: number of the same poses
+    for the slower peers. peers: also Pink, if installed."""
     rng = np.random.default_rng(11)
     judge = _Judge(model)
     wanted = [_pose(judge, model, rng, tuple(Side)[k % 2]) for k in range(poses)]
@@ -60,7 +62,7 @@ def measure_kinematics(
 
 
 def _race(name: str, solve: Solver, wanted: list[tuple[Side, Array]], judge: _Judge) -> dict[str, float]:
-    solve(*wanted[0])  # what is compiled or loaded on the first call is not counted
+    solve(*wanted[0])  # the first call compiles or loads code; it is not timed
     took, good = [], 0
     for side, T in wanted:
         start = time.thread_time()
@@ -75,7 +77,7 @@ def _race(name: str, solve: Solver, wanted: list[tuple[Side, Array]], judge: _Ju
 
 
 class _Judge:
-    """Pinocchio's forward map and the limits."""
+    """Checks solutions by Pinocchio's forward kinematics and the joint limits."""
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
@@ -117,7 +119,8 @@ def _ours(model: RobotModel, starts: dict[Side, Array]) -> Solver:
 
 
 def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
-    """Trust-region least squares of the pose error with our Jacobian, from each start until one is good."""
+    """SciPy's trust-region least squares of the pose error with our Jacobian, from each start until one
+    succeeds."""
 
     def solve(side: Side, T: Array) -> Array | None:
         chain, cut = model.chains[side], arm_slice(side)
@@ -141,9 +144,10 @@ def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
 
 
 class _PyBullet:
-    """`calculateInverseKinematics`, damped least squares, from each start until one is good and within the limits.
+    """PyBullet's `calculateInverseKinematics` (damped least squares), from each start until a solution is within
+    the limits.
 
-    Its variant with limits and a rest pose solves fewer of these poses (7 % against this one's figure).
+    Its variant with limits and a rest pose solves only 7 % of these poses, fewer than this one.
     """
 
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
@@ -188,7 +192,7 @@ class _PyBullet:
 
 
 class _Pink:
-    """Pink's differential inverse kinematics from each start in turn, until one gives a good solution."""
+    """Pink's differential inverse kinematics, from each start until one succeeds."""
 
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
         import pink

@@ -1,4 +1,5 @@
-"""What the arms are asked for: every fold of every shipped garment, at poses drawn from its file's own range."""
+"""The planning tasks of the motion benchmarks: all folds of all shipped garments, at poses drawn from their files'
+ranges."""
 
 from __future__ import annotations
 
@@ -19,12 +20,12 @@ from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 __all__ = ["Task", "tasks"]
 
 MAX_HEIGHT = 0.40
-"""Of an arc over the table [m], as the optimiser has it."""
+"""Maximum height of an arc over the table [m], as in the optimiser."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One fold of one garment at one pose, with the tool paths of its plain arc."""
+    """One fold of one garment at one pose, with the tool paths of its initial arc."""
 
     garment: Garment
     pose: tuple[float, float, float]
@@ -37,7 +38,7 @@ class Task:
 
 
 def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Task]:
-    """All folds of all shipped garments at `poses` poses each; the same for the same seed."""
+    """All folds of all shipped garments, each at `poses` poses. The same seed gives the same tasks."""
     for number, name in enumerate(list_garments()):
         garment = load_garment(name, surface)
         rng = np.random.default_rng([seed, number])
@@ -48,7 +49,7 @@ def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Ta
 
 
 def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
-    """The tool paths of the arc that a search over arcs starts from, at the speed that the cloth bears."""
+    """Tool paths of the arc from which the optimiser's search starts, at the speed that the cloth allows."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
     controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}

@@ -1,27 +1,29 @@
-"""How good the optimised folds are: every garment and step, all methods on one budget, judged by another mesh.
+"""Quality of the optimised folds: every garment and step, all methods with one budget, evaluated on other meshes.
 
     foldcell bench optimise [--quick] [--garment A,B] [--json]
 
-What is optimised on the optimiser's mesh is judged on finer ones, three in turn, by the median of D over arcs
-whose inner control points were moved by half a millimetre: neither the luck of the draw nor a mesh's own habits
-count. D is the paper's, three-dimensional and unaligned. Beside it stand D of the paper's initial arc, at the same
-grasp, meshes and duration, and D_relax, the ideal fold left to settle
-(benchmarks/attainable_dissimilarity.py): the median over the same meshes. Earlier steps are ideal and settled. All
-arcs are simulated with the lift before them, as the cell executes them.
+Arcs are optimised on the optimiser's mesh and evaluated on three finer meshes in turn. The figure is the median of
+D over arcs whose inner control points were moved by up to half a millimetre. It therefore depends neither on
+chance nor on the peculiarities of one mesh. D is the paper's, three-dimensional and unaligned. It is compared with
+D of the paper's initial arc at the same grasp, meshes and duration, and with D_relax, the median over the same
+meshes for the settled ideal fold (benchmarks/attainable_dissimilarity.py). Earlier steps are ideal and settled.
+All arcs are simulated with the lift before them, as the cell executes them.
 
-Grasps are released at their mirror image, as in the paper and in D_relax. What the cell adds, some millimetres of
-tension, moves the garment by as much whatever the arc (small_towel, first fold, initial arc: D 4.4 mm with it, 1.1
-without), so that a share of the gap would say nothing of the optimiser.
+Grasps are released at their mirror image, as in the paper and in D_relax. The cell adds some millimetres of
+tension, which moves the garment by the same distance for every arc (small_towel, first fold, initial arc: D 4.4 mm
+with tension, 1.1 mm without). With tension, the closed share of the gap would therefore not measure the optimiser.
 
-Seconds are of the wall, with two threads; cpu_seconds are what all threads spent: on a machine that does other
-things too, these say more. A look-up in another size or fabric is accepted or refused as in a run (one or two
-simulations on the optimiser's mesh against what the entry promises); what is refused would be optimised, so it is
-told but not counted.
+`seconds` is wall time with two threads. `cpu_seconds` is the CPU time of all threads, which is more reliable on a
+busy machine. A look-up in another size or fabric is accepted or refused as in a run: one or two simulations on the
+optimiser's mesh are compared with the entry's promised D. A run would optimise a refused arc, so refused look-ups
+are reported but not counted.
 
-Each step's figures are kept as they come (logs/bench-optimise.json) and taken from there for as long as solver,
-optimiser and garment stay as they are: a run that was killed goes on, and garments may be measured one by one.
+The figures of each step are saved as soon as they are measured (logs/bench-optimise.json). They are reused as long
+as solver, optimiser and garment are unchanged. An interrupted benchmark can therefore be continued, and garments
+can be measured separately.
 
---quick: towels' first folds on a small budget, without the paper's method and look-ups; nothing is kept.
+--quick: only the towels' first folds with a small budget, without the paper's method and look-ups; nothing is
+saved.
 """
 
 from __future__ import annotations
@@ -46,12 +48,12 @@ Tell = Callable[[str], None]
 METHODS = ("default", "two_parameter", "paper")
 BUDGET, QUICK_BUDGET = 25, 10
 GAP = 0.002
-"""A fold whose initial arc is this much worse than D_relax can be made better [m]."""
+"""Minimum difference between D of the initial arc and D_relax for which a fold counts as improvable [m]."""
 
 
 def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | None = None) -> Mapping[str, Any]:
-    """The figures of every step and the worst of them. garments: names (default: all; towels if quick)."""
-    del peers  # the paper's method is part of every whole measurement
+    """Figures of every step, and the worst of them. garments: names (default: all; towels if quick)."""
+    del peers  # every full measurement includes the paper's method
     names = garments or [n for n in list_garments() if not quick or n.endswith("_towel")]
     methods, budget = (METHODS[:2], QUICK_BUDGET) if quick else (METHODS, BUDGET)
     kept = Kept(None if quick else logs_directory() / "bench-optimise.json")
@@ -62,7 +64,7 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
             for index in range(1 if quick else len(load_garment(name, "bare_table").plan)):
                 steps.append(_Step(name, index, key, kept, pool, tell))
         rows = [row for step in steps for row in step.rows(methods, budget)]
-        # most of the time goes into these: last, so that a run cut short has told the rest
+        # Look-ups take most of the time. They come last, so that an interrupted benchmark has reported the rest.
         looked_up = [] if quick else [row for step in steps for row in step.lookups()]
     figures = _worst(rows) | summary_of_lookups(looked_up)
     figures |= measure_lookup_times(names) | _workers(names[0], tell)
@@ -70,7 +72,7 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
 
 
 class _Step:
-    """The figures of one step: kept, or measured now. The case is only made where something is measured."""
+    """Figures of one step, saved or newly measured. The case is prepared only if something has to be measured."""
 
     def __init__(self, name: str, index: int, key: str, kept: Kept, pool: ThreadPoolExecutor, tell: Tell) -> None:
         self._garment = load_garment(name, "bare_table")
@@ -84,7 +86,7 @@ class _Step:
         return self._made
 
     def rows(self, methods: Sequence[str], budget: int) -> list[dict[str, Any]]:
-        """One row a method."""
+        """One row per method."""
         rows = []
         for method in methods:
             part = f"{self._index}/{method}"
@@ -121,13 +123,13 @@ class _Step:
         }  # fmt: skip
 
     def _initial_mm(self, ours: GraspTrajectory | None) -> float | None:
-        """D of the initial arc, at the duration of the default's."""
+        """D [mm] of the initial arc with the duration of the default method's result."""
         if ours is None:
             return None
         return 1e3 * judge(self._case, initial(self._case), ours.duration, self._pool)
 
     def lookups(self) -> list[dict[str, Any]]:
-        """The default's arcs in other sizes and fabrics."""
+        """The default method's arcs in other sizes and fabrics, one row per case."""
         row = self._kept.get(self._key, f"{self._index}/default")
         if row["D_mm"] is None:
             return []
@@ -178,12 +180,12 @@ def _worst(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _closed(row: Mapping[str, Any]) -> float:
-    """Share of the gap between the initial arc and the ideal fold's rest that was closed."""
+    """Share of the gap between D of the initial arc and D_relax that the optimised arc closes."""
     return float((row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"]))
 
 
 def _workers(name: str, tell: Tell) -> dict[str, float]:
-    """Wall time of one step's simulations with one thread over that with two."""
+    """Wall time of one step's simulations with one thread, relative to two threads."""
     case = prepare(load_garment(name, "bare_table"), 0)
     mesh, before = case.coarse
     seconds = []

@@ -1,4 +1,4 @@
-"""One step of one garment, ready to be folded, and how an arc for it is judged."""
+"""One step of one garment, ready to be folded, and the evaluation of its arcs."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ __all__ = ["Case", "Controls", "initial", "judge", "prepare"]
 Controls = Mapping[GraspId, Array]
 
 PERTURBED, SHIFT = 6, 0.0005
-"""Arcs that judge one, and how far their inner control points are moved [m]."""
+"""Number of perturbed arcs per evaluation, and largest shift of their inner control points [m]."""
 NEIGHBOURS = (0.95, 1.0, 1.05)
-"""Edges of the meshes that judge, to the one that `evaluation_edge` says: a single mesh has habits of its own (a
-large shirt's hem, plain and initial arc: 6.3 and 5.6 mm, 5.5 and 5.6, 5.6 and 5.7)."""
+"""Edge lengths of the evaluation meshes relative to `evaluation_edge`. A single mesh has peculiarities (a large
+shirt's hem, plain and initial arc on three meshes: 6.3 and 5.6 mm, 5.5 and 5.6, 5.6 and 5.7)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """One step of one garment, ready to be folded. coarse, and each of fine: a mesh and its vertices (n, 3) before
-    the step. d_relax: the median over the fine ones [m]."""
+    the step. d_relax: median over the fine meshes [m]."""
 
     garment: Garment
     step: FoldStep
@@ -48,7 +48,8 @@ class Case:
 
 
 def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material | None = None) -> Case:
-    """The `index`-th step of a garment laid in the middle of its poses, in another size or fabric if asked."""
+    """The `index`-th step of a garment in the middle of its pose range. scale: factor on its size. material:
+    another fabric."""
     plan = tuple(replace(step, tension=(0.0, 0.0)) for step in garment.plan)
     garment = replace(garment, plan=plan, material=material or garment.material)
     state = garment.flat_state(*garment.poses.middle, scale=scale)
@@ -65,7 +66,7 @@ def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material
 
 
 def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecutor, n: int = PERTURBED) -> float:
-    """Median of D [m] over arcs with their inner control points moved a little, on the fine meshes in turn."""
+    """Median of D [m] over arcs with slightly moved inner control points, on the fine meshes in turn."""
     rng = np.random.default_rng(0)
     moved = []
     for _ in range(n):

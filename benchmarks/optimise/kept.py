@@ -1,5 +1,7 @@
-"""What was measured of each step, kept as it comes: a run that was cut short goes on, and garments may be measured
-one by one. Figures are kept for as long as what they were measured of stays the same."""
+"""Saved figures of each step, so that an interrupted benchmark can be continued and garments measured separately.
+
+Figures are valid as long as the sources that they depend on are unchanged.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,15 @@ from cell.support.files.whole_file import write_whole
 __all__ = ["Kept", "fingerprint"]
 
 VERSION = 5
-"""Of the way in which this benchmark measures: raised when figures of before mean something else."""
+"""Version of the measuring method. It is raised when earlier figures have another meaning."""
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ("skills/cloth", "skills/trajectory", "skills/planning")
 
 
 def fingerprint(garment: str, **how: Any) -> str:
-    """Hash of the program's parts that a garment's figures come from, of its file, and of how it is measured."""
-    files = [path for folder in MEASURED for path in sorted((ROOT / folder).glob("*.py"))]
+    """Hash of the sources in MEASURED, the garment's file, and the options of the measurement."""
+    files = [path for folder in MEASURED for path in sorted((ROOT / folder).rglob("*.py"))]
     digest = hashlib.sha256(json.dumps([VERSION, garment, how], sort_keys=True).encode())
     for path in [*files, garment_path(garment)]:
         digest.update(path.read_bytes())
@@ -31,7 +33,7 @@ def fingerprint(garment: str, **how: Any) -> str:
 
 
 class Kept:
-    """Figures by (fingerprint, part), in one file. A damaged file is begun anew: it can be measured again."""
+    """Figures by (fingerprint, part), in one file. A damaged file is ignored and overwritten."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -43,11 +45,11 @@ class Kept:
                 self._all = {}
 
     def get(self, key: str, part: str) -> Any:
-        """None where nothing is kept."""
+        """The saved figures, or None."""
         return self._all.get(f"{key}/{part}")
 
     def put(self, key: str, part: str, value: Mapping[str, Any] | list[Any]) -> None:
-        """Raises StorageError."""
+        """Save figures. Raises StorageError."""
         self._all[f"{key}/{part}"] = value
         if self._path is not None:
             self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Optimised arcs in other sizes and fabrics, and what a look-up takes."""
+"""Optimised arcs in other sizes and fabrics, and the time of a look-up."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LOOKUPS = 200
 
 
 def fabrics(m: Material) -> dict[str, Material]:
-    """The held-out materials."""
+    """The other fabrics, for which the arcs were not optimised."""
     return {
         "friction x0.75": m.with_friction(0.75 * m.friction_static),
         "friction x1.25": m.with_friction(1.25 * m.friction_static),
@@ -38,7 +38,7 @@ def fabrics(m: Material) -> dict[str, Material]:
 
 
 def measure_lookups(case: Case, row: Mapping[str, Any], pool: ThreadPoolExecutor) -> list[dict[str, Any]]:
-    """What the arcs of a default's row come to in other sizes and fabrics: one row each."""
+    """D of the arcs of a default method's row in other sizes and fabrics: one row per case."""
     garment, index = case.garment, case.step.index
     entry = _entry(case, row)
     cases = {f"size x{s}": prepare(garment, index, s) for s in SIZES}
@@ -59,7 +59,7 @@ def measure_lookups(case: Case, row: Mapping[str, Any], pool: ThreadPoolExecutor
 
 
 def summary_of_lookups(told: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The worst of those that a run would take as they are."""
+    """Counts, and the worst of the look-ups that a run would accept unchanged."""
     taken = [r for r in told if r["accepted"]]
     large = [r for r in taken if r["D_initial_mm"] - r["D_relax_mm"] >= LARGE_GAP_MM and r["closed_at_home"] > 0.0]
     return {
@@ -72,13 +72,14 @@ def summary_of_lookups(told: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _kept(row: Mapping[str, Any]) -> float:
-    """The share of this case's gap that is closed, to that of its own case's that is closed there."""
+    """Share of the gap that is closed in this case, relative to the share in the case for which the arcs were
+    optimised."""
     closed = (row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"])
     return float(closed / row["closed_at_home"])
 
 
 def _accepted(case: Case, found: GraspTrajectory) -> bool:
-    """Whether a run would take the arcs as they are."""
+    """Whether a run would accept the arcs unchanged."""
     mesh, before = case.coarse
     outcome = optimise_fold(
         case.step, mesh, before, case.garment.material, "initial", start=dict(found.control_points),
@@ -98,8 +99,8 @@ def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
 
 
 def measure_lookup_times(names: Sequence[str]) -> dict[str, Any]:
-    """Looking an arc up in the shipped library, among all its entries, and scaling it: on the wall, and in CPU
-    time, which says more where other programs run."""
+    """Time to look up an arc among all entries of the shipped library and to scale it: wall time, and CPU time,
+    which is more reliable on a busy machine."""
     library = load_library().library
     times, spent, found = [], [], 0
     for name in names:

@@ -1,8 +1,8 @@
-"""Perception over labelled scenes, the paper's own method beside it: `foldcell bench perception`.
+"""Perception on labelled scenes, compared with the paper's method: `foldcell bench perception`.
 
-Every shipped garment in turn, seeds from 0, which the skill was improved on, and seeds from `HELD_OUT`, which
-nobody looked at while it was written. Nothing of the truth reaches the skill: it gets the pictures, the
-calibration and all garments, and is not told which one lies there. Times are CPU time of one thread.
+All shipped garments in turn. Seeds from 0 were used to develop the skill. Seeds from `HELD_OUT` were not used
+during development. No ground truth reaches the skill: it gets the pictures, the calibration and all garments, but
+not the name of the garment in the picture. Times are CPU time of one thread.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ NEAR, FAR = 0.010, 0.030  # [m]
 
 @dataclass(frozen=True)
 class Judged:
-    """One scene: the garment that lay there, what was said, and the largest key point errors [m]."""
+    """Result of one scene. accepted: whether a state was returned. named, category: whether garment and category
+    are right. error, typical: maximum and median key point error [m]. paper_error: maximum with the paper's method
+    [m]."""
 
     garment: str
     accepted: bool
@@ -54,7 +56,7 @@ class Judged:
 
 
 def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = False) -> Mapping[str, Any]:
-    """Flat figures with units in their names; lists hold one mapping a garment, a confidence or a severity."""
+    """Flat figures with units in their names. Lists contain one mapping per garment, confidence or severity."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -76,7 +78,8 @@ def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = F
 
 
 def _held_out(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Under their own names, without what is the same for all scenes."""
+    """The figures of the held-out scenes with their own names, without texts, which are the same for all
+    scenes."""
     return {f"held_out_{key}": value for key, value in figures.items() if not isinstance(value, str)}
 
 
@@ -120,7 +123,7 @@ def _category(seen: Outcome) -> str:
 
 
 def _errors(found: Mapping[str, Array], scene: LabelledScene) -> Array:
-    """Distances [m] of all key points, infinite where one was not found."""
+    """Errors [m] of all key points, infinite for those that were not found."""
     return np.array(
         [np.linalg.norm(found[n] - p) if n in found else np.inf for n, p in scene.keypoints.items()], dtype=float
     )
@@ -169,7 +172,7 @@ def _of_garment(name: str, judged: Sequence[Judged]) -> dict[str, Any]:
 
 
 def _reliability(judged: Sequence[Judged]) -> list[dict[str, float]]:
-    """Among the accepted: how often all key points were within 10 mm, by the confidence that was stated."""
+    """Share of accepted scenes with all key points within 10 mm, by stated confidence."""
     edges = (0.0, 0.6, 0.7, 0.8, 0.9, 0.95, 1.001)
     out = []
     for low, high in pairwise(edges):
@@ -192,6 +195,6 @@ def _rate(values: Any) -> float:
 
 
 def _median(values: Any) -> float:
-    """Of lengths [m] or times [s], in thousandths."""
+    """Median of lengths [m] or times [s], in mm or ms."""
     values = list(values)
     return 1e3 * float(np.median(values)) if values else 0.0

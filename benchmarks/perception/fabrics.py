@@ -1,4 +1,4 @@
-"""Fabrics and light of the labelled scenes: more of them than the cell's own world draws."""
+"""Fabrics and light of the labelled scenes, with more variety than in the cell's simulated world."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ __all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
 Texture = NDArray[np.uint8]
 
 LEAST_DIFFERENCE = 15.0
-"""Nineteen twentieths of a fabric differ from the table's mean colour by at least this [CIE 1976 delta E]."""
+"""At least 95 % of a fabric differs by this much from the table's mean colour [CIE 1976 delta E]."""
 LOOKS = ("contrast", "table_hue", "neutral", "stripes", "checks")
 SHARES = (0.35, 0.15, 0.20, 0.15, 0.15)
 
 
 def draw_fabric(rng: np.random.Generator, surface: str, table: Texture) -> tuple[Texture, str, float]:
-    """A fabric (SIZE, SIZE, 3) RGB, its look, and its colour difference from the table's picture."""
+    """A fabric (SIZE, SIZE, 3) RGB, the name of its appearance, and its colour difference from the table [CIE 1976
+    delta E]."""
     for _ in range(200):
         look = str(rng.choice(LOOKS, p=SHARES))
         texture = _fabric(rng, look, surface)
@@ -33,7 +34,7 @@ def draw_fabric(rng: np.random.Generator, surface: str, table: Texture) -> tuple
 
 
 def colour_difference(texture: Texture, table: Texture) -> float:
-    """CIE 1976 delta E between the table's mean colour and the fabric's nearest twentieth."""
+    """5th percentile of the CIE 1976 delta E between the fabric's pixels and the table's mean colour."""
     away = np.linalg.norm(_lab(texture)[::4, ::4] - _lab(table).reshape(-1, 3).mean(axis=0), axis=-1)
     return float(np.quantile(away, 0.05))
 
@@ -68,11 +69,11 @@ def _colour(rng: np.random.Generator) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class Light:
-    """What falls on the table besides the renderer's lamp.
+    """Light on the table besides the renderer's lamp.
 
-    slope: relative change of light from the picture's middle to its right and its lower border. shade: a soft
-    shadow that was not there when the empty table was photographed: depth (0: none), centre (column, row) and
-    size, both relative to the picture.
+    slope: relative change of light from the picture's middle to its right and its lower border. The other values
+    are a soft shadow that is missing in the picture of the empty table. shade: its depth (0: none). centre
+    (column, row) and size: relative to the picture.
     """
 
     slope: tuple[float, float]
@@ -89,7 +90,7 @@ class Light:
         return Light((float(slope[0]), float(slope[1])), shade, (float(u), float(v)), size)
 
     def on(self, rgb: Texture, shaded: bool) -> Texture:
-        """The picture (h, w, 3) in this light; shaded: with the soft shadow."""
+        """The picture (h, w, 3) in this light. shaded: with the soft shadow."""
         h, w = rgb.shape[:2]
         v, u = np.mgrid[0:h, 0:w].astype(np.float32)
         u, v = u / w, v / h

@@ -1,12 +1,13 @@
-"""Folded garments with a defect of known size, seen through the simulated camera: what does inspection say?
+"""Diagnoses of the inspection on folded garments with a defect of known size, seen through the simulated camera.
 
-Towels after each of their two folds; trousers with one leg laid on the other, and folded across; shirts with the
-hem folded up over the sleeves, all by two arms; and a sleeve, which one arm lays on the body.
+The folds are: towels after each of their two folds; trousers with one leg on the other, and folded across; shirts
+with the hem folded up over the sleeves. Two arms make all of these. One arm makes the last one, a sleeve that is
+folded onto the body.
 
-A fold is the isometry of the flat piece in the plan's lines; a defect is a displacement of what moved. Sizes are
-lengths on the table [m]: how far everything drifted, how far the middle of the moved edge or a lost corner stayed
-behind, how high a ridge stands. Every fold, good ones too, has a small error of its own, a bulging crease and
-wrinkles. The cell's cloth solver has no part in it.
+A fold is the isometry of the flat garment in the plan's lines. A defect is a displacement of the moved part. Its
+size is a length [m]: the drift of the whole garment, the lag of the moved edge's middle or of a dropped corner, or
+the height of a ridge. Every fold, even a good one, has a small error, a bulging crease and wrinkles. The cell's
+cloth solver is not used.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ FOLDS = (
     ("long_sleeve_shirt_small", 2), ("long_sleeve_shirt_large", 2),
     ("long_sleeve_shirt_small", 0), ("long_sleeve_shirt_large", 1),
 )  # fmt: skip
-"""Garment and number of the fold after which it is looked at."""
+"""Garment, and index of the fold after which it is inspected."""
 CURVES: Mapping[FailureKind, tuple[float, ...]] = {
     FailureKind.DRIFT: (0.010, 0.020, 0.030, 0.040, 0.060),
     FailureKind.PILING: (0.010, 0.015, 0.020, 0.030, 0.045),
@@ -52,7 +53,7 @@ CURVES: Mapping[FailureKind, tuple[float, ...]] = {
     FailureKind.DROPPED_CORNER: (0.040, 0.060, 0.080, 0.120),
     FailureKind.MISSED_LAYER: (1.0,),
 }
-"""Severities [m]; a missed layer has none: one layer of two was left where it lay."""
+"""Severities [m]. A missed layer has no severity: one of two layers was not moved."""
 JUDGED_AT = {
     FailureKind.DRIFT: 0.040,
     FailureKind.PILING: 0.030,
@@ -61,12 +62,12 @@ JUDGED_AT = {
     FailureKind.MISSED_LAYER: 1.0,
 }
 GOOD_LOOKS = 4
-"""Pictures of good folds for each garment seen."""
+"""Number of pictures of good folds per garment."""
 
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """One garment before the camera. `look` photographs it folded by `step`, with a defect of a severity."""
+    """One garment before the camera. `look` photographs it after the fold `step`, with a defect of a severity."""
 
     garment: Garment
     step: FoldStep
@@ -81,7 +82,7 @@ class Folded:
     lower: Callable[[Array], Array]
 
     def before(self) -> CameraFrame:
-        """The garment as it lay before this fold."""
+        """Picture of the garment before this fold."""
         x = target_vertices(self.mesh, self.step.earlier, self.garment.material)
         x[:, 2] += self.lower(x[:, :2])
         return self.studio.shoot(x)
@@ -91,17 +92,17 @@ class Folded:
 
 
 def defects(folded: Folded) -> Iterator[tuple[FailureKind, float]]:
-    """What can go wrong with this fold: kinds and severities [m]."""
+    """Possible defects of this fold: kinds and severities [m]."""
     for kind, sizes in CURVES.items():
         if kind is FailureKind.MISSED_LAYER and not _can_miss_a_layer(folded):
             continue
         if kind in (FailureKind.SAG, FailureKind.DROPPED_CORNER) and len(folded.step.grasps) < 2:
-            continue  # nothing hangs between two hands, and no hand lags behind another
+            continue  # with one hand, no cloth sags between hands and no hand lags behind the other
         yield from ((kind, size) for size in sizes)
 
 
 def measure_inspection(tell: Callable[[str], None], first_seed: int, count: int) -> dict[str, Any]:
-    """Rates of right diagnoses over severity, and of false alarms over good folds."""
+    """Rates of right diagnoses over severity, and of false alarms on good folds."""
     said: dict[tuple[FailureKind | None, float], list[FailureKind | str | None]] = {}
     of_fold: dict[tuple[str, str], list[bool]] = {}
     for seed in range(first_seed, first_seed + count):
@@ -142,8 +143,11 @@ def measure_inspection(tell: Callable[[str], None], first_seed: int, count: int)
 
 
 def judge(folded: Folded, frame: CameraFrame, before: CameraFrame | None = None) -> FailureKind | str | None:
-    """What inspection says: a failure's kind, None for a good fold, or why it cannot be judged.
-    before: the picture before the fold."""
+    """Result of the inspection: the kind of a failed fold, None for a good fold, or the reason why it cannot be
+    judged.
+
+    before: the picture before the fold.
+    """
     seen = inspect(
         frame, folded.calibration, TABLE, folded.reference, folded.predicted, folded.step,
         previous=before, flat_top=folded.flat_top,
@@ -157,7 +161,7 @@ def _counts(kinds: list[FailureKind | str | None]) -> dict[str, int]:
 
 
 def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
-    """The one garment of a seed, about to be judged after fold `index`; its renderer is closed afterwards."""
+    """Yield the one garment of a seed, to be inspected after fold `index`. Its renderer is closed afterwards."""
     rng = np.random.default_rng([seed, 11])
     garment = load_garment(name)
     pose = garment.poses.sample(rng)
@@ -186,7 +190,7 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
 
 WRINKLED = Laying(wrinkle=0.0015)
 STIRRED = 0.3
-"""How much of a new set of creases the fold makes in the cloth that stays."""
+"""Share of new creases that the fold adds to the cloth that stays."""
 
 
 def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
@@ -196,12 +200,12 @@ def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
 
 
 def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Array:
-    """(n, 3) the piece after the fold, table frame."""
+    """Vertices (n, 3) of the garment after the fold, table frame."""
     rng, step, mesh = folded.rng, folded.step, folded.mesh
     thickness = folded.garment.material
     before = fold_xy(step.earlier, mesh.rest)
     stays = np.zeros(len(before), bool)
-    if defect is FailureKind.MISSED_LAYER:  # only the upper one was taken
+    if defect is FailureKind.MISSED_LAYER:  # only the upper layer was grasped
         stays = ~_moved(step, mesh.rest)
     x = target_vertices(mesh, step.lines, thickness)
     unfolded = target_vertices(mesh, step.earlier, thickness)
@@ -212,21 +216,21 @@ def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Arra
     x[:, :2] += step.line.normal * (d / d.max() * _behind(folded, before, defect, severity))[:, None]
     if defect is FailureKind.PILING:
         x += _ridge(folded, before, d, severity)
-    # What lies below keeps its creases, and what comes on top lies on them; both get some of their own.
+    # The lower cloth keeps its creases and shapes the cloth above it. Both also get new creases.
     own = wrinkles(rng, WRINKLED)(mesh.rest)
     x[:, 2] += folded.lower(x[:, :2]) + np.where(d > 0, own, STIRRED * own)
     return _drifted(x, rng, severity if defect is FailureKind.DRIFT else 0.0)
 
 
 def _can_miss_a_layer(folded: Folded) -> bool:
-    """Whether an earlier fold laid something on top that this fold moves along with what lies below it."""
+    """Whether this fold moves both cloth that an earlier fold laid on top and cloth below it."""
     moves = folded.step.line.signed_distance(fold_xy(folded.step.earlier, folded.mesh.rest)) > 0
     turned = _moved(folded.step, folded.mesh.rest)
     return bool(np.count_nonzero(moves & turned) > 0.2 * np.count_nonzero(moves & ~turned) > 0)
 
 
 def _moved(step: FoldStep, rest: Array) -> NDArray[np.bool_]:
-    """What earlier folds turned over, which lies on top now."""
+    """(n,) whether an earlier fold has moved a point, so that it lies on top."""
     turned = np.zeros(len(rest), bool)
     p = np.array(rest)
     for line in step.earlier:
@@ -237,13 +241,13 @@ def _moved(step: FoldStep, rest: Array) -> NDArray[np.bool_]:
 
 
 def _behind(folded: Folded, before: Array, defect: FailureKind | None, severity: float) -> Array:
-    """(n,) how far what moved stays behind at its far edge [m], by where it is along the fold line."""
+    """(n,) lag of the moved part at its far edge [m], by the position along the fold line."""
     rng, step = folded.rng, folded.step
     along = (before - step.line.point) @ step.line.direction
     across = step.line.signed_distance(before)
     a, b = _span(step, along[across > 0.6 * across.max()])
     t = np.clip((along - a) / (b - a), 0.0, 1.0)
-    own = rng.normal(0.0, 0.002, 3)  # that any fold has
+    own = rng.normal(0.0, 0.002, 3)  # the error of every fold
     behind = own[0] * t + own[1] * (1.0 - t) + abs(own[2]) * np.sin(np.pi * t)
     if defect is FailureKind.SAG:
         behind = behind + severity * np.sin(np.pi * t)
@@ -254,19 +258,19 @@ def _behind(folded: Folded, before: Array, defect: FailureKind | None, severity:
 
 
 def _span(step: FoldStep, far: Array) -> tuple[float, float]:
-    """From hand to hand along the fold line [m]; with one hand, from end to end of the moved part's far edge."""
+    """The two hands' positions along the fold line [m]. With one hand: the ends of the moved part's far edge."""
     at = sorted(float((g.point - step.line.point) @ step.line.direction) for g in step.grasps.values())
     return (at[0], at[1]) if len(at) == 2 else (float(far.min()), float(far.max()))
 
 
 def _bulge(d: Array, z: Array) -> Array:
-    """An unpressed crease: upper layers stand off near the line."""
+    """Displacement (n, 3) by an unpressed crease: upper layers rise near the line."""
     rise = 0.006 * np.exp(-((d / 0.015) ** 2)) * (d > 0)
     return np.column_stack([np.zeros((len(z), 2)), rise])
 
 
 def _ridge(folded: Folded, before: Array, d: Array, height: float) -> Array:
-    """Cloth heaped up near the target: a ridge, and as much less reach as it takes."""
+    """Displacement (n, 3) by piled cloth: a ridge near the target, and the length that it takes from the reach."""
     step = folded.step
     along = (before - step.line.point) @ step.line.direction
     a, b = _span(step, along[d > 0.6 * d.max()])

@@ -1,7 +1,7 @@
-"""The paper's own way from a picture to key points, as it is written there: the baseline.
+"""The paper's method from a picture to key points, as published. It is the baseline.
 
-Marker-based watershed with the corners as background and the centre as foreground; the template, told which
-garment it is, laid over the mask by a similarity; the one-way energy, without corner snapping.
+It consists of marker-based watershed with the corners as background and the centre as foreground; the template of
+the known garment, placed on the mask by a similarity; and the one-way energy, without relocation of corners.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SETTINGS = RegistrationSettings(
 
 
 def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[str, Array]:
-    """Name -> (2,) [m]; empty where no region is found."""
+    """Key points, name -> (2,) [m]; empty if no region is found."""
     view = TableView(scene.calibration, TABLE)
     seen = view.rectify(scene.frame)
     found = segment_watershed(seen.rgb, seen.valid)
@@ -41,7 +41,8 @@ def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[st
 
 
 def _similar(template: Array, observed: Array) -> Array:
-    """The template by a similarity: same centre of area, same area, long axes along each other, upright."""
+    """The template placed by a similarity: same centroid, same area, parallel long axes, turned by at most a right
+    angle."""
     scale = np.sqrt(polygon_area(observed) / polygon_area(template))
     turn = _axis(observed) - _axis(template)
     turn = (turn + np.pi / 2) % np.pi - np.pi / 2

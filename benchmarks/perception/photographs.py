@@ -1,10 +1,10 @@
-"""Pictures as somebody takes them with a telephone: drawn here by means that neither perception nor the labelled
-scenes of the simulated camera have any part in.
+"""Synthetic photographs as taken by a person with a telephone.
 
-A cloth with a shape of its own lies on a floor or a table (boards, a painted table, tiles, carpet). The camera
-looks down at some tilt, from anywhere, with any resolution; the lens darkens the corners, the light is uneven and
-of some colour, wrinkles are shaded, the cloth casts a soft shadow, and the picture is stored as JPEG. Only numpy
-and cv2 are used. Lengths on the floor are metres.
+They are drawn with numpy and cv2 only. They share no code with perception or with the labelled scenes of the
+simulated camera. A cloth with its own shape lies on a floor or a table (boards, a painted table, tiles, carpet).
+The camera looks down with some tilt, from any place and with any resolution. The lens darkens the corners, the
+light is uneven and coloured, wrinkles are shaded, and the cloth casts a soft shadow. The picture is stored as
+JPEG. Lengths on the floor are in metres.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ SIZES = ((640, 480), (1024, 768), (1280, 960), (800, 800), (720, 960), (1600, 12
 GROUNDS = ("boards", "boards", "painted", "tiles", "carpet")
 CLOTHS = ("grey", "dark", "white", "coloured", "striped", "denim")
 STEP = 0.0025
-"""Edge of a cell of the floor's map [m]."""
+"""Edge length of a cell of the floor's map [m]."""
 SPAN = 2.6
-"""The map's edge [m]."""
+"""Edge length of the map [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """rgb: (H, W, 3). category: what it shows, '' for nothing known. points: name -> (2,) [px] (column, row).
-    outline: (n, 2) [px]. ground, cloth: what was drawn. contrast: CIE delta E between the cloth's mean colour and
-    the ground's beside it."""
+    """rgb: (H, W, 3). category: of the garment, '' if no garment lies flat. points: name -> (2,) [px] (column,
+    row). outline: (n, 2) [px]. ground, cloth: names of the drawn materials. contrast: see `_contrast` [CIE delta
+    E]."""
 
     rgb: Picture
     category: str
@@ -52,13 +52,14 @@ def _towel(rng: np.random.Generator) -> Mapping[str, tuple[float, float]]:
 
 
 def _both(right: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Points of the right half (y < 0), in order, and their mirror images in reverse."""
+    """Points of the right half (y < 0) in order, then their mirror images in reverse order."""
     left = {f"{name}_left": (x, -y) for name, (x, y) in reversed(right.items())}
     return {**{f"{name}_right": p for name, p in right.items()}, **left}
 
 
 def _shirt(rng: np.random.Generator, sleeve: float, drop: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """sleeve: length [m]; drop: range of its angle below the shoulder line [rad]."""
+    """Key points of a shirt. sleeve: length [m]. drop: range of the sleeve's angle below the shoulder line
+    [rad]."""
     w, h = 0.5 * rng.uniform(0.44, 0.52), 0.5 * rng.uniform(0.60, 0.68)
     angle, cuff = rng.uniform(*drop), rng.uniform(0.055, 0.07) + (0.03 if sleeve < 0.3 else 0.0)
     shoulder = np.array([h - rng.uniform(0.03, 0.05), -(w - rng.uniform(0.03, 0.05))])
@@ -74,7 +75,7 @@ def _shirt(rng: np.random.Generator, sleeve: float, drop: tuple[float, float]) -
 
 
 def _legs(rng: np.random.Generator, length: float, rise: float, hem: float, gap: float) -> Mapping:
-    """Waist to the left (y > 0)."""
+    """Key points of trousers. The waist is on the left (y > 0)."""
     w, h = 0.5 * rng.uniform(0.36, 0.44), 0.5 * length * rng.uniform(0.94, 1.06)
     gap *= rng.uniform(0.8, 1.3)
     return {
@@ -109,11 +110,11 @@ GARMENTS: Mapping[str, Callable[[np.random.Generator], Mapping[str, tuple[float,
     "vest": _vest,
 }
 CRUMPLED = ("thrown", "hung")
-"""What is no garment laid flat: one thrown down, one hung by a corner."""
+"""Garments that do not lie flat: one thrown down, one hung by a corner."""
 
 
 def photograph(kind: str, seed: int) -> Photograph:
-    """A picture of a category, or of what is in `CRUMPLED`; everything is a function of kind and seed."""
+    """A picture of a category or of a kind in `CRUMPLED`. Everything is a function of kind and seed."""
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     if kind in CRUMPLED:
         points, outline = {}, _lump(rng) if kind == "thrown" else _hung(rng)
@@ -144,7 +145,7 @@ def _lump(rng: np.random.Generator) -> Points:
 
 
 def _hung(rng: np.random.Generator) -> Points:
-    """A shirt held at one point: narrow above, fluttering below."""
+    """Outline of a shirt held at one point: narrow at the top, wavy at the bottom."""
     x = np.linspace(0.5, -0.5, 30)
     half = 0.02 + 0.16 * (0.5 - x) ** rng.uniform(0.6, 0.9) + 0.02 * np.sin(14 * x + rng.uniform(0, 6))
     bow = 0.05 * np.sin(3 * x + rng.uniform(0, 6))
@@ -155,7 +156,8 @@ def _hung(rng: np.random.Generator) -> Points:
 
 
 def _camera(rng: np.random.Generator, outline: Points, size: tuple[int, int]) -> Points:
-    """(3, 3) floor [m] -> picture: some tilt and turn, the garment filling about two thirds of the picture."""
+    """(3, 3) homography from the floor [m] to the picture, with some tilt and turn. The garment fills about two
+    thirds of the picture."""
     w, h = size
     tilt, towards = rng.uniform(0.0, np.deg2rad(18)), rng.uniform(0, 2 * np.pi)
     axis = tilt * np.array([np.cos(towards), np.sin(towards), 0.0])
@@ -184,12 +186,12 @@ def _project(H: Points, points: Points) -> Points:
 
 
 def _cells(points: Points) -> Points:
-    """Floor [m] -> cell (column along y, row along x)."""
+    """Cells (column along y, row along x) of points on the floor [m]."""
     return np.asarray((points[:, ::-1] + SPAN / 2) / STEP)
 
 
 def _softened(outline: Points, rng: np.random.Generator) -> Points:
-    """Edges a little curved, sewn corners round."""
+    """The outline with slightly curved edges. `_filled` rounds its corners."""
     out = []
     for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         n = max(int(np.linalg.norm(b - a) / 0.01), 2)
@@ -223,7 +225,7 @@ def _noise(rng: np.random.Generator, along: float, across: float) -> Plane:
 
 
 def _ground(rng: np.random.Generator, name: str) -> Plane:
-    """(n, n, 3) reflectance, linear RGB."""
+    """Reflectance (n, n, 3) of the ground, linear RGB."""
     n = int(SPAN / STEP)
     if name == "painted":
         base = rng.uniform(0.15, 0.75) * (1 + rng.normal(0, 0.12, 3))
@@ -284,7 +286,8 @@ def _cloth(rng: np.random.Generator, name: str) -> Plane:
 
 
 def _contrast(cloth: Plane, ground: Plane, mask: Plane) -> float:
-    """Of each part of the cloth's colours against the ground around it: the nearer of its two commonest."""
+    """CIE delta E between the ground around the cloth and the cloth's mean colour, for its dark or its light half,
+    whichever is nearer."""
     ring = cv2.dilate(mask, np.ones((41, 41))) - mask > 0.5
     there = _lab(ground[ring].mean(axis=0))
     inner = cloth[mask > 0.5]
@@ -299,7 +302,7 @@ def _lab(linear: Points) -> Points:
 
 
 def _lit(rng: np.random.Generator, ground: Plane, cloth: Plane, mask: Plane, wrinkled: float) -> Plane:
-    """The scene in its light: wrinkles shaded by their slope, a contact shadow and a cast one."""
+    """The lit scene: wrinkles shaded by their slope, a contact shadow and a cast shadow."""
     relief = 0.0025 * np.abs(_noise(rng, 0.12, 0.04)) + 0.0012 * _noise(rng, 0.03, 0.06)
     relief = cv2.GaussianBlur(relief * wrinkled, (0, 0), 2.0)
     slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=3) / (8 * STEP)
@@ -316,7 +319,8 @@ def _lit(rng: np.random.Generator, ground: Plane, cloth: Plane, mask: Plane, wri
 
 
 def _taken(rng: np.random.Generator, scene: Plane, H: Points, size: tuple[int, int]) -> Picture:
-    """Through the lens: perspective, vignetting, uneven and coloured light, exposure, noise, sharpening, JPEG."""
+    """The picture as the camera stores it: perspective, vignetting, uneven and coloured light, exposure, noise,
+    sharpening, JPEG."""
     w, h = size
     floor = np.array([[0.0, STEP, -SPAN / 2], [STEP, 0.0, -SPAN / 2], [0.0, 0.0, 1.0]])
     zoom = np.diag([2.0, 2.0, 1.0])

@@ -1,4 +1,5 @@
-"""Pieces of the shipped garments as a person lays them: their own outline, swung limbs, wrinkles."""
+"""Individual pieces of the shipped garments as a person lays them: with varied outlines, turned limbs and
+wrinkles."""
 
 from __future__ import annotations
 
@@ -22,9 +23,9 @@ MESH_EDGE = 0.026  # [m]
 
 @dataclass(frozen=True)
 class Laying:
-    """How roughly a garment is laid. swing: largest turn of a sleeve, and of a leg [rad]; distortion: largest
-    smooth shift of the fabric [m]; rim: standard deviation of the outline's small waves [m]; wrinkle: of a
-    wrinkle's height [m]."""
+    """Roughness with which a garment is laid. sleeve, leg: largest turn of a sleeve and of a leg [rad].
+    distortion: largest smooth shift of the fabric [m]. rim: standard deviation of the outline's small waves [m].
+    wrinkle: standard deviation of a wrinkle's height [m]."""
 
     sleeve: float = float(np.deg2rad(12.0))
     leg: float = float(np.deg2rad(3.5))
@@ -35,8 +36,8 @@ class Laying:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """mesh: at rest, in the garment's own frame. vertices: (n, 3) as it lies, table frame. keypoints: name -> (3,)
-    of the point of the fabric."""
+    """mesh: at rest, in the garment's own frame. vertices: (n, 3) as laid, table frame. keypoints: name -> (3,)
+    place of the fabric's point, table frame."""
 
     mesh: ClothMesh
     vertices: Array
@@ -44,7 +45,7 @@ class Piece:
 
 
 def draw_piece(garment: Garment, rng: np.random.Generator, laying: Laying | None = None) -> Piece:
-    """One piece of `garment`, laid within the poses that its file allows."""
+    """One piece of `garment`, laid at a pose that its file allows."""
     laying = laying or Laying()
     outline = draw_outline(garment, load_noise().garment, rng)
     limbs, distorted = _limbs(garment, rng, laying), _distortion(rng, laying)
@@ -67,14 +68,15 @@ def draw_piece(garment: Garment, rng: np.random.Generator, laying: Laying | None
 
 
 def _border(mesh: ClothMesh) -> NDArray[np.intp]:
-    """The vertices along the outline, in order: a mesh numbers them first."""
+    """Indices of the vertices along the outline, in order. They are a mesh's first vertices."""
     edges = {tuple(sorted(e)) for t in mesh.triangles.tolist() for e in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0]))}
     n = next(i for i in range(2, len(mesh.rest)) if (i, i + 1) not in edges and (0, i) in edges) + 1
     return np.arange(n)
 
 
 def _nearest(rest: Array, lying: Array, point: Array) -> Array:
-    """(3,) where the outline's point nearest to `point` (2,) lies. rest: (n, 2), lying: (n, 3), closed."""
+    """(3,) place of the outline's point that is nearest to `point` (2,) at rest. rest: (n, 2) and lying: (n, 3)
+    closed outline."""
     edge = np.roll(rest, -1, axis=0) - rest
     t = np.clip(((point - rest) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
     i = int(np.argmin(np.linalg.norm(rest + t[:, None] * edge - point, axis=1)))
@@ -88,7 +90,8 @@ def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
 
 
 def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
-    """Sleeves or legs turned about where they are sewn on, more and more over the first centimetres."""
+    """Map that turns sleeves or legs about their seams. The turn grows over the first centimetres from the
+    seam."""
     at = dict(zip(garment.keypoints, np.asarray(garment.template), strict=True))
     turns: list[Map] = []
     if "cuff_upper_left" in at:
@@ -104,9 +107,9 @@ def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
             ankle = 0.5 * (at[f"ankle_outer_{side}"] + at[f"ankle_inner_{side}"])
             waist = at[f"waist_{side}"]
             sign = np.sign(waist[0] - crotch[0])
-            spread = -sign * laying.leg * rng.uniform(-0.4, 1.0)  # turned outwards, seen from above
+            spread = -sign * laying.leg * rng.uniform(-0.4, 1.0)  # outwards, seen from above
             down = np.array([0.0, np.sign(ankle[1] - crotch[1])])
-            hip = np.array([0.5 * (crotch[0] + waist[0]), crotch[1]]) + 0.03 * down  # the crotch stays sewn
+            hip = np.array([0.5 * (crotch[0] + waist[0]), crotch[1]]) + 0.03 * down  # the crotch does not move
             turns.append(_turn(hip, down, ankle, -spread, 0.20, side=(crotch, np.array([sign, 0.0]))))
 
     def apply(points: Array) -> Array:
@@ -120,7 +123,8 @@ def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
 def _turn(
     pivot: Array, outward: Array, end: Array, angle: float, over: float, side: tuple[Array, Array] | None = None
 ) -> Map:
-    """Points beyond the line through `pivot` across `outward` turned about it, fully `over` [m] further."""
+    """Map that turns points about `pivot`, if they lie beyond it in the direction `outward`. The full angle is
+    reached `over` [m] further out."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, s], [-s, c]])
     if (end - pivot) @ outward < 0:
@@ -137,7 +141,7 @@ def _turn(
 
 
 def _distortion(rng: np.random.Generator, laying: Laying) -> Map:
-    """Smooth shifts of the fabric: three waves a fifth of a metre to half a metre long."""
+    """Map that shifts the fabric smoothly: three waves, 0.25 to 0.6 m long."""
     waves = [
         (rng.uniform(0, np.pi), 2 * np.pi / rng.uniform(0.25, 0.6), rng.uniform(0, 6), rng.uniform(-1, 1, 2) / 3)
         for _ in range(3)
@@ -154,8 +158,8 @@ def _distortion(rng: np.random.Generator, laying: Laying) -> Map:
 
 
 def wrinkles(rng: np.random.Generator, laying: Laying) -> Callable[[Array], Array]:
-    """Height above the flat garment [m]: crests of three long wrinkles, and the small creases that the cell's
-    own world has."""
+    """Height above the flat garment [m] at points (n, 2): crests of three long wrinkles, and small creases as in
+    the cell's simulated world."""
     noise = load_noise().garment
     long = [_wave(rng, rng.uniform(0.10, 0.30), abs(rng.normal()) * laying.wrinkle) for _ in range(3)]
     relief = noise.relief / np.sqrt(3.0)

@@ -1,8 +1,8 @@
 """Labelled scenes: a shipped garment on the table, seen through the simulated camera, drawn from a seed.
 
-The truth is stated in the frame that perception works in, the rectified table frame of the calibration that
-the executive holds (the bracket's drawing, corrected by the picture of the empty table). How far that frame is
-from the table's own is the camera's error, and stands beside it.
+The true key points are given in perception's frame: the rectified table frame of the executive's calibration (the
+bracket's drawing, corrected by the picture of the empty table). The deviation of this frame from the real table is
+the camera's error, which each scene gives separately.
 """
 
 from __future__ import annotations
@@ -42,15 +42,17 @@ NOBODY = (
     '<robot name="nobody"><link name="base"><inertial><mass value="1"/>'
     '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>'
 )
-"""The arms are parked outside the table's picture, which is all that perception looks at: they are not drawn."""
+"""A robot without visible parts. The arms are parked outside the part of the picture that shows the table, and
+perception uses only this part."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledScene:
     """frame, reference: pictures with the garment and of the empty table. calibration: the executive's.
 
-    keypoints: name -> (2,) [m], in that calibration's table frame. camera_error: median distance of the same
-    points from where they are on the real table [m]. facts: look of the fabric, surface, colour difference.
+    keypoints: name -> (2,) [m], in that calibration's table frame. camera_error: median distance of these points
+    from their true places on the real table [m]. facts: appearance of the fabric, surface, colour difference,
+    shade.
     """
 
     garment: str
@@ -65,7 +67,7 @@ class LabelledScene:
 
 
 class Studio:
-    """One scene before the renderer: `shoot` takes pictures of it with the camera as it is really mounted."""
+    """One scene before the renderer. `shoot` takes pictures with the camera at its true pose."""
 
     def __init__(self, uv: Array, triangles: Array, seed: int, folder: Path) -> None:
         rng = np.random.default_rng([seed, 7])
@@ -98,12 +100,12 @@ class Studio:
         pb.disconnect(physicsClientId=self._stage._client)
 
     def shoot(self, vertices: Array | None) -> CameraFrame:
-        """A picture of the garment's vertices (n, 3), table frame; None: of the empty table."""
+        """A picture of the garment with vertices (n, 3), table frame, or of the empty table if None."""
         self._vertices, self._time = vertices, self._time + 1.0
         return self._camera.capture(EXPOSURES)
 
     def picture(self, shot: Shot) -> Picture:
-        """For the camera: what the renderer gives, in this scene's light."""
+        """The renderer's picture in this scene's light, for the camera."""
         plain = self._stage.picture(shot)
         return Picture(self.light.on(plain.rgb, shaded=shot.vertices is not None), plain.depth)
 
@@ -127,7 +129,7 @@ def open_studio(uv: Array, triangles: Array, seed: int) -> Iterator[Studio]:
 
 
 def draw_scene(garment_name: str, seed: int, laying: Laying | None = None) -> LabelledScene:
-    """A garment as it is laid before the first fold. Everything is a function of name, seed and laying."""
+    """A scene with a garment as laid before the first fold. Everything is a function of name, seed and laying."""
     garment = load_garment(garment_name)
     piece = _visible(garment, seed, laying)
     uv = garment_uv(piece.mesh.rest, piece.mesh.layer)
@@ -147,7 +149,7 @@ def draw_scene(garment_name: str, seed: int, laying: Laying | None = None) -> La
 
 
 def _visible(garment: Garment, seed: int, laying: Laying | None) -> Piece:
-    """A piece that lies in the picture and on the table, and whose legs do not cross."""
+    """A piece that lies within the picture and on the table, and whose legs do not cross."""
     for attempt in range(50):
         with suppress(ConfigurationError):
             piece = draw_piece(garment, np.random.default_rng([seed, attempt]), laying)
@@ -172,7 +174,7 @@ def _project(x: Array, T_camera_table: Array) -> Array:
 
 
 def _where_seen(point: Array, T_table_camera: Array, held: CameraCalibration) -> Array:
-    """(2,) where the held calibration says that a point (3,) lies, if it is told the point's height."""
+    """(2,) place of a point (3,) [m] according to the held calibration, which gets the point's height."""
     u, v = _project(point, np.linalg.inv(T_table_camera))
     k, T = held.intrinsics, held.T_table_camera
     ray = T[:3, :3] @ np.array([(u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0])
@@ -180,7 +182,7 @@ def _where_seen(point: Array, T_table_camera: Array, held: CameraCalibration) ->
 
 
 def _mounted(position: float, angle: float, rng: np.random.Generator) -> Array:
-    """(4, 4) the camera in the base frame, as somebody really screwed it on."""
+    """(4, 4) true pose of the camera in the base frame: the nominal pose with a mounting error."""
     T = np.array(T_base_camera(0.0))
     turn, _ = cv2.Rodrigues(rng.standard_normal(3) * angle)
     T[:3, :3] = T[:3, :3] @ turn

@@ -28,7 +28,7 @@ STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
-"""Failures of planning, before any motion. A procedure may try something else after them; all others end it."""
+"""Failures of planning, which come before any motion. A procedure may handle them; any other failure ends it."""
 
 T = TypeVar("T")
 
@@ -86,7 +86,7 @@ class ProcedureRunner:
         intent = self._journal.intent(clock.now(), STATE, type(effect).__name__.lower(), {"effect": effect})
         try:
             answer = self._performers[type(effect)](effect)
-        except Exception as e:  # it ends the procedure; the journal still needs a result for the intent
+        except Exception as e:  # ends the procedure, after the intent has got its result
             crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}")
             failure = e.failure() if isinstance(e, DriverError) else crash
             self._journal.result(intent, clock.now(), _record(Outcome(failure=failure)))
@@ -132,7 +132,8 @@ class ProcedureRunner:
         return Outcome(failure=failure) if failure else Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:
-        """Planning includes the board from before it is put into the hand until after it is removed."""
+        """Ask the attendant to move the board. Planning includes the board before it is put into a hand, and until
+        it is removed."""
         side = IN_HAND.get(effect.place)
         if side is not None:
             self._cell = with_board(self._cell_without_board, side)

@@ -32,7 +32,7 @@ CARD = 0.006
 SETTLE_S = 0.3
 READINGS = 16
 MAX_POSTURES = 2
-"""Number of arm postures for which a path is planned."""
+"""Largest number of arm postures to which a path is planned."""
 
 
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
@@ -64,7 +64,7 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
 
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
-    """The joints (14,) of the arms at rest, as a mean of READINGS readings [rad]."""
+    """Mean of READINGS joint readings (14,) with the arms at rest [rad]."""
     failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
     if failure:
         return Outcome(failure=failure)

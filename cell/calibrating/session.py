@@ -114,8 +114,8 @@ def calibrate(
     figures: Callable[[T, Truth | None], Mapping[str, Any]],
     script: Script | None = None,
 ) -> CalibrationEnd[T]:
-    """Run one procedure. figures: the figures of a result that are stored with the run. script: called with the
-    cell before the procedure (for tests).
+    """Run one procedure. figures: returns the figures of a result that are stored with the run. script: called
+    with the cell before the procedure (for tests).
 
     Raises ConfigurationError and StorageError before anything moves.
     """
@@ -204,7 +204,7 @@ def _perform(
 
 
 def _catch(work: Callable[[], Outcome[T]]) -> Outcome[T]:
-    """Turn every exception into a failure, so that the cell is made safe. StorageError is raised on."""
+    """Turn every exception except StorageError into a failure, so that the cell is made safe."""
     try:
         return work()
     except StorageError:
@@ -218,7 +218,7 @@ def _catch(work: Callable[[], Outcome[T]]) -> Outcome[T]:
 
 
 def _prepare(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
-    """None if the cell is ready, otherwise the failure as an outcome."""
+    """Prepare the cell. Returns None if the cell is ready, otherwise the failure as an outcome."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "preparing", "prepare")
     result = prepare(cell, RunContext())

@@ -21,7 +21,8 @@ _IHDR_END = 33
 
 
 def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """PNG of an image (h, w) of 0 and 255, one bit per pixel, with its resolution, which OpenCV does not write."""
+    """PNG of an image (h, w) with values 0 and 255, one bit per pixel. It states the resolution, which OpenCV does
+    not write."""
     good, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not good:
         raise InternalError("OpenCV could not encode the sheet as PNG")
@@ -32,8 +33,8 @@ def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
 
 
 def pdf_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """PDF with one page of the size of the image (h, w) of 0 and 255. It asks the viewer to print without
-    scaling."""
+    """PDF with one page that has the size of the image (h, w) with values 0 and 255. It asks the viewer to print
+    without scaling."""
     h, w = picture.shape
     wide, high = (n / pixels_per_mm / POINT_MM for n in (w, h))
     pixels = zlib.compress(np.packbits(picture > 127, axis=1).tobytes(), 9)

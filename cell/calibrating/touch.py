@@ -32,7 +32,7 @@ from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 __all__ = ["park_other", "touch_table"]
 
 ABOVE = 0.08
-"""Start height of the descent over the configured table [m]."""
+"""Start height of the descent above the configured table [m]."""
 CLOSING_S = 1.0
 BACK_OFF = 0.003
 """Rise after the first touch, before the slow press [m]."""
@@ -148,8 +148,8 @@ def _descend(
     bottom: float,
     readings: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
-    """Guarded descent to rest, at the slow speed wherever the table may be. Appends each new reading to
-    `readings`."""
+    """Guarded descent that ends at rest. The hand moves slowly from the start of the search range, because the
+    table may be anywhere in it. Appends each new reading to `readings`."""
     settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
     goal = DescentGoal(contact=0.0, bottom=bottom)
 
@@ -172,7 +172,7 @@ def _descend(
 
 
 def _explained(failure: Failure, effect: Touch) -> Failure:
-    """Rephrase a missing or an early contact, which over a bare table has another cause than over a garment."""
+    """Explain a missing or early contact: its causes over a bare table differ from those over a garment."""
     if failure.kind is FailureKind.IN_COLLISION:
         return Failure(
             FailureKind.LOW_CONFIDENCE,

@@ -1,4 +1,4 @@
-"""The folds of a garment's plan optimised one after another, from the garment as it lies flat."""
+"""Optimise the folds of a garment's plan one after another, starting from the flat garment."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Progress = Callable[[FoldStep, int, int, float], None]
 
 @dataclass(frozen=True, eq=False)
 class StepOptimisation:
-    """One fold. paths: of each tool, from the grasp through the straight lift to the release; none where the
-    optimisation failed. wall_time_s: of the optimisation."""
+    """Result for one fold. paths: path of each tool from the grasp through the straight lift to the release; empty
+    if the optimisation failed. wall_time_s: duration of the optimisation [s]."""
 
     step: FoldStep
     outcome: Outcome[GraspTrajectory]
@@ -34,7 +34,8 @@ class StepOptimisation:
 
 
 def check_step(garment: Garment, number: int | None) -> None:
-    """Raises ConfigurationError for a fold that the garment's plan does not have. number: from 1; None: all."""
+    """Raises ConfigurationError if the garment's plan has no fold of this number. number: from 1; None: all
+    folds."""
     if number is not None and not 1 <= number <= len(garment.plan):
         raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no step {number}")
 
@@ -48,13 +49,13 @@ def optimise_plan(
     begin: Callable[[], None] = lambda: None,
     progress: Progress = lambda step, done, budget, best: None,
 ) -> Iterator[StepOptimisation]:
-    """Each fold when it is optimised, up to the first that fails.
+    """Optimise the folds in order and yield the result of each. The first failed fold is the last result.
 
-    only: the number of one fold, from 1; the folds before it are made by their initial arcs. method, budget
-    [simulations a fold]: None as in the settings. begin: called before each fold.
+    only: number of the only fold to optimise, from 1; the folds before it use their initial arcs. method, budget
+    [simulations per fold]: None: the value of the settings. begin: called before each fold.
 
-    Raises ConfigurationError at the first fold for an unknown method, for a number that the plan does not have,
-    and for a plan that the flat garment does not allow.
+    Raises ConfigurationError before the first result for an unknown method, for a number that the plan does not
+    have, and for a plan that the flat garment does not allow.
     """
     check_step(garment, only)
     method = method or settings.optimiser.method

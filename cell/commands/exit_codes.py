@@ -1,4 +1,4 @@
-"""The frame of every command: exit codes and error messages for people and programs."""
+"""Runs a command in a common frame: exit codes, and error messages for people and programs."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
 """Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The codes of SIGHUP (129) and
-SIGTERM (143) are in cell/support/process/terminations.py."""
+SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
 
 
 def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
-    """Parse a line, run its command and return the exit code. Never raises.
+    """Parse a command line, run its command and return the exit code. Never raises.
 
-    A reader that closes the pipe (`| head`) changes nothing. If standard output cannot be written for another
+    A closed pipe (`| head`) does not change the exit code. If standard output cannot be written for another
     reason, a successful command returns USAGE.
     """
     with lasting_streams() as output, unwinding():
@@ -44,7 +44,7 @@ def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> i
     try:
         try:
             options = parse()
-        except SystemExit as e:  # of argparse: 0 for --help, USAGE for a bad line
+        except SystemExit as e:  # raised by argparse: 0 for --help, USAGE for a bad line
             code = int(e.code or 0)
             if code and asked_for_json:
                 print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}))

@@ -1,6 +1,5 @@
-"""The entry point and the list of commands. Each command is one module with its flags and its code. It is imported
-only if the command is called, so that `foldcell --help` answers at once.
-"""
+"""The entry point and the list of commands. Each command is one module with its flags and its code. The module is
+imported only if its command is called, so that `foldcell --help` starts fast."""
 
 from __future__ import annotations
 
@@ -51,13 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """Exit with 64 for a bad line. argparse's own code 2 means 'not folded' here."""
+        """Exit with 64 for a bad command line, because argparse's own code 2 means 'not folded' here."""
         self.print_usage(sys.stderr)
         self.exit(USAGE, f"{self.prog}: {message}\n  see {self.prog} --help\n")
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """The parser. only: the one command whose flags are added; None: all of them."""
+    """Build the parser. only: the one command whose flags are added; None: all commands."""
     parser = _Parser(
         prog="foldcell",
         description="The executive of a garment-folding robot cell.",

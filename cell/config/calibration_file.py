@@ -90,7 +90,7 @@ class CameraFile:
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """Raises ConfigurationError for a file that is not a valid camera calibration."""
+    """Read a camera file. Raises ConfigurationError if it is not a valid camera calibration."""
     document = read_yaml(path, "camera calibration file")
     file = validated(document, _CameraFile)
     T = np.array(file.T_table_camera)
@@ -100,7 +100,8 @@ def read_camera_file(path: Path) -> CameraFile:
 
 
 def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCalibration:
-    """Read a camera file. The returned pose is relative to the present `table`. Raises ConfigurationError."""
+    """Read a camera calibration, with its pose relative to the present `table` (None: as in the file). Raises
+    ConfigurationError."""
     file = read_camera_file(path)
     if table is None or file.table_height is None:
         return file.calibration

@@ -80,7 +80,7 @@ RENAMED_KEYS = {
     "pressing.above_flat": "min_excess_height",
     "optimiser.adapt": "learn_friction",
 }
-"""Former keys and their present names, for the error message about a file that still uses a former one."""
+"""Former keys and their present names. The error message for a former key states the present name."""
 
 
 class _Group(BaseModel):
@@ -250,7 +250,7 @@ class ComputingConfig(_Group):
 
 
 class RosConfig(_Group):
-    """The robot over ROS (robots.baxter.ros). ROS_MASTER_URI names the ROS master."""
+    """Connection to the robot over ROS (robots.baxter.ros). ROS_MASTER_URI names the ROS master."""
 
     raw_position: bool = Field(
         strict=True,
@@ -316,7 +316,7 @@ class CellSettings(_Group):
 
     @property
     def calibrations(self) -> dict[str, Path]:
-        """The named calibration files by settings group."""
+        """The calibration files that the settings name, by settings group."""
         named = {
             "table": self.table_.calibration,
             "camera": self.camera.calibration,
@@ -374,7 +374,8 @@ def overlaid(
 
 
 def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
-    """File names in a settings file are relative to that file, not to the working directory."""
+    """Make file names absolute: in a settings file they are relative to that file, not to the working
+    directory."""
 
     def absolute(name: Path | None) -> Path | None:
         return name and (folder / name.expanduser()).resolve()

@@ -1,8 +1,8 @@
 """Read a user's YAML file into validated values.
 
 The reader is stricter than YAML 1.1: a repeated key is an error, only `true` and `false` are truth values, and
-`1e-3` is a number. Every error names file, line, key, value and the allowed values, and often
-suggests a correction.
+`1e-3` is a number. Every error names file, line, key, value and the allowed values, and often suggests a
+correction.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
 
 LARGEST_FILE = 4 * 2**20
-"""Size limit [bytes]. No configuration of a cell comes near it."""
+"""Size limit [bytes], far above the size of any configuration of a cell."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Docum
         raise _syntax_error(path, what, e) from e
     except RecursionError as e:
         raise ConfigurationError(f"{path}: the {what} is nested too deep", path=str(path)) from e
-    except (ValueError, OverflowError) as e:  # text that resembles a date or a number
+    except (ValueError, OverflowError) as e:  # a value that looks like a date or a number but is none
         raise ConfigurationError(f"{path}: not a valid {what}: {e}", path=str(path)) from e
     if not isinstance(data, dict):
         raise ConfigurationError(
@@ -81,9 +81,10 @@ def validated(
     data: Mapping[str, Any] | None = None,
     renamed: Mapping[str, str] = MappingProxyType({}),
 ) -> M:
-    """Validate `data` (default: the document's) as a `model`.
+    """Validate `data` (default: the document's data) as a `model`.
 
-    renamed: dotted former key -> present name of its last part. Raises ConfigurationError that lists every fault.
+    renamed: dotted former key -> present name of its last part. Raises a ConfigurationError that lists every
+    fault.
     """
     try:
         return model.model_validate(document.data if data is None else data)
@@ -241,7 +242,7 @@ def _explain(
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         known = ", ".join(_names(owner)) if owner else ""
         return f"{where}: {key} = {_shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
-    if kind == "value_error" and not _allowed(field):  # the message of a rule over several keys names them
+    if kind == "value_error" and not _allowed(field):  # a rule over several keys names them in its message
         return f"{where}: {_message(fault)}", ""
     allowed = _allowed(field) or _message(fault)
     hint = _unit_hint(field, value) or _number_hint(value) or _about(field)

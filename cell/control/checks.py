@@ -20,9 +20,9 @@ class ExecutionLimits:
     """Limits of a motion's execution.
 
     start [rad]: largest distance of a joint from the trajectory's first point; tracking [rad]: largest distance
-    from the set-point while moving; settled [rad]: largest distance from the goal at arrival; settle_s: time to
-    wait for that; stale_s: largest age of a joint state; altered [rad]: largest change of a set-point by the
-    driver.
+    from the set-point while moving; settled [rad]: largest distance from the goal at arrival; settle_s: longest
+    wait until the arms are that close [s]; stale_s: largest age of a joint state [s]; altered [rad]: largest
+    change of a set-point by the driver.
     """
 
     start: float = np.deg2rad(1.0)
@@ -62,10 +62,10 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
 
 
 def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits) -> Outcome[JointState]:
-    """The arms' state a tick after the set-point q (14,). sent: the set-point that the driver passed on.
+    """The arms' state one tick after the set-point q (14,). sent: the set-point that the driver passed on.
 
-    Failures: STOPPED, STALE_STATE. LIMIT_EXCEEDED (an altered set-point) and TRACKING_ERROR also command the
-    arms to hold.
+    Failures: STOPPED, STALE_STATE, LIMIT_EXCEEDED (an altered set-point), TRACKING_ERROR. For the last two, the
+    arms are also commanded to hold.
     """
     failure = stopped(ports)
     if failure:
@@ -83,8 +83,8 @@ def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimit
 def hold(ports: Ports, limits: ExecutionLimits) -> None:
     """Command the arms to hold their present position.
 
-    No command is sent if their state is stale, because they may be far from it. The driver holds the arms after
-    its command timeout.
+    No command is sent if the arms' state is stale, because the arms may be far from it. The driver holds the arms
+    after its command timeout.
     """
     read = fresh_state(ports, limits)
     if read.ok:
@@ -121,7 +121,7 @@ def start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Fai
 
 
 def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
-    """A driver that alters set-points leads the arms off the checked path."""
+    """LIMIT_EXCEEDED if the driver has altered the set-point, which would lead the arms off the checked path."""
     change = np.abs(sent.q - q)
     joint = int(change.argmax())
     if change[joint] <= limits.altered:

@@ -12,9 +12,9 @@ from robots.ports import Array
 __all__ = ["LastCommand", "blend"]
 
 FADE_S = 0.25
-"""Time in which the gap between the last set-point and the next motion's first one is closed [s]."""
+"""Duration of the blend from the last set-point to the next motion [s]."""
 NEAR = float(np.deg2rad(1.5))
-"""Largest distance between the last set-point and the measured joints for which the set-point is used [rad]."""
+"""The last set-point is used only if the measured joints are within this distance of it [rad]."""
 
 
 @dataclass(eq=False)

@@ -2,8 +2,8 @@
 
 It runs a motion (motion.py): it sends a set-point, waits for the tick, checks the state read since, and asks the
 motion for the next set-point. The loop checks the stop, the state's age, altered set-points, tracking errors,
-pause and abort for every motion. Arrival, contact, force and slip are checked by the motions. docs/safety.md
-states the order of the checks.
+pause and abort for every motion. The motions check arrival, contact, force and slip. docs/safety.md states the
+order of the checks.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class ControlLoop:
     ) -> Outcome[V]:
         """Run the motion that `begin` makes from the arms' state.
 
-        control: lets the operator pause or abort the motion. standing: the motion only holds the arms. If their
-        state is stale at its start, it then runs without sending set-points, and the driver holds the arms after
-        its command timeout. Failures: the motion's own; STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an
-        altered set-point), TRACKING_ERROR, ABORTED. Raises DriverError.
+        control: lets the operator pause or abort the motion. standing: the motion only holds the arms, so that it
+        may start with a stale state. It then sends no set-points, and the driver holds the arms after its command
+        timeout. Failures: the motion's own; STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an altered
+        set-point), TRACKING_ERROR, ABORTED. Raises DriverError.
         """
         read = fresh_state(self.ports, self.limits)
         failure = stopped(self.ports) or (None if standing else read.failure)
@@ -84,7 +84,8 @@ class ControlLoop:
             point = following
 
     def _tick(self, point: SetPoint, ticks: Ticks, sends: bool) -> tuple[bool, Outcome[JointState]]:
-        """One tick: (whether it came so late that the arms have come to rest, their state or a failure)."""
+        """Perform one tick. Returns whether the tick came so late that the arms have come to rest, and their state
+        or a failure."""
         if sends:
             sent = self.ports.arms.command(point.q, point.qd)
             self.last_command.q = point.q

@@ -1,6 +1,7 @@
 """The interface between the control loop and the motions.
 
-A motion is a generator: it yields set-points, is sent the arms' state a tick after each, and returns its outcome.
+A motion is a generator: it yields set-points, receives the arms' state one tick after each, and returns its
+outcome.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class Order(Enum):
 class SetPoint:
     """q, qd (14,) for the next tick [rad], [rad/s].
 
-    begins: joints (14,) near which the arms must stand before the motion's first set-point is sent; None:
-    anywhere. path_s: the motion's own clock [s]. resting: the motion may end here, because it rests on its path
+    begins: joints (14,) near which the arms must be before the motion's first set-point is sent; None: no
+    condition. path_s: the motion's own clock [s]. resting: the motion may end here, because it rests on its path
     or cannot pause at all. failure: set to bring the motion to rest and end it.
     """
 
@@ -45,10 +46,11 @@ class SetPoint:
 
 @dataclass(frozen=True, eq=False)
 class Feedback:
-    """The arms a tick after a set-point.
+    """The state of the arms one tick after a set-point.
 
     fresh: whether the state is recent enough to act on. A stale state reaches only motions that must still be
-    brought to rest, and motions that send nothing. late: the tick came so late that the arms have come to rest.
+    brought to rest, and motions that send no set-points. late: whether the tick came so late that the arms have
+    come to rest.
     """
 
     state: JointState
@@ -62,7 +64,8 @@ Motion = Generator[SetPoint, Feedback, Outcome[V]]
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """Input of a watch. t: the motion's own clock [s], which stands still in a pause; state: of the arms."""
+    """Input of a watch. t: the motion's own clock [s], which does not advance in a pause; state: state of the
+    arms."""
 
     t: float
     state: JointState

@@ -20,9 +20,9 @@ class PathControl:
     """Control of a motion along its path: the source of commands, and the limits of stopping and starting.
 
     commands: source of PAUSE, RESUME and ABORT; None: the motion cannot be paused. stop, go: joint limits while
-    the clock runs down and up. tell: shows a line to the operator. note: writes the events "paused" and
+    the clock slows down and speeds up. tell: shows a line to the operator. note: writes the events "paused" and
     "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in pauses, summed over the
-    motions. stop_s: time in which the clock runs down, unless `stop` demands longer.
+    motions. stop_s: time in which the clock slows to a stop, unless `stop` demands more [s].
     """
 
     commands: CommandQueue | None
@@ -37,19 +37,20 @@ class PathControl:
         return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
 
     def answer(self) -> Event | None:
-        """The command that ends a pause, if it comes within a tick of real time."""
+        """The command that ends a pause; None if no such command comes within a tick of real time."""
         assert self.commands is not None
         return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
 
 
 class PathClock:
-    """The motion's own clock: it runs, comes to rest, rests and runs again. The motion never leaves its path."""
+    """The motion's own clock. It runs, slows to a stop, rests and starts again. The motion never leaves its
+    path."""
 
     def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
         self._trajectory, self._control = trajectory, control
         self._base, self._ticks = 0.0, 0
-        """The clock at its last change, and the ticks since. Counting ticks keeps rounding errors from adding
-        up."""
+        """The clock's time when its speed last changed, and the ticks since then. Counting ticks avoids a sum of
+        rounding errors."""
         self._warp: ClockWarp | None = None
         self._goal = 1.0
 
@@ -92,8 +93,8 @@ class PathClock:
         self._change(1.0, self._control.go, STOP_TIME)
 
     def begin_again(self) -> bool:
-        """After a stall, in which the arms came to rest, the clock runs up from the last set-point as after a
-        pause. Returns False if it runs down or rests already."""
+        """Restart after a stall, in which the arms came to rest: the clock speeds up from the last set-point, as
+        after a pause. Returns False if the clock was slowing down or at rest anyway."""
         if self._goal != 1.0:
             return False
         self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0

@@ -15,9 +15,9 @@ __all__ = ["Interruptions"]
 
 
 class Interruptions:
-    """Keeps from tick to tick whether a motion runs, is being brought to rest, or rests.
+    """Tracks whether a motion runs, is being brought to rest, or rests.
 
-    order: sent to the motion with the next feedback. resting: the motion may end where it is.
+    order: order for the motion, sent with the next feedback. resting: whether the motion may end where it is.
     """
 
     def __init__(
@@ -30,13 +30,13 @@ class Interruptions:
         self._ending: Failure | None = None
         """The failure that ends the motion once it rests."""
         self._asked: float | None = None
-        """Time at which a pause was asked for that is not in the journal yet [s]."""
+        """Time of a request for a pause that is not in the journal yet [s]."""
 
     def judge(self, following: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
-        """After a tick: the failure that ends the motion now, or None while it continues.
+        """Evaluate one tick. Returns the failure that ends the motion now, or None while it continues.
 
-        following: its next set-point; q (14,): the one just sent; state: the arms' state; stale: the failure if
-        that state is too old.
+        following: the motion's next set-point; q (14,): the set-point just sent; state: the arms' state; stale:
+        the failure if that state is too old.
         """
         self.order, self.resting = None, following.resting
         self._ending = self._ending or stale or following.failure
@@ -70,7 +70,8 @@ class Interruptions:
         return None
 
     def _rest(self, control: PathControl, following: SetPoint, q: Array, state: JointState) -> Failure | None:
-        """A tick of a pause. The journal gets it once the arms rest: a slow disk must not delay moving arms."""
+        """Perform one tick of a pause. The pause is written to the journal once the arms rest, because a slow disk
+        must not delay moving arms."""
         control.waited_s += TICK_S
         if self._asked is not None:
             control.note("paused", {"asked_s": self._asked, "path_s": following.path_s})

@@ -14,11 +14,12 @@ LOST_S = 2.0
 
 
 class Ticks:
-    """Ticks from now on.
+    """Ticks of the loop, counted from the creation of this object.
 
-    A loop that is late by more than a tick continues from there: catching up would send set-points ahead of the
-    arms. A delay of LOST_S (a suspended program, a laptop that slept) stops the robot, which must not move on by
-    itself after that. A simulated cell waits for its executive, which is never late.
+    A loop that is late by more than a tick continues from the present time, because catching up would send
+    set-points ahead of the arms. A delay of more than LOST_S (a suspended program, a laptop that slept) stops the
+    robot, which must not move on by itself after such a delay. A simulated cell waits for its executive, so that
+    the executive is never late.
     """
 
     def __init__(self, ports: Ports) -> None:

@@ -1,7 +1,7 @@
 """Draws the state chart with the `transitions` library: `foldcell chart` writes cell/states/state_chart.svg.
 
-The chart leaves out the rows that hold in every working state (stop, crash, abort, pause, lost journal). The
-colour of a state shows where its failure leads. A legend below the chart explains both.
+The chart leaves out the rows that apply to every working state (stop, crash, abort, pause, lost journal). The
+colour of a state shows which state follows its failure. A legend below the chart explains both.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ON_FAILURE = {
     State.CLEARING: ("#c0392b", "#fbeceb"),
     State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
 }
-"""(border, fill) colour of the states whose failure leads to this state."""
+"""State -> (border, fill) colours of the states whose failure leads to it."""
 LEGEND = (
     "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
     "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"
@@ -57,7 +57,7 @@ class _Chart(GraphMachine):
 
 
 def draw_chart() -> str:
-    """The transition table as SVG; each state's group has the id `state-NAME`.
+    """The transition table as SVG. The SVG group of each state has the id `state-NAME`.
 
     Raises ConfigurationError if Graphviz is missing. Only this function needs Graphviz.
     """
@@ -93,5 +93,5 @@ def _for_pages(svg: str) -> str:
     )
     svg = re.sub(r'<svg width="[^"]*" height="[^"]*"', '<svg class="states"', svg)
     svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
-    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # the legend is already drawn below the chart
+    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # a title that repeats the legend
     return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)

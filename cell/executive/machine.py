@@ -1,8 +1,8 @@
-"""The state machine over cell/states/transition_table.py: an event goes in, the effect to perform comes out.
+"""The state machine of cell/states/transition_table.py: it receives an event and returns the effect to perform.
 
-It has one thread, no clock, no I/O and no callbacks. The `transitions` library holds the rows, moves, and draws
-the chart (draw_state_chart.py). The rows outside the working flow (stop, crash, abort, pause) are added here for
-every working state.
+It has one thread, no clock, no I/O and no callbacks. The `transitions` library stores the rows, makes the
+transitions, and draws the chart (draw_state_chart.py). This module adds the rows outside the working flow (stop,
+crash, abort, pause) for every working state.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
 
 def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
-    """The table with the rows that every working state has: stop, lost journal, crash, abort, pause and resume.
+    """The table and the rows that every working state has: stop, lost journal, crash, abort, pause and resume.
 
-    A pause happens between two effects. RESUME enters the interrupted state again: its effect is issued again and
-    checks its own start. While the cell makes itself safe it can only be stopped.
+    A pause happens between two effects. RESUME enters the interrupted state again: the machine issues its effect
+    again, and the effect checks its own start. While the cell makes itself safe, it accepts no abort and no pause.
     """
     working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
-    added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # target: see Executive.handle
+    added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # `handle` sets the target
     for s in [*working, State.PAUSED]:
         added.append(Row(s, Event.STOP, State.STOPPED, Effect.HOLD))
         added.append(Row(s, Event.UNRECORDED, State.FAULT, Effect.HOLD))
@@ -44,7 +44,7 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
 
 @dataclass
 class _Model:
-    """The model that `transitions` moves: it only carries the state."""
+    """The model object of `transitions`. It holds only the state."""
 
     state: str = State.IDLE.value
     trigger: object = field(default=None, repr=False)

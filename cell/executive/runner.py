@@ -1,8 +1,8 @@
 """Performs the effect of each state and feeds its event back to the state machine.
 
-One loop in one thread: the machine names the effect, the journal takes the intent, the effect is performed
-(cell/executive/effects), the journal takes the result, and the machine takes the event. Observers (the Rerun view,
-the progress lines) are notified of each step and cannot affect it.
+One loop in one thread: the machine names the effect, the runner writes its intent to the journal, performs it
+(cell/executive/effects), writes its result to the journal, and passes its event to the machine. Observers (the
+Rerun view, the progress lines) are notified of each step and cannot affect it.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ __all__ = ["EffectFunction", "Runner"]
 EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
-"""Effects that touch neither the cell nor the clock. The journal gets no intent and result of them."""
+"""Effects that touch neither the cell nor the clock. The journal gets no intent and no result for them."""
 
 _FAILING = FAILING | {Event.GIVE_UP}
-"""Events caused by the context's failure. With any other event that failure was recovered before."""
+"""Events that the context's failure causes. With other events, that failure is old and already recovered."""
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
-"""Effects that discard earlier answers: a key pressed twice does not approve the next fold."""
+"""Effects that ask the operator. They drop earlier answers: a key pressed twice must not approve the next fold."""
 
 
 class Runner:
     """One run of the state machine over the effects of a cell.
 
-    keep: writes the checkpoint of the context after each effect, so that an interrupted run can be resumed. The
-    last effect of a folded run writes none: if the journal lacks the run's end, its last fold is judged again.
+    keep: writes the checkpoint of the context after each effect, so that an interrupted run can be resumed. After
+    the last effect of a folded run it writes none. If the journal lacks the end of that run, `resume` judges the
+    last fold again.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class Runner:
         self._noted: tuple[tuple[float, str], ...] = ()
 
     def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
-        """Run from the first event to a terminal state. Returns whatever the end."""
+        """Run from the event `first` to a terminal state. Failures are part of the returned value."""
         clock = self._cell.ports.clock
         started = clock.now()
         self._context, self._times = context or RunContext(), {}
@@ -76,7 +77,7 @@ class Runner:
         return RunEnd(state, self._context, started, clock.now(), self._times)
 
     def _walk(self, event: Event) -> State:
-        """Follow the table to a terminal state. Raises StorageError when the journal takes no more lines."""
+        """Follow the table to a terminal state. Raises StorageError if journal or checkpoint cannot be written."""
         clock = self._cell.ports.clock
         while True:
             step = self._advance(event)
@@ -93,7 +94,7 @@ class Runner:
                 o.performed(ended, step, result)
 
     def _advance(self, event: Event) -> Step:
-        """Move the machine by an event. An unknown event is a bug of the effect and becomes a crash."""
+        """Give an event to the machine. An event that the state does not know is a bug and becomes a crash."""
         try:
             return self._machine.handle(event)
         except InternalError as bug:
@@ -103,7 +104,7 @@ class Runner:
             return self._machine.handle(Event.CRASH)
 
     def _unrecorded(self, error: StorageError) -> State:
-        """End the run with the arms held: nothing is done that the journal cannot record."""
+        """End the run with the arms held, because the executive does nothing that the journal cannot record."""
         now, source = self._cell.ports.clock.now(), self._machine.state
         hint = f"the arms are held where they are: free the garment from the hands. {error.hint}"
         failure = Failure(FailureKind.UNRECORDED, error.what, hint)
@@ -116,7 +117,7 @@ class Runner:
             o.entered(now, step)
         try:
             self._effects[Effect.HOLD](self._cell, self._context)
-        except Exception as e:  # no journal to record it, and no other way to hold the arms
+        except Exception as e:  # the journal cannot record it, and nothing else can hold the arms
             failure = replace(failure, hint=f"{hint}. Holding them failed ({e}): press the emergency stop")
             self._context = replace(self._context, failure=failure)
         return State.FAULT
@@ -148,14 +149,14 @@ class Runner:
         try:
             result = self._effects[step.effect](self._cell, context)
         except DriverError as e:
-            # the driver may notice a stop before the executive: it is reported as any other stop
+            # the driver may notice a stop before the executive does; report it like any other stop
             stop = stopped(self._cell.ports) if e.kind is FailureKind.STOPPED else None
             result = Result(Event.FAILED, context.with_failure(stop or e.failure()))
         except Exception as e:  # a bug or a broken file
             result = Result(Event.CRASH, context.with_failure(_crash(e)))
         result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
-            self._write_checkpoint(result.context)  # first: the checkpoint is never older than the journal
+            self._write_checkpoint(result.context)  # first, so that it is never older than the journal
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event in _FAILING and result.context.failure:
@@ -165,19 +166,19 @@ class Runner:
         return result
 
     def _write_checkpoint(self, context: RunContext) -> None:
-        """Raises StorageError: a run that could not be resumed ends like one without a journal."""
+        """Write the checkpoint. Raises StorageError, which ends the run in the same way as a lost journal."""
         try:
             self._keep(context)
         except StorageError:
             raise
-        except DriverError as e:  # the simulated cell is gone
+        except DriverError as e:  # the process of the simulated cell has ended
             raise StorageError(f"the checkpoint cannot be written: {e.what}", e.hint) from e
         except Exception as e:
             hint = "this is a bug: keep the run folder and report it"
             raise StorageError(f"the checkpoint cannot be written: {type(e).__name__}: {e}", hint) from e
 
     def _divert(self, step: Step, result: Result) -> Result:
-        """A failure by a stop becomes STOP; one by an abort becomes ABORT, if the state knows that event."""
+        """The result. A failure by a stop becomes STOP; one by an abort becomes ABORT if the state knows it."""
         if result.event is not Event.FAILED or result.context.failure is None:
             return result
         kind = result.context.failure.kind
@@ -198,7 +199,7 @@ class Runner:
         return self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
 
     def _with_cause(self, event: Event, context: RunContext) -> RunContext:
-        """The context with the abort or stop as its failure, in place of one recovered before."""
+        """The context with the abort or stop as its failure. It replaces an old failure, already recovered."""
         if event is Event.ABORT:
             return context.with_failure(ABORTED)
         stop = stopped(self._cell.ports)

@@ -27,7 +27,8 @@ __all__ = ["assemble", "load_robot"]
 
 
 SLACK = 0.002
-"""Difference between the planning and the execution margins [m]: the arms deviate a little from the plan."""
+"""Difference between the planning and the execution margins [m], because the arms deviate a little from the
+plan."""
 
 
 def load_robot(settings: CellSettings) -> RobotModel:
@@ -91,8 +92,8 @@ def assemble(
 
 
 class _RunLibrary:
-    """The trajectory library at the run's start. Trajectories kept by the run are added to it and to the user's
-    file."""
+    """The trajectory library of a run: its content at the start, and the trajectories that the run adds. The
+    user's file gets the added trajectories too."""
 
     def __init__(self, request: FoldRequest) -> None:
         self._logs = request.logs

@@ -24,13 +24,13 @@ DRIVERS = {
 }
 
 PersonAt = Callable[[Stop], Attendant]
-"""Makes the attendant of a real cell. Its waits end when the stop is triggered."""
+"""Makes the attendant of a real cell. The attendant stops waiting when the stop is triggered."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenCell:
-    """An open cell. ports: all that the executive gets; simulated: the simulated cell, for scorer, scripts and
-    checkpoints; None on hardware."""
+    """An open cell. ports: the executive's only access to the cell; simulated: the simulated cell, for scorer,
+    scripts and checkpoints; None on hardware."""
 
     ports: Ports
     simulated: SimulatedCell | None = None
@@ -59,7 +59,7 @@ def opened_cell(
 ) -> Iterator[OpenCell]:
     """Open a cell for the duration of the context. simulation, seed: for a simulated cell; person: for a real one.
 
-    Raises ConfigurationError as `check_cell` does, and if a part of the cell does not answer.
+    Raises ConfigurationError as `check_cell` does, and if a part of the cell does not respond.
     """
     check_cell(driver, simulation)
     with _opened(driver, simulation, seed, settings, person) as cell:
@@ -76,8 +76,8 @@ def opened_cell(
 
 @contextmanager
 def stop_circuit() -> Iterator[Stop]:
-    """The robot's stop circuit alone, even if other parts of the cell do not answer. Raises ConfigurationError if
-    ROS or the robot does not answer."""
+    """Connect to the robot's stop circuit only, which works even if other parts of the cell do not respond. Raises
+    ConfigurationError if ROS or the robot does not respond."""
     from robots.baxter.ros.connection import connected_stop
 
     with connected_stop() as stop:
@@ -107,7 +107,8 @@ def _opened(
 
 @contextmanager
 def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
-    """The robot's ports. The lock is on the robot, so that runs with different log folders exclude each other."""
+    """Open the robot's ports. The lock is per robot, so that runs with different log folders exclude each
+    other."""
     from robots.baxter.ros.connection import connected
     from robots.baxter.ros.node import master_address
 

@@ -1,4 +1,5 @@
-"""Perception of a picture that no run took: from a file or an array, by the cell's camera or an unknown one."""
+"""Recognise a garment in a picture from a file or an array, taken outside a run by the cell's or an unknown
+camera."""
 
 from __future__ import annotations
 
@@ -20,15 +21,15 @@ from skills.vocabulary import CameraCalibration, Outcome, Table
 __all__ = ["ANY_SIZE", "Photograph", "in_unit", "perceive_photograph", "photographed", "read_photograph"]
 
 ANY_SIZE = 1e3
-"""Relative difference of sizes that nothing reaches."""
+"""Size tolerance that accepts every size (relative difference)."""
 WIDTH, HEIGHT = 1.2, 2.0
-"""Of the table in a photograph, and of the camera above it, when nothing is known of either [m]."""
+"""Assumed width of the table in a picture by an unknown camera, and height of that camera above the table [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """rgb: (H, W, 3) uint8. depth: (H, W) float32 [m], NaN where unknown; None: there is none. name, depth_name:
-    what messages call them."""
+    """A picture. rgb: (H, W, 3) uint8. depth: (H, W) float32 [m], NaN where unknown; None: no depth. name,
+    depth_name: names of the two in messages."""
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32] | None
@@ -37,7 +38,7 @@ class Photograph:
 
 
 def read_photograph(image: Path, depth: Path | None) -> Photograph:
-    """A picture from files. Raises ConfigurationError when one cannot be read."""
+    """Read a picture and its depth from files. Raises ConfigurationError for a file that cannot be read."""
     metres = read_depth(depth) if depth is not None else None
     return Photograph(read_picture(image), metres, str(image), str(depth))
 
@@ -45,10 +46,11 @@ def read_photograph(image: Path, depth: Path | None) -> Photograph:
 def perceive_photograph(
     picture: Photograph, reference: Photograph | None, garment: str, unit: str, settings: CellSettings
 ) -> tuple[Outcome[Perception], CameraFrame]:
-    """What is seen in the picture, and the picture as a camera's frame. reference: the empty table. garment: a
-    name, a file, or auto. unit: 'm', taken by the cell's camera, or 'px', from above by an unknown one.
+    """Recognise the garment in the picture. Returns the outcome and the picture as a camera frame. reference:
+    picture of the empty table. garment: a name, a file, or auto. unit: 'm' for the cell's camera, 'px' for an
+    unknown camera that looks straight down.
 
-    Raises ConfigurationError for a garment that is not known, and for a picture of another size than the camera's.
+    Raises ConfigurationError for an unknown garment, and for a picture whose size differs from the camera's.
     """
     calibration, table = camera_calibration(settings), settings.table
     if unit == "px":
@@ -58,17 +60,18 @@ def perceive_photograph(
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
     thresholds = settings.perception.settings()
-    if picture.depth is None:  # that there is none is the user's choice, not a broken camera
+    if picture.depth is None:  # the user gave no depth: the camera is not broken
         thresholds = replace(thresholds, depth_holes=1.0)
-    if unit == "px":  # nor how large it is
+    if unit == "px":  # the scale of the picture is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
     expected = None if garment == "auto" else garments[0].name
     return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
-    """A stand-in for a camera of which nothing is known, for a picture (rows, columns): straight above the table,
-    the picture as wide as `WIDTH`. What it says in metres means nothing; in pixels it is right."""
+    """Calibration and table that stand in for an unknown camera. shape: (rows, columns, ...) of the picture. The
+    camera is straight above the table, and the picture is `WIDTH` wide on it. Results in pixels are valid, results
+    in metres are not."""
     rows, columns = shape[:2]
     focal = HEIGHT * columns / WIDTH
     intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
@@ -78,7 +81,8 @@ def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
 
 
 def in_unit(perception: Perception, points: Array, unit: str) -> Array:
-    """Points (..., 2) [m], table frame, as they are, or in the picture's pixels (column, row)."""
+    """Convert points (..., 2) [m] in the table frame to `unit`: 'm' returns them unchanged, 'px' returns pixels of
+    the picture (column, row)."""
     return points if unit == "m" else perception.view.to_image(points)
 
 

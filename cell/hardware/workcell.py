@@ -1,4 +1,4 @@
-"""The workcell of a run: ports, models, files read, and worker threads."""
+"""The workcell of a run: ports, models, contents of files, and worker threads."""
 
 from __future__ import annotations
 
@@ -68,12 +68,12 @@ class Workcell:
     rng: Callable[[], np.random.Generator]
     """Makes the motion planner's random generator, always with the same seed."""
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
-    """Writes an event within an effect to the journal: name, figures."""
+    """Writes an event that occurs within an effect to the journal: name, figures."""
     last_command: LastCommand = field(default_factory=LastCommand)
     """The last set-point sent to the arms."""
     watched_stop: Stop | None = None
-    """The stop that is polled in real time while a skill computes; None: that of the ports. Polling it only ends
-    the wait. The decision is taken from `ports.stop`, which is read once afterwards."""
+    """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
+    wait. The decision is taken from `ports.stop`, which is read once afterwards."""
 
     @property
     def loop(self) -> ControlLoop:
@@ -84,10 +84,10 @@ class Workcell:
         return Hands(self.ports, self.robot, self.table, self.recorder)
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
-        """Run a skill on a worker thread while polling the stop. charge_s: cell time that it takes in simulation
-        [s], fixed or from its result.
+        """Run a skill on a worker thread while polling the stop. charge_s: cell time that the skill takes in
+        simulation [s], a number or a function of the skill's result.
 
-        Raises DriverError(STOPPED) if the stop is triggered meanwhile; the skill's result is then lost.
+        Raises DriverError(STOPPED) if the stop is triggered meanwhile. The skill's result is then discarded.
         """
         began = self.ports.clock.now()
         future = self.workers.submit(work)

@@ -1,4 +1,4 @@
-"""The frame store: the camera frames that a run used, one file for each, named by the hash of its content."""
+"""The frame store: the camera frames that a run used. Each frame is a file, named by the hash of its content."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FrameStore:
         self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # compared by identity
 
     def put(self, frame: CameraFrame) -> str:
-        """Store a frame and return its name; it is on disk when the call returns. Raises StorageError."""
+        """Store a frame and return its name. The frame is on disk when the call returns. Raises StorageError."""
         if frame in self._known:
             return self._known[frame]
         name = _name(frame)

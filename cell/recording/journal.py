@@ -1,8 +1,8 @@
 """The journal: every run and its actions, in one SQLite file that survives `kill -9` at any instant.
 
-An effect (one look, one motion, one gripper command) is written as an intent before it begins and as a result
-after it ends. Each entry is a transaction of its own and is on disk when the call returns. A reader therefore
-never finds a result of an effect that did not happen, and misses the result of one effect at most.
+An effect (for example a picture, a motion, a grasp) is written as an intent before it begins and as a result after
+it ends. Each entry is a separate transaction and is on disk when the call returns. A reader therefore never finds
+the result of an effect that did not happen, and at most one effect has no result.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PAYLOAD_SCHEMA = 1
 APPLICATION_ID = 0x466F4C64  # "FoLd": marks the file as a journal of foldcell
 OWNER_FILE = ".owner"
 NOT_BEGUN = "not_begun"
-"""Result of a run whose cell could not be opened."""
+"""Result of a run that did not begin, because its cell could not be opened."""
 BUSY_S = 10.0
 
 _TABLES = """
@@ -82,7 +82,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Intent:
-    """The entry with which an effect began, and its result; None if it did not end."""
+    """The entry that an effect wrote before it began, and its result (None if the effect did not end)."""
 
     begun: Entry
     result: Entry | None
@@ -118,7 +118,7 @@ class Journal:
 
     @classmethod
     def open(cls, path: Path, readonly: bool = False) -> Self:
-        """Open the journal; unless `readonly`, create it if it is missing.
+        """Open the journal. Create it if it is missing, unless `readonly`.
 
         Raises StorageError if it cannot be read or written, is no journal, or was written by a newer version.
         A file of another program is never changed.
@@ -155,7 +155,7 @@ class Journal:
     ) -> RunJournal:
         """Begin a run: create its folder beside the journal, its row, and the lock that its process holds.
 
-        The run's id is its folder's name. On a StorageError neither row nor folder remains.
+        The run's id is the name of its folder. If this raises StorageError, neither row nor folder remains.
         """
         started = wall_clock()
         folder = _make_run_folder(self.path.parent, garment, seed, started)
@@ -175,7 +175,7 @@ class Journal:
         return RunJournal(self, folder, owner, wall_clock)
 
     def _write(self, sql: str, values: tuple[Any, ...]) -> int:
-        """Execute one statement as one transaction on disk; returns the number of rows that changed."""
+        """Execute one statement as one transaction on disk. Returns the number of changed rows."""
         with self._mutex, self._errors():
             return self._connection.execute(sql, values).rowcount
 
@@ -189,7 +189,7 @@ class Journal:
     def run(self, name: str) -> RunRecord:
         """The run called `name`: an id, its first characters, a folder, or `last`.
 
-        Raises ConfigurationError if no run or more than one has this name.
+        Raises ConfigurationError if there is no such run, or more than one.
         """
         runs = self.runs()
         if not runs:
@@ -210,12 +210,12 @@ class Journal:
         )
 
     def entries(self, run: str, kind: str | None = None) -> list[Entry]:
-        """The entries of a run in order: all, or those of one kind."""
+        """All entries of a run in order, or only the entries of one kind."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
         return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
 
     def named(self, name: str) -> list[tuple[str, Entry]]:
-        """The entries with this name in all runs, each with its run's id, in the order in which the runs began."""
+        """(run id, entry) for the entries with this name in all runs, in the order in which the runs began."""
         rows = self._read(
             "SELECT events.* FROM events JOIN runs ON events.run = runs.id WHERE name = ?"
             " ORDER BY runs.rowid, sequence",
@@ -249,7 +249,7 @@ class Journal:
     def _record(self, row: sqlite3.Row) -> RunRecord:
         folder = self.path.parent / row["id"]
         status = row["result"] or ("running" if is_held(folder / OWNER_FILE) else "interrupted")
-        if status == "interrupted":  # it may have ended between reading the row and the lock
+        if status == "interrupted":  # the run may have ended after its row was read
             now = self._read("SELECT * FROM runs WHERE id = ?", (row["id"],))
             row, status = (now[0], now[0]["result"] or status) if now else (row, status)
         return RunRecord(
@@ -279,7 +279,7 @@ class Journal:
 
 
 def performed(entries: Sequence[Entry]) -> list[Intent]:
-    """The effects among a run's lines, in order, each with its result if it ended."""
+    """The effects among a run's entries, in order. An effect that did not end has no result."""
     results = {e.answers: e for e in entries if e.kind == "result"}
     return [Intent(e, results.get(e.sequence)) for e in entries if e.kind == "intent"]
 
@@ -308,7 +308,7 @@ class RunJournal:
         self._mutex = threading.Lock()
 
     def event(self, t: float, state: str, name: str, payload: Mapping[str, Any] | None = None) -> int:
-        """Record an event at cell time `t` [s]: a transition or a decision. Returns its sequence."""
+        """Record an event at cell time `t` [s]: a transition or a decision. Returns its sequence number."""
         return self._append("event", t, state, name, payload)
 
     def intent(self, t: float, state: str, effect: str, payload: Mapping[str, Any] | None = None) -> int:
@@ -316,14 +316,14 @@ class RunJournal:
         return self._append("intent", t, state, effect, payload)
 
     def result(self, intent: int, t: float, payload: Mapping[str, Any] | None = None) -> int:
-        """Record how the effect `intent` ended. Raises InternalError if this intent is not open."""
+        """Record the result of the effect `intent`. Raises InternalError if this intent is not open."""
         if intent not in self._open_intents:
             raise InternalError(f"run {self.id}: there is no open intent {intent}")
         state, effect = self._open_intents[intent]
         return self._append("result", t, state, effect, payload, intent)
 
     def end(self, result: str, summary: Mapping[str, Any] | None = None) -> None:
-        """End the run with its result and figures, and release the lock. Raises InternalError the second time."""
+        """End the run with its result and figures, and release the lock. Raises InternalError if called again."""
         with self._mutex:
             if self._ended:
                 raise InternalError(f"run {self.id} was ended twice")
@@ -340,7 +340,7 @@ class RunJournal:
         (self.directory / OWNER_FILE).unlink(missing_ok=True)
 
     def refuse(self, reason: CellError) -> None:
-        """End a run without entries as `not_begun`, for this reason; abandon any other."""
+        """End a run without entries as `not_begun`, with this reason. Abandon a run that has entries."""
         if not self._sequence and not self._ended:
             with suppress(StorageError):
                 return self.end(NOT_BEGUN, {"reason": {"what": reason.what, "hint": reason.hint}})
@@ -400,7 +400,7 @@ def _connect(path: Path) -> sqlite3.Connection:
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
         connection.execute("PRAGMA foreign_keys=ON")
-        if version == 0:  # else no write lock is needed: SQLite grants it in no order, a wait could be long
+        if version == 0:  # otherwise avoid the write lock: SQLite grants it in no order, so a wait could be long
             _make_tables(connection, path)
     except BaseException:
         connection.close()
@@ -409,7 +409,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
-    connection.execute("BEGIN IMMEDIATE")  # if several processes open a new file, one creates the tables
+    connection.execute("BEGIN IMMEDIATE")  # if several processes open a new file, only one creates the tables
     try:
         if _check_version(connection, path) == 0:
             for statement in filter(str.strip, _TABLES.split(";\n")):
@@ -424,13 +424,13 @@ def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _connect_readonly(path: Path) -> sqlite3.Connection:
-    """Connect for reading only. This works in a read-only folder too, where WAL's side files cannot be created."""
+    """Connect for reading only. This also works in a read-only folder, where SQLite cannot create WAL files."""
     if not path.is_file():
         raise StorageError(f"there is no journal {path}", "this logs folder has no run yet", path=str(path))
     wal = path.with_name(path.name + "-wal")
     modes = ["mode=ro"]
     if not wal.exists() or wal.stat().st_size == 0:
-        modes.append("mode=ro&immutable=1")  # the main file is complete
+        modes.append("mode=ro&immutable=1")  # without a WAL the main file is complete
     for i, mode in enumerate(modes):
         connection = sqlite3.connect(
             f"{path.absolute().as_uri()}?{mode}",
@@ -455,9 +455,9 @@ def _connect_readonly(path: Path) -> sqlite3.Connection:
 
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
-    """The schema version; 0 for an empty file. Raises StorageError for a file of another program or a newer
+    """The schema version; 0 for an empty file. Raises StorageError for a file of another program or of a newer
     version."""
-    # tables are read first: another process may create all three between these statements
+    # count the tables first, because another process may create tables and ids between these statements
     tables = int(connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
     application = int(connection.execute("PRAGMA application_id").fetchone()[0])
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
@@ -479,7 +479,7 @@ def _check_version(connection: sqlite3.Connection, path: Path) -> int:
 
 
 def _retry_busy(action: Callable[[], object]) -> None:
-    """Repeat `action` while the file is busy: the switch to WAL does not wait for other processes by itself."""
+    """Repeat `action` while the file is busy. The switch to WAL does not wait for other processes by itself."""
     deadline = time.monotonic() + BUSY_S
     while True:
         try:
@@ -492,7 +492,7 @@ def _retry_busy(action: Callable[[], object]) -> None:
 
 
 def _make_run_folder(logs: Path, garment: str, seed: int | None, started: float) -> Path:
-    """Create a folder like `20261120T235416Z-medium_towel-seed3`."""
+    """Create a folder with a name like `20261120T235416Z-medium_towel-seed3`."""
     stamp = datetime.fromtimestamp(started, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = "".join(c if c.isalnum() or c in "_-" else "_" for c in Path(garment).stem)[:40] or "garment"
     return new_folder(logs, f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else ""))

@@ -1,6 +1,6 @@
 """Writes the checkpoint of a run, and prepares an interrupted run for resuming.
 
-`CheckpointWriter` writes the run's context after each effect, with the simulated world beside it.
+`CheckpointWriter` writes the run's context after each effect, and the simulated world to a file beside it.
 `interrupted_run` finds the interrupted effect in the journal. The executive of the resumed run gets the context
 but nothing of the simulated world: it opens the hands, parks the arms and looks again.
 """
@@ -34,8 +34,8 @@ WORLD = "world.npz"
 
 @dataclass(frozen=True, eq=False)
 class Interrupted:
-    """A run to resume. context: its knowledge, with the event to resume with; world: the saved simulated world,
-    None on hardware."""
+    """A run to resume. context: the saved context, with the event to resume with; world: the saved simulated
+    world, None on hardware."""
 
     run: str
     request: FoldRequest
@@ -64,8 +64,8 @@ class CheckpointWriter:
 
 
 def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
-    """The run to resume. name: its id, or `last` for the newest run that came so far as to act; changes: to its
-    request.
+    """Read the run to resume. name: its id, or `last` for the newest run that began an effect; changes: changed
+    values of its request.
 
     Raises ConfigurationError for a run that cannot be resumed, StorageError if its files are damaged.
     """

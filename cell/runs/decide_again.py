@@ -47,8 +47,8 @@ UNREPEATED = frozenset({"wall", "traceback", "not_kept"})
 class Deviation:
     """First difference between the replay and the recorded run. cell_time_s: time of the cell's clock [s].
 
-    place: in the journal or the transcript; state, effect: present at that moment (None: between two effects);
-    then, now: what was done and what would be done now, in words.
+    place: line of the journal or exchange of the transcript; state, effect: those at that moment (effect None:
+    between two effects); then, now: the recorded and the present action, in words.
     """
 
     cell_time_s: float
@@ -63,9 +63,9 @@ class Deviation:
 class Verdict:
     """Result of a replay. deviation: None if everything compared is the same.
 
-    cell_time_s: cell time up to which the run was compared [s]; broken_off: why the comparison ends before the
-    run's end without a deviation, else None. effects, set_points, pictures, exchanges: numbers of those compared
-    and found the same. wall_time_s: duration of the replay [s].
+    cell_time_s: cell time up to which the run was compared [s]; broken_off: the reason why the comparison ends
+    before the run's end without a deviation, else None. effects, set_points, pictures, exchanges: how many of each
+    were compared and found the same. wall_time_s: duration of the replay [s].
     """
 
     deviation: Deviation | None
@@ -104,7 +104,7 @@ def decide_again(
         try:
             answers = Answers(transcript)
             lines, replay = _replay(request, _Beginning.of(run, entries), answers, observers, tell, progress)
-        except Halt as halt:  # before the first request
+        except Halt as halt:  # the transcript cannot be read
             assert halt.trouble is not None
             raise halt.trouble from None
     if replay.unrecorded is not None:
@@ -135,8 +135,8 @@ def decide_again(
 def first_difference(
     then: Sequence[Entry], now: Sequence[Entry], whole: bool = True
 ) -> tuple[int, Deviation] | None:
-    """The first line in which two journals of a run differ: its index and the difference, or None. whole: both
-    journals reach the run's end; otherwise lines that only one of them has are not compared."""
+    """The first line in which two journals of a run differ: its index and the difference, or None. whole: whether
+    both journals reach the run's end. If not, lines that only one of them has are not compared."""
     effect = None
     for i, (a, b) in enumerate(zip_longest(then, now) if whole else zip(then, now, strict=False)):
         if a is not None and b is not None and _essence(a) == _essence(b):
@@ -177,8 +177,8 @@ class _ReplayState:
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """How a run began. lines: of its journal before the machine's first line; context, first: the runner's first
-    context and event."""
+    """How a run began. lines: lines of its journal before the state machine's first line; context, first: the
+    runner's first context and event."""
 
     lines: tuple[Entry, ...]
     context: RunContext
@@ -207,7 +207,7 @@ def _replay(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> tuple[list[Entry], _ReplayState]:
-    """Run the present program on the recorded answers: the lines of its own journal, and how it ended."""
+    """Run the present program on the recorded answers. Returns the lines of its own journal, and how it ended."""
     replay = _ReplayState()
     with Journal.open(journal_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
@@ -244,14 +244,15 @@ def _workcell(
 def _why_incomplete(
     replay: _ReplayState, answers: Answers, beyond_journal: bool
 ) -> tuple[Deviation | None, str | None]:
-    """Why a replay ended before the run's end: a deviation, or the reason that there is no more to compare.
+    """The reason why a replay ended before the run's end: a deviation, or a text that states why no more can be
+    compared.
 
     beyond_journal: the replay has more journal lines than the run.
     """
     recorded = answers.next
     if recorded is None:
         return None, "the transcript breaks off here"
-    if beyond_journal:  # the journal took no more lines, which ended the run
+    if beyond_journal:  # the recorded run ended because its journal could not be written
         return None, "the journal of the run breaks off here"
     then, now = asked_in_words(recorded), f"the end of the run: {replay.state}"
     if replay.halt is not None:
@@ -288,7 +289,7 @@ def _repeatable(value: Any) -> Any:
 
 
 def _lines(then: Entry | None, now: Entry | None) -> tuple[str, str]:
-    """Two lines in words, with the first four figures in which they differ."""
+    """Describe two lines in words, with up to four figures in which they differ."""
     a, b = _figures(then), _figures(now)
     differ = [key for key in a if key in b and a[key] != b[key]][:4]
     return _line(then, a, differ), _line(now, b, differ)

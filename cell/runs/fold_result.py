@@ -36,8 +36,8 @@ def fold_result(
     recording: dict[str, Any],
     resumed_from: str | None,
 ) -> FoldResult:
-    """The result. began: time.monotonic() at the request [s]; score: None if the run was not scored; received:
-    signals received."""
+    """Build the result. began: time.monotonic() at the request [s]; score: None if the run was not scored;
+    received: numbers of the signals received."""
     context = end.context
     failure = context.failure if end.state is not State.FOLDED else None
     return FoldResult(
@@ -62,12 +62,12 @@ def fold_result(
 
 
 def failure_to_dict(failure: Failure) -> dict[str, str]:
-    """A failure in the form of results."""
+    """A failure as a mapping, in the form that results use."""
     return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 
 
 def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
-    """One entry per planned fold. A fold that is not done also has figures, as far as it got."""
+    """One entry per planned fold. An unfinished fold also has the figures that it has reached."""
     notes, done = context.notes(), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         note = notes.get(step.name)
@@ -78,7 +78,7 @@ def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
             "source": note.source if note else None,
             "dissimilarity_m": _known(note.dissimilarity_m if note else math.nan),
             "aligned_iou": _known(note.aligned_iou if note else math.nan),
-            "predicted_iou": _known(note.aligned_iou if note else math.nan),  # its former name
+            "predicted_iou": _known(note.aligned_iou if note else math.nan),  # former name of aligned_iou
             "observed_iou": _known(note.observed_iou if note else math.nan),
             "drift_m": _known(note.drift_m if note else math.nan),
             "observed_height_m": _known(note.height_m if note else math.nan),

@@ -1,7 +1,7 @@
 """Performs one run, from a request to a result: open the cell, run the machine, score, report, close.
 
-In any case the run is ended in the journal, the recording closed and the result written. Ctrl-C and a termination
-signal trigger the stop circuit, and the machine ends in a terminal state.
+However the run ends, its end is written to the journal, the recording is closed and the result is written. Ctrl-C
+and a termination signal trigger the stop circuit, and the machine ends in a terminal state.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ def fold_once(
     observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run, or resume an interrupted one. on_open, observers (in addition to the run's own): for
-    tests and HIL scripts.
+    """Perform one run, or resume an interrupted one. on_open, observers (in addition to the run's own observers):
+    for tests and HIL scripts.
 
-    Raises ConfigurationError and StorageError before anything moves. If the journal takes no more lines later, the
+    Raises ConfigurationError and StorageError before anything moves. If the journal cannot be written later, the
     run ends in a fault with the arms held.
     """
     began = time.monotonic()
@@ -162,7 +162,7 @@ def _perform(
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
-    # run_status before the lines that show it: an answer may come at once
+    # run_status comes before lines: an operator may answer as soon as the line with the question is shown
     observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *more_observers)
 
     try:
@@ -192,7 +192,7 @@ def _perform(
                 run.directory, opened.simulated.checkpoint.save if opened.simulated else None
             )
             context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
-            if interrupted:  # the checkpoint first: if the process dies here, this run can be resumed in turn
+            if interrupted:  # write the checkpoint first: if the process dies here, this run too can be resumed
                 checkpoint_writer.keep(context)
                 run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
             runner = Runner(cell, EFFECTS, run, recorded.commands, observers, checkpoint_writer.keep)

@@ -25,8 +25,8 @@ VERSIONED = (
 
 @contextmanager
 def owned_cell(logs: Path) -> Iterator[tuple[Interrupts, Journal]]:
-    """Own the cell of this log folder exclusively: signals may be handled (`Interrupts.stop`) and the journal is
-    open. Raises ConfigurationError if the cell is in use, StorageError if the journal cannot be opened."""
+    """Reserve the cell of this log folder. Yields the signal handling, to be used with `Interrupts.stop`, and the
+    open journal. Raises ConfigurationError if the cell is in use, StorageError if the journal cannot be opened."""
     with (
         taking_signals() as interrupts,
         OwnerLock(logs / "cell.lock"),
@@ -44,8 +44,8 @@ def begun_run(
     settings: CellSettings,
     packages: Sequence[str] = VERSIONED,
 ) -> Iterator[RunJournal]:
-    """Begin a run in the journal. A CellError before its first line (the cell does not answer) ends it as not
-    begun, with the reason. Any other exception leaves it open: it counts as interrupted."""
+    """Begin a run in the journal. A CellError before the run's first line (the cell does not respond) ends the run
+    as not begun, with the reason. After any other exception the run stays open and counts as interrupted."""
     run = journal.begin_run(
         garment=garment,
         seed=seed,

@@ -33,8 +33,8 @@ class PrunableRun:
 
 
 def prunable_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[PrunableRun, ...]:
-    """The runs with recordings in the folder and its campaigns, oldest first. Excluded are the newest `keep` runs,
-    those that are running and, without `unfinished`, those that can be resumed.
+    """The runs with recordings in the folder and its campaigns, oldest first. The newest `keep` runs and running
+    runs are excluded, and without `unfinished` also the runs that can be resumed.
 
     Raises StorageError, or ConfigurationError for a bad journal.
     """

@@ -14,9 +14,9 @@ __all__ = ["reentered", "reentry_event"]
 def reentry_event(states: Sequence[State], context: RunContext) -> Event:
     """The event with which to resume a run that passed through `states` and left `context`."""
     events = [REENTRIES[state] for state in states if state in REENTRIES]
-    # without a state this run was itself resumed, and came no further
+    # without such a state, this run resumed another one and came no further
     event = events[-1] if events else context.reentry or Event.START_OVER
-    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # inspected already, the next fold not begun
+    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # fold inspected, next one not begun
         return Event.LOOK_AGAIN
     return event
 

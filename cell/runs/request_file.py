@@ -1,4 +1,4 @@
-"""The request of a run, kept in its folder so that the run can be resumed and decided again.
+"""The request of a run, saved in the run's folder so that the run can be resumed and decided again.
 
 `cell.yaml` holds the exact settings. `request.json` holds the rest, with the hashes of the calibration files that
 the settings name. A garment given as a file is copied beside them.
@@ -45,8 +45,8 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
 
 
 def load_request(folder: Path, logs: Path, restored: Path | None = None, **changes: Any) -> FoldRequest:
-    """The request of the run in `folder`, with `changes`. restored: a settings file to read instead of the kept
-    one, whose calibrations are not checked.
+    """The request of the run in `folder`, with `changes`. restored: settings file to read instead of the saved
+    one; its calibrations are not checked.
 
     Raises ConfigurationError if the request cannot be read, or if the settings or a calibration have changed.
     """

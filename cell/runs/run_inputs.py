@@ -1,5 +1,5 @@
-"""The inputs of a run that may change after it, copied to its folder: user library, calibrations, and the initial
-checkpoint of a run that resumes another one.
+"""The inputs of a run that may change after the run, copied to its folder: user library, calibrations, and the
+initial checkpoint of a run that resumes another one.
 
 Inputs that come with the program (shipped library, garments, models) are not copied: deciding a run again shows
 whether another version of them leads to the same decisions.
@@ -29,8 +29,8 @@ GROUPS = ("table", "camera", "grasp")
 
 
 def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext | None = None) -> None:
-    """Copy the inputs into the run's folder when it begins. checkpoint: of the run that this one resumes. Raises
-    StorageError."""
+    """Copy the inputs into the run's folder when the run begins. checkpoint: context from which this run resumes
+    another one. Raises StorageError."""
     if checkpoint is not None:
         write_checkpoint(folder / BEGAN_WITH, checkpoint, FrameStore(folder / FRAMES))
     _copy_library(request.logs, folder)
@@ -43,10 +43,11 @@ def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext |
 
 
 def restored_request(folder: Path, logs: Path) -> FoldRequest:
-    """The request of the run in `folder` with the files as they were then, for a run in the empty folder `logs`.
+    """The request of the run in `folder`, with the input files of that time, for a new run in the empty folder
+    `logs`.
 
     Raises ConfigurationError if the request cannot be read, or if its settings, garment or calibration are no
-    longer valid, and StorageError.
+    longer valid, and StorageError if a file cannot be written.
     """
     _copy_library(folder, logs)
     settings = folder / SETTINGS
@@ -62,9 +63,10 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
 
 
 def initial_checkpoint(folder: Path) -> RunContext | None:
-    """The initial context of the run in `folder`; None if it began from START.
+    """The initial context of the run in `folder`; None if the run began from START.
 
-    Raises StorageError if the checkpoint is damaged, ConfigurationError if another version wrote it.
+    Raises StorageError if the checkpoint is damaged, ConfigurationError if another version of the program wrote
+    it.
     """
     if not (folder / BEGAN_WITH).is_dir():
         return None

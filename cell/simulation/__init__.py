@@ -1,4 +1,4 @@
-"""The simulated cell, which has the same ports as the real one. The only entry is simulated_cell.py."""
+"""The simulated cell, which has the same ports as the real cell. simulated_cell.py is its only entry."""
 
 from __future__ import annotations
 

@@ -3,7 +3,8 @@
     cell.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
     cell.faults.add(Fault(FaultKind.CAMERA_FREEZE, at=30.0, duration=5.0))
 
-A fault waits until all its conditions hold (a cell time, the n-th grasp of a side, a fold) and then happens once.
+A fault waits until all its conditions hold (cell time, number of the side's grasp, number of the fold). Then it
+happens once.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ __all__ = ["Fault", "FaultBoard", "FaultKind"]
 
 class FaultKind(StrEnum):
     MISSED_GRASP = "missed_grasp"
-    """The garment slips out of the pads as they close."""
+    """The garment slips out of the pads while they close."""
     DROPPED_CORNER = "dropped_corner"
-    """A held corner slips out when it is lifted by `size` [m] (default 0.06)."""
+    """A held corner slips out when the hand is `size` [m] (default 0.06) above the table."""
     SUDDEN_DROP = "sudden_drop"
     """An arm drops by `size` [m] at the tool (default 0.03) and returns within `duration` [s] (default 0.4)."""
     GRIPPER_STUCK = "gripper_stuck"
@@ -53,9 +54,10 @@ _LASTING_KINDS = (
 class Fault:
     """One fault and its conditions. Raises ConfigurationError for conditions that do not apply to its kind.
 
-    side: the arm; None: the first arm that meets the conditions. at: earliest cell time [s]. grasp: the n-th
-    closing of that side's pads on cloth, from 1. fold: the n-th fold, from 0; a fold ends when a lifted garment is
-    released. size [m], duration [s] (None: until the end): see FaultKind.
+    side: the arm; None: the first arm that meets the conditions. at: earliest cell time [s]. grasp: number of the
+    closing of that side's pads on cloth, from 1. fold: number of the fold, from 0; a fold ends when a lifted
+    garment is released. size [m], duration [s]: see FaultKind; None: the default of the kind. Without such a
+    default, the fault lasts until the end of the run.
     """
 
     kind: FaultKind
@@ -100,7 +102,7 @@ class Fault:
 
 
 class FaultBoard:
-    """The faults of one world: waiting ones, active ones, and those that happened (for the ground truth)."""
+    """The faults of one world: waiting faults, active faults, and past faults (for the ground truth)."""
 
     def __init__(self) -> None:
         self._waiting: list[Fault] = []
@@ -142,7 +144,7 @@ class FaultBoard:
         return None
 
     def lasting(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> bool:
-        """Whether a fault of this kind is active; triggers one whose conditions hold."""
+        """Whether a fault of this kind is active. Also triggers a waiting fault whose conditions hold."""
         self.take(kind, now, fold, side)
         return any(
             fault.kind is kind and now < end and (affected is None or affected is side)

@@ -124,7 +124,7 @@ class _Attendant(_Port):
 
 
 def ports_of(world: World) -> Ports:
-    """The ports of a world, which work until `unbind`."""
+    """The ports of a world. They work until `unbind`."""
     ports = Ports(
         driver="sim",
         simulated=True,

@@ -20,12 +20,12 @@ LOOKS = ("contrast", "table_hue")
 class SimulationSettings:
     """Settings of a simulated cell. Raises ConfigurationError for invalid ones.
 
-    garment: a name, a path, or 'auto' (drawn by the seed). surface: of the table, which selects the garment's
-    friction. realtime: paced by the wall clock. world: solver of the cloth, foldcell's own (xpbd) or MuJoCo's flex
-    (towels). fabric: a hue in 'contrast' with the table, or the 'table_hue'. robot_noise, camera_noise,
-    garment_noise: off for an ideal cell. render: without it the camera raises a fault. as_built: table height and
-    camera intrinsics differ from the drawing, and there is a calibration board. q_start: (14,) configuration of
-    the arms at the start [rad]; None: the park configuration.
+    garment: a name, a path, or 'auto' (drawn by the seed). surface: the table's surface, which selects the
+    garment's friction. realtime: pace the world by the wall clock. world: solver of the cloth, foldcell's own
+    ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: a hue in 'contrast' with the table, or the
+    'table_hue'. robot_noise, camera_noise, garment_noise: off for an ideal cell. render: if off, the camera raises
+    a fault. as_built: table height and camera intrinsics differ from the drawing, and there is a calibration
+    board. q_start: (14,) configuration of the arms at the start [rad]; None: the park configuration.
     """
 
     garment: str = "medium_towel"

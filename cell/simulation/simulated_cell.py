@@ -20,7 +20,7 @@ __all__ = ["Checkpoint", "Faults", "SimulatedCell", "TruthSource", "check_settin
 
 
 class _World(Protocol):
-    """The world of a simulated cell, in this process or in another."""
+    """The world of a simulated cell, in this process or in another process."""
 
     @property
     def faults(self) -> Faults: ...
@@ -36,12 +36,12 @@ class _World(Protocol):
 
 class Faults(Protocol):
     def add(self, fault: Fault) -> None:
-        """Inject a fault, which happens when its conditions hold."""
+        """Inject a fault. It happens when its conditions hold."""
 
 
 @dataclass(frozen=True)
 class TruthSource:
-    """The ground truth, for records only: no decision of a run may depend on it."""
+    """The ground truth, only for records. No decision of a run may depend on it."""
 
     _world: _World
 
@@ -66,7 +66,7 @@ class Checkpoint:
 
     def restore(self, saved: bytes) -> None:
         """Restore the state in a newly opened cell with the same settings and seed. The arms are at rest with
-        their motors off; injected faults are not restored."""
+        their motors off. Injected faults are not restored."""
         self._world.restore(saved)
 
 
@@ -83,8 +83,8 @@ class SimulatedCell:
 
 
 def check_settings(settings: SimulationSettings) -> None:
-    """Raises ConfigurationError if the garment does not exist, the world cannot simulate it, or the world is not
-    installed."""
+    """Check the settings. Raises ConfigurationError if the garment does not exist, or the world cannot simulate it
+    or is not installed."""
     from cell.config.garments.garment_file import load_garment
     from cell.simulation.garment.cloth_body import check_body
 
@@ -97,13 +97,13 @@ def check_settings(settings: SimulationSettings) -> None:
 
 @contextmanager
 def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[SimulatedCell]:
-    """A cell with an empty table and the robot at its park configuration, at time 0, motors off. It is closed at
-    the end of the context; its ports raise DriverError afterwards.
+    """Open a cell at time 0, with an empty table, the robot at its start configuration and its motors off. The end
+    of the context closes the cell. After that its ports raise DriverError.
 
-    Its behaviour is a function of `settings`, `seed` and the calls of the ports. Raises ConfigurationError like
-    `check_settings`, StorageError if the robot's model cannot be cached.
+    The cell's behaviour is a function of `settings`, `seed` and the calls of the ports. Raises ConfigurationError
+    like `check_settings`, StorageError if the robot's model cannot be cached.
     """
-    # imported here because the render process imports this package too and does not need these modules
+    # imported here because the render process also imports this package but does not need these modules
     from cell.simulation.ports import ports_of
     from cell.simulation.world import World
     from cell.simulation.world_of_port import unbind

@@ -41,9 +41,10 @@ class GarmentTruth:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The truth at cell time `stamp` [s]. garment: None before one is laid. tools: tool centre points (3,), table
-    frame [m]. held: whether a hand holds cloth. faults: (cell time, fault) of those that happened. T_table_camera:
-    (4, 4). table_height: of the top in the base frame [m]. intrinsics: the true ones of the camera [px]."""
+    """The truth at cell time `stamp` [s]. garment: None before a garment is laid. tools: tool centre points (3,),
+    table frame [m]. held: whether a hand holds cloth. faults: (cell time, fault) of past faults. T_table_camera:
+    (4, 4). table_height: height of the top in the base frame [m]. intrinsics: the camera's true intrinsics
+    [px]."""
 
     stamp: float
     garment: GarmentTruth | None

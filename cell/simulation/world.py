@@ -48,19 +48,21 @@ STEPS_A_FRAME = STEP_RATE // FRAME_RATE
 WATCH_RATE = 12
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
-"""While a hand holds cloth, its fingers push cloth only from this height above the tips, because the held cloth is
-near the pads [m]."""
+"""While a hand holds cloth, the lowest part of its fingers, up to this height above the tips, does not push cloth,
+because the held cloth is there [m]."""
 NEAR = 0.08
-"""Hands that are higher than this above the garment do not touch it [m]."""
+"""A hand that is higher than this above the garment cannot touch it [m]."""
 THICKEST = 0.025
-"""Fingertips above this height touch neither the table nor a stack of cloth [m]."""
+"""Fingertips above this height can touch neither the table nor a stack of cloth [m]."""
 SQUEEZE = 2e-4
-"""Depth to which a fingertip presses cloth; with more, table and finger push the cloth against each other [m]."""
+"""Depth to which a fingertip presses cloth [m]. With more, table and finger would push the cloth in opposite
+directions."""
 LIFTED = 0.05
-"""A fold has begun when a hand holds the garment at this height [m]."""
+"""A fold has begun when a hand holds the garment above this height [m]."""
 TABLE_THICKNESS = 0.03
 STREAMS = ("robot", "garment", "hands", "camera", "look", "build", "board")
-"""Each part of the world has a random generator of its own. Add new ones at the end, so that the others stay."""
+"""Each part of the world has its own random generator. Add new parts at the end, so that the others stay the
+same."""
 
 
 class _Hand:
@@ -70,7 +72,7 @@ class _Hand:
         self.gripper, self.tactile = gripper, tactile
         self.position, self.rotation = np.zeros(3), np.eye(3)
         self.free = True
-        """Whether the tips push cloth; False from a grasp until the cloth is clear of them again."""
+        """Whether the tips push cloth. False from a grasp until the cloth no longer touches the tips."""
         self.capsules: tuple[Array, Array] | None = None
         self.grasps = 0
 
@@ -200,7 +202,7 @@ class World:
         wall = time.monotonic()
         cell = self._steps / STEP_RATE
         if self._pace is None or wall - self._pace[0] > cell - self._pace[1] + 0.5:
-            self._pace = wall, cell  # first step, or too late to catch up: pace from now on
+            self._pace = wall, cell  # at the first step, or if too late to catch up, pace from now on
         time.sleep(max(0.0, self._pace[0] + cell - self._pace[1] - wall))
 
     def _step(self) -> None:
@@ -228,7 +230,7 @@ class World:
     # hands and cloth
 
     def _touch(self, side: Side) -> tuple[Array, Array, contact.Touch]:
-        """Tool position (3,) and rotation (3, 3), table frame, as lifted by the table; contact of the tips."""
+        """Tool position (3,), after the table's lift, and rotation (3, 3), table frame; contact of the tips."""
         position, rotation = self._body.tool_pose(side)
         position[2] -= self.settings.table.height
         tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
@@ -248,7 +250,7 @@ class World:
         hand.position, hand.rotation, _ = self._touch(side)
 
     def _caught(self, side: Side, stroke: float, force: float) -> float:
-        """The pads close: the cloth between them is held from now on. Returns its thickness [m]."""
+        """Hold the cloth between the closing pads from now on. Returns its thickness [m], 0 for nothing."""
         hand, garment = self._hands[side], self.garment
         if not garment.laid:
             return 0.0
@@ -303,7 +305,8 @@ class World:
         return np.vstack((low, body_low)), np.vstack((high, body_high))
 
     def _capsule_path(self, before: list[tuple[Array, Array] | None]) -> tuple[Array, Array, Array] | None:
-        """Both ends (2, k, 3), at the frame's start and end, and radius (k,) of capsules near the garment."""
+        """Both ends (2, k, 3) [m], at the start and the end of the frame, and radius (k,) [m] of the capsules near
+        the garment."""
         moved = [
             (old or hand.capsules, hand.capsules)
             for old, hand in zip(before, self._hands.values(), strict=True)
@@ -343,20 +346,21 @@ class World:
         return self._hands[side].tactile
 
     def lay_garment(self) -> None:
-        """The attendant lays the garment, which takes cell time."""
+        """Let the attendant lay the garment, which takes cell time."""
         if not self.garment.laid and self.faults.take(FaultKind.NO_GARMENT, self._time, self._fold) is None:
             self.garment.lay()
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def bring_board(self, place: BoardPlace) -> None:
-        """The attendant shows the board, hands it over or puts it away. Raises DriverError if there is none."""
+        """Let the attendant show the board, hand it over or put it away. Raises DriverError if there is no
+        board."""
         if self._board is None:
             raise DriverError(FailureKind.HARDWARE_FAULT, "there is no calibration board at this cell")
         self._board.bring(place)
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def capture(self) -> CameraFrame:
-        """A still picture of several exposures, during which cell time passes."""
+        """A still picture of several exposures, which take cell time."""
         self.sleep_until(self._time + EXPOSURES * EVERY_S)
         return self._picture(EXPOSURES)
 
@@ -468,7 +472,7 @@ class World:
 
 
 def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
-    """The given garment, or for 'auto' a random shipped one that this world can simulate."""
+    """The given garment, or for 'auto' a random shipped garment that this world can simulate."""
     draw = rng.random()
     if settings.garment != "auto":
         return load_garment(settings.garment, settings.surface)

@@ -1,7 +1,8 @@
-"""The table of the world of each port, so that a port has no reference to its world.
+"""A table that maps each port to its world, so that a port has no reference to its world.
 
-The executive cannot reach the world through an attribute of its ports. A port is looked up by identity, and its
-entry disappears with it. Only `cell.simulation` may import this module (tests/unit/cell/simulation).
+Therefore the executive cannot reach the world through an attribute of its ports. A port is looked up by identity,
+and its entry disappears together with it. Only `cell.simulation` may import this module
+(tests/unit/cell/simulation).
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ _worlds: WeakKeyDictionary[object, Any] = WeakKeyDictionary()
 
 
 def bind(ports: Iterable[object], world: Any) -> None:
-    """Connect ports to `world`. They are compared by identity and must allow weak references."""
+    """Connect ports to `world`. The ports are compared by identity and must allow weak references."""
     for port in ports:
         _worlds[port] = world
 
 
 def unbind(world: Any) -> None:
-    """Disconnect all ports of `world`: their calls raise DriverError from now on."""
+    """Disconnect all ports of `world`. Their calls raise DriverError from now on."""
     for port in [port for port, bound in _worlds.items() if bound is world]:
         del _worlds[port]
 

@@ -1,6 +1,6 @@
 """The queue of commands that an operator or a script gives to a running cell.
 
-The stop does not pass through it: it is out of band (robots.ports.Stop).
+The stop does not use this queue. It has its own port (robots.ports.Stop).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robots.errors import Failure, FailureKind
 __all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
-"""Commands that answer one question. They do not count for the next question."""
+"""Commands that answer one question. They are dropped when the next question is asked."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
 ABORTED = Failure(
     FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
@@ -32,7 +32,7 @@ class QueuedCommand:
 
 
 class CommandQueue:
-    """Commands in the order given. Any thread may put them; the executive's thread takes them."""
+    """Commands in the order of their arrival. Any thread may put them; the executive's thread takes them."""
 
     def __init__(self, heard: Callable[[Event], None] = lambda command: None) -> None:
         """heard: called with each command, on the thread that puts it."""
@@ -43,7 +43,7 @@ class CommandQueue:
         """Whether the operator has left: no further commands will come."""
 
     def put(self, command: Event) -> QueuedCommand:
-        """Raises ValueError for an event that is not an operator's command."""
+        """Add a command. Raises ValueError for an event that is not an operator's command."""
         if command not in OPERATOR_EVENTS:
             raise ValueError(f"'{command}' is no command; there are {', '.join(sorted(OPERATOR_EVENTS))}")
         with self._lock:
@@ -54,12 +54,12 @@ class CommandQueue:
         return queued
 
     def close(self) -> None:
-        """The operator has left: put an ABORT. Later questions stay unanswered."""
+        """Put an ABORT, because the operator has left. Later questions stay unanswered."""
         self.deserted = True
         self.put(Event.ABORT)
 
     def take(self, wanted: Set[Event]) -> Event | None:
-        """The first wanted command in the queue. The commands before it are outdated and dropped."""
+        """Take the first wanted command from the queue. Commands before it are outdated and dropped."""
         with self._lock:
             for i, queued in enumerate(self._queue):
                 if queued.command in wanted:
@@ -70,12 +70,12 @@ class CommandQueue:
         return None
 
     def drop(self, void: Set[Event]) -> None:
-        """Remove these commands: those given before a question do not answer it."""
+        """Remove the commands `void`: a command given before a question does not answer it."""
         with self._lock:
             self._queue = deque(queued for queued in self._queue if queued.command not in void)
 
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
-        """As `take`, but wait up to `seconds` of real time for a wanted command."""
+        """Like `take`, but wait up to `seconds` of wall time for a wanted command."""
         with self._lock:
             self._lock.wait_for(lambda: any(queued.command in wanted for queued in self._queue), seconds)
         return self.take(wanted)

@@ -22,7 +22,7 @@ __all__ = ["FoldContext"]
 
 @dataclass(frozen=True, eq=False)
 class FoldContext:
-    """The present fold. index: of its step; trajectory: the chosen arcs; attempt: the attempt planned last."""
+    """The present fold. index: of its step; trajectory: the chosen arcs; attempt: the latest planned attempt."""
 
     index: int = 0
     trajectory: GraspTrajectory | None = None
@@ -32,7 +32,7 @@ class FoldContext:
     adjustments: tuple[Adjustment, ...] = ()
     """Adjustments made by recoveries, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
-    """Hand postures tried before: another search leaves them out."""
+    """Hand postures of earlier attempts. Another search (OTHER_SEARCH) excludes them."""
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
     """Tactile bias of each hand in use, tared above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
@@ -47,8 +47,8 @@ class FoldContext:
         return self.adjustments.count(adjustment)
 
     def note(self) -> StepNote | None:
-        """The fold for the report; None before it was predicted. Values of a missing inspection are NaN or
-        empty."""
+        """The fold's record for the report; None before the fold was predicted. Values of a missing inspection are
+        NaN or empty."""
         attempt = self.attempt
         if attempt is None:
             return None

@@ -45,7 +45,7 @@ class FoldRequest:
 class FoldResult:
     """How a run ended: the fields of `fold --json`. state: last state of the machine; signal: the signal that
     interrupted the run. world: cloth model of the simulated garment, None on hardware. robot_time_s: excludes
-    waiting for an operator; stage_times_s: cell time spent in each state, including it."""
+    waiting for an operator; stage_times_s: cell time spent in each state, including such waiting."""
 
     garment: str
     seed: int
@@ -66,7 +66,7 @@ class FoldResult:
     resumed_from: str | None = None
     """The run that this one resumed: `steps` has the folds of both runs, the times are of this run only."""
     unwritten: tuple[str, ...] = ()
-    """What could not be written after the run's end, with the reason."""
+    """Messages about results that could not be written after the run's end."""
 
     @property
     def exit_code(self) -> int:

@@ -24,7 +24,7 @@ class Step:
 
 
 class Observer(Protocol):
-    """Is notified of each state entered and each effect performed. Must return at once and never raise."""
+    """Receives each entered state and each performed effect. The methods must return immediately and not raise."""
 
     def entered(self, t: float, step: Step) -> None: ...
 

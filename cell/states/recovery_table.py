@@ -1,8 +1,8 @@
 """The recovery table: (failure kind, number of failures so far) -> what to try next.
 
 The recoveries of a row are tried in order, counted per fold step and failure kind. After the last one the cell
-asks the operator, or gives up if none attends. CARRY_ON never runs out: a fold that is good enough once stays
-so.
+asks the operator, or gives up if there is no operator. CARRY_ON has no limit: a fold that is good enough once is
+good enough again.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ class Adjustment(StrEnum):
 
     NONE = "none"
     LOWER = "lower"  # press the tips deeper into the garment
-    INWARD = "inward"  # take hold further inside the edge
-    STRONGER = "stronger"  # squeeze harder
+    INWARD = "inward"  # grasp further inside the edge
+    STRONGER = "stronger"  # grip with more force
     OPTIMISE = "optimise"  # do not accept the library's trajectory as it is
     PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
     OTHER_SEARCH = "other_search"  # another random seed of the motion planner
-    OTHER_VARIANT = "other_variant"  # the fold's next variant in the garment file; its attempts count anew
+    OTHER_VARIANT = "other_variant"  # the fold's next variant in the garment file, without earlier adjustments
 
 
 @dataclass(frozen=True)
 class Recovery:
     """The event that leaves RECOVERING, the adjustment, and the wait before it [s of cell time].
 
-    between_folds: not allowed for the last fold, whose result is the run's result. min_overlap: smallest IoU of
-    observed and predicted shape for which it is allowed.
+    between_folds: not allowed for the last fold, because its result is the run's result. min_overlap: smallest IoU
+    of observed and predicted shape for which the recovery is allowed.
     """
 
     event: Event
@@ -86,7 +86,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SLIPPED: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape in another place: the plan follows, and the fold counts
+    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape, wrong place: the plan moves too
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,

@@ -1,7 +1,7 @@
 """The executive's knowledge during a run: one frozen value, replaced by each effect.
 
-It comes only from the ports, the cell's files and the skills. Each stage adds a value of its own
-(cell/states/stages.py). Values that belong to one fold are in the fold context, which each fold begins anew.
+This knowledge comes only from the ports, the cell's files and the skills. Each stage adds its own value
+(cell/states/stages.py). Values that belong to one fold are in the fold context. Each fold gets a new one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Sight:
     """The camera's pictures so far.
 
     reference: the empty table. refined: the calibration refined from that picture, if it showed the table well
-    enough. frame: the latest picture; previous: the one before (a camera that repeats a picture is frozen).
+    enough. frame: the latest picture; previous: the picture before it (a camera that repeats a picture is frozen).
     """
 
     reference: CameraFrame | None = None
@@ -40,7 +40,7 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class RunContext:
-    """The run's knowledge."""
+    """The executive's knowledge during a run."""
 
     sight: Sight = field(default_factory=Sight)
     recognition: Recognition | None = None
@@ -54,11 +54,11 @@ class RunContext:
     done: tuple[StepNote, ...] = ()
     """The completed folds."""
     through: bool = False
-    """Whether the plan has ended with skipped folds: the run cannot be resumed."""
+    """Whether the plan has ended with skipped folds. Such a run cannot be resumed."""
     waited_s: float = 0.0
     """Cell time spent waiting for an operator [s]."""
     reentry: Event | None = None
-    """The event with which this run resumed an interrupted one, else None."""
+    """The event with which this run resumed an interrupted run, else None."""
 
     @property
     def steps(self) -> tuple[FoldStep, ...]:

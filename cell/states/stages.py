@@ -21,7 +21,7 @@ __all__ = ["Attempt", "Plan", "PressPlan", "Recognition"]
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """The garment recognised lying flat. overlay: (h, w, 3) the picture with the recognised garment drawn on
+    """The recognised garment, lying flat. overlay: (h, w, 3) the picture with the recognised garment drawn on
     it."""
 
     perception: Perception
@@ -33,7 +33,7 @@ class Plan:
     """The folds of the garment, and its believed shape before the present fold.
 
     nominal: the garment as its file describes it; garment: with the material learned from earlier folds. flat: the
-    flat garment, moved by the drift since: the remaining folds are planned from it. mesh: the predictor's mesh of
+    flat garment, moved by the later drift; the remaining folds are planned from it. mesh: the predictor's mesh of
     the observed contour; vertices: (n, 3) believed positions in the table frame [m].
     """
 
@@ -47,8 +47,8 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class PressPlan:
-    """How to press a fold. inspection: before the pressing; paths, motion: of hands and arms; dabs: their
-    number."""
+    """The plan to press a fold. inspection: the one before the pressing; paths: of the hands; motion: of the arms;
+    dabs: number of dabs."""
 
     inspection: Inspection
     paths: Mapping[GraspId, ToolPath]
@@ -60,8 +60,8 @@ class PressPlan:
 class Attempt:
     """One attempt at a fold: its plan and its outcome so far.
 
-    step: the step with its grasps as moved by recoveries; paths: its tool paths; tool_speed: largest tool speed
-    with the garment in hand [m/s]. predicted: the garment's shape after the motion that the arms execute;
+    step: the step, with the grasps that recoveries have moved; paths: its tool paths; tool_speed: largest tool
+    speed with the garment in hand [m/s]. predicted: the garment's shape after the motion that the arms execute;
     dissimilarity_m: D of that shape from the ideal fold. plan_frames: (k, n, 3) the predicted motion at evenly
     spaced moments, in the table frame [m], for the report.
     """
@@ -75,7 +75,7 @@ class Attempt:
     dissimilarity_m: float
     plan_frames: Array
     before: CameraFrame | None = None
-    """The picture before the fold: compared with it, the next one shows the cloth that the fold laid on top."""
+    """The picture before the fold. Comparison with the next one shows the cloth that the fold laid on top."""
     pictures: tuple[CameraFrame, ...] = ()
     """The pictures at the moments of plan_frames."""
     carried: bool = False
@@ -90,5 +90,5 @@ class Attempt:
     """Whether the operator skipped the pressing."""
 
     def grasp_of(self, arm: Side) -> Grasp:
-        """The arm's grasp: the motion planner may have swapped the grasps between the arms."""
+        """The grasp that this arm makes. The motion planner may have swapped the grasps between the arms."""
         return self.step.grasps[self.motion.postures[arm].path]

@@ -1,10 +1,11 @@
 """The executive on one page: states, events, effects, and the transition table. No code.
 
-A row reads: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one event: DONE
-if it succeeded, FAILED if not (the context carries the failure), or the choice that it made.
+A row means: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one event: DONE
+if it succeeded, FAILED if not (the context contains the failure), or the choice that it made.
 
-`cell/executive/machine.py` adds four rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
-(MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), UNRECORDED -> FAULT (HOLD): nothing moves without a journal.
+`cell/executive/machine.py` adds five rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
+(MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT), and UNRECORDED -> FAULT (HOLD), because
+nothing moves without a journal. GIVING_UP and MAKING_SAFE have no ABORT and no PAUSE, and CRASH -> FAULT (HOLD).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class State(StrEnum):
     RETREATING = "retreating"
     LOOKING_AFTER = "looking_after"
     INSPECTING = "inspecting"
-    AWAITING_PRESSING = "awaiting_pressing"  # the operator's approval of it
+    AWAITING_PRESSING = "awaiting_pressing"  # the operator approves the pressing
     PRESSING = "pressing"  # dab a fold that stands high flat, then look again
     CLEARING = "clearing"  # after a failure: open the hands, rise, park
     RECOVERING = "recovering"  # choose what to try next
@@ -46,7 +47,7 @@ class State(StrEnum):
     PAUSED = "paused"
     GIVING_UP = "giving_up"
     MAKING_SAFE = "making_safe"
-    # ends
+    # terminal states
     FOLDED = "folded"
     NOT_FOLDED = "not_folded"
     STOPPED = "stopped"
@@ -63,7 +64,7 @@ class Event(StrEnum):
     PRESS = "press"
     NEXT_FOLD = "next_fold"
     ALL_FOLDED = "all_folded"
-    # where an interrupted run is entered again (REENTRIES); all but LAY also after a failure
+    # re-entry into an interrupted run (REENTRIES); all except LAY also follow a failure
     START_OVER = "start_over"
     LAY = "lay"
     LOOK_AFTER = "look_after"
@@ -84,7 +85,7 @@ class Event(StrEnum):
     ABORT = "abort"
     STOP = "stop"
     CRASH = "crash"
-    UNRECORDED = "unrecorded"  # the journal takes no more lines
+    UNRECORDED = "unrecorded"  # the journal cannot be written
 
 
 class Effect(StrEnum):
@@ -132,7 +133,7 @@ TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 HANDS_ON_CLOTH = frozenset(
     {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
 )
-"""States whose failure leaves the hands near the garment: the hands are cleared before anything else."""
+"""States whose failure leaves the hands near the garment. The hands are cleared before anything else happens."""
 
 TRANSITIONS: tuple[Row, ...] = (
     # see and plan
@@ -212,7 +213,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.ASKING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
     Row(S.ASKING, E.RETRY, S.LOOKING, Do.LOOK),
     Row(S.ASKING, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
-    # ends
+    # ends of a run
     Row(S.GIVING_UP, E.DONE, S.NOT_FOLDED, Do.NOTHING),
     Row(S.GIVING_UP, E.FAILED, S.FAULT, Do.HOLD),
     Row(S.MAKING_SAFE, E.DONE, S.FAULT, Do.NOTHING),
@@ -224,7 +225,7 @@ REENTRIES: Mapping[State, Event] = {
     S.PREPARING: E.START_OVER,
     S.PHOTOGRAPHING: E.START_OVER,
     S.AWAITING_GARMENT: E.LAY,
-    # the garment was not touched, or was released during the fold: look where it is
+    # the garment was not touched, or was released during the fold: find it
     **dict.fromkeys(
         (
             S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
@@ -237,6 +238,6 @@ REENTRIES: Mapping[State, Event] = {
         (S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING, S.AWAITING_PRESSING, S.PRESSING), E.LOOK_AFTER
     ),
 }  # fmt: skip
-"""Interrupted state -> event with which the run is resumed, never in the middle of a motion. States without an
-entry (clearing, asking, paused, making safe, terminal states) say nothing about the garment: the state before
-counts."""
+"""Interrupted state -> event that resumes the run. A run is never resumed in the middle of a motion. States
+without an entry (clearing, asking, paused, making safe, terminal states) give no information about the garment.
+The latest earlier state with an entry is used instead."""

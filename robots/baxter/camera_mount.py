@@ -1,7 +1,7 @@
-"""Mount of the RGB-D camera on Baxter: a bracket over the head panel that turns with the head.
+"""Mount of the RGB-D camera on Baxter: a bracket above the head panel, which turns with the head.
 
 The bracket holds the camera in front of the panel's upper edge, which reaches x = 0.216, z = 0.765 in the base
-frame. From further back the panel would hide the near half of the table.
+frame. If the camera were further back, the panel would hide the near half of the table.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ HEAD_ORIGIN = (0.06, 0.0, 0.686)
 """Position of the URDF's head_pan joint in the base frame [m]. It rotates about z."""
 
 EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
-"""The camera's position and the point that it looks at with the head straight ahead, base frame [m]."""
+"""Position of the camera, and the point that it looks at, with the head straight ahead. Base frame [m]."""
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> Array:
-    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target` with its up direction towards base
+    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target`. Up in the picture is towards base
     x."""
     z = np.subtract(target, eye)
     z = z / np.linalg.norm(z)

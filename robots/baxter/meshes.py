@@ -1,9 +1,9 @@
 """Convert Baxter's visual meshes for a viewer: from COLLADA to binary glTF, cached on disk.
 
-The wheel's DAE files mix axes and materials, which viewers interpret differently (Rerun misplaces them without an
-error). They also have ten times the triangles that a picture of the cell needs. Each mesh is therefore loaded once
-with its scene transforms applied, simplified, coloured and written as GLB. A URDF with visuals only names the GLB
-files.
+The wheel's DAE files mix axes and materials, which viewers interpret differently (Rerun misplaces the meshes
+without an error). They also have ten times as many triangles as a picture of the cell needs. Each mesh is
+therefore loaded once with its scene transforms applied, simplified, coloured and written as GLB. The written URDF
+has only visuals, which refer to the GLB files.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from robots.visual import RobotVisual
 __all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
 
 FORMAT = 4
-"""Version of the output format. Increase it when the output changes, so that old caches are not used."""
+"""Version of the output. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.0035
-"""Grid size of the vertex clustering [m]. It is below a pixel when the whole robot is in view."""
+"""Grid size of the vertex clustering [m]. This is less than a pixel when the whole robot is in view."""
 CREASE = np.radians(35.0)
-"""Angle above which an edge is shaded as sharp [rad]."""
+"""Smallest angle at which an edge is shaded as sharp [rad]."""
 RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 173)
-"""Colours of Baxter's plastics, sRGB. The colours in the files look nearly black in a viewer's light."""
+"""Colours of Baxter's plastics (sRGB). The colours in the files would look nearly black in a viewer."""
 
 
 def baxter_visual() -> RobotVisual:
@@ -60,7 +60,7 @@ def write_visuals(folder: Path, final: Path) -> None:
             link.remove(unwanted)
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if mesh is None:  # sensor markers and dummies: clutter
+            if mesh is None:  # leave out sensor markers and dummies
                 link.remove(visual)
                 continue
             path = package_root() / mesh.attrib["filename"].removeprefix("package://")
@@ -69,7 +69,7 @@ def write_visuals(folder: Path, final: Path) -> None:
                 (folder / name).write_bytes(convert(path))
             mesh.set("filename", str(final / name))
             for material in visual.findall("material"):
-                visual.remove(material)  # the GLB has its own
+                visual.remove(material)  # the GLB contains its own material
     for tag in ("gazebo", "transmission"):
         for unwanted in root.findall(tag):
             root.remove(unwanted)

@@ -43,15 +43,15 @@ POSITION_MARGIN = 0.02
 
 PARK_LEFT = np.array([0.31, -0.75, -0.98, 1.73, 0.85, 1.60, 0.72])
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-"""Signs of the joints of the mirrored right arm: rotations about z and about the link axes change sign."""
+"""Factors from the left arm's joints to the mirrored right arm's: rotations about z and link axes change sign."""
 
 Q_PARK = np.concatenate([PARK_LEFT, PARK_LEFT * MIRROR])
-"""Parked arms: hands beside the near corners of the table, 0.2 m above it, at least 20 mm outside the camera's
-view (tested), about 1.1 s from the start and end of a towel's folds."""
+"""Parked arms (14,) [rad]. The hands are beside the near corners of the table, 0.2 m above it, at least 20 mm
+outside the camera's view (tested), and about 1.1 s from the start and end of a towel's folds."""
 
 
 def package_root() -> Path:
-    """The parent folder of `package://example-robot-data`."""
+    """The folder that contains the package `example-robot-data` of the URDF's `package://` URIs."""
     try:
         wheel = distribution("example-robot-data")
     except PackageNotFoundError as error:

@@ -26,7 +26,7 @@ URDF = "baxter.urdf"
 def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
     """Path of the URDF in the cache folder `name`. `write` creates it if it is missing.
 
-    made_with: text that identifies the parameters of the conversion; another text uses another folder.
+    made_with: text that identifies the parameters of the conversion. Each text has a separate folder.
     write(build, folder): writes `URDF` and its meshes into `build`, with paths that refer to `folder`. Raises
     StorageError if the cache cannot be written.
     """
@@ -53,7 +53,7 @@ def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) 
 
 
 def _publish(build: Path, folder: Path) -> None:
-    """Rename the finished folder atomically. If another process was faster, its result is used."""
+    """Rename the finished folder atomically. If another process was faster, use that process's folder."""
     build.chmod(0o755)
     try:
         os.rename(build, folder)
@@ -63,8 +63,8 @@ def _publish(build: Path, folder: Path) -> None:
 
 
 def thinned(vertices: Array, faces: NDArray, cell: float) -> trimesh.Trimesh:
-    """Simplify by vertex clustering: the vertices (n, 3) in one grid cell [m] are replaced by their mean, and
-    collapsed faces are removed."""
+    """Simplify by vertex clustering: replace the vertices (n, 3) [m] in each grid cell of size `cell` [m] by their
+    mean, and remove collapsed faces."""
     _, cluster = np.unique(np.round(vertices / cell).astype(np.int64), axis=0, return_inverse=True)
     cluster = cluster.ravel()
     count = np.bincount(cluster)

@@ -1,8 +1,8 @@
 """Baxter as a position-controlled body in a PyBullet world.
 
-Self-collision is on, except for the pairs that the SRDF disables and for links of one rigid group. Otherwise
-PyBullet pushes neighbouring links apart and the arms become unstable. Fingers collide with nothing, because the
-cloth that they touch is simulated elsewhere.
+Self-collision is on, except for the pairs that the SRDF disables and for links of the same rigid group. With these
+pairs, PyBullet would push neighbouring links apart and make the arms unstable. Fingers do not collide with
+anything, because another simulation computes the cloth that they touch.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ with suppress_output():  # PyBullet prints its build date
 __all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map", "pb"]
 
 ARM_EFFORT = 150.0
-"""Motor torque of the arm joints [Nm]. The URDF's 50 Nm ignore the springs at S1 that carry the upper arm: with
-50 Nm the arm sags by 0.23 rad."""
+"""Motor torque of the arm joints [Nm]. The URDF has 50 Nm, which ignores the springs at S1 that support the upper
+arm. With 50 Nm the arm sags by 0.23 rad."""
 FINGER_STROKE = 0.0208
 """Stroke of one finger [m]."""
 MAX_OPENING = 2 * FINGER_STROKE
 PAD_THICKNESS = 0.008
 """Thickness of each tactile pad [m]. The pads fill the gap of 16 mm between the URDF's closed bare fingertips."""
 POSITION_GAIN, VELOCITY_GAIN = 0.2, 1.0
-"""Gains of PyBullet's motor. The largest error is 0.9 mrad at 0.3 rad/s and 240 Hz."""
+"""Gains of PyBullet's motor. With them the largest error is 0.9 mrad at 0.3 rad/s and 240 Hz."""
 
 
 def joint_map(body: int, client: int) -> dict[str, int]:
@@ -52,7 +52,7 @@ class BaxterBody:
     def __init__(self, client: int) -> None:
         self._client = client
         flags = pb.URDF_USE_INERTIA_FROM_FILE | pb.URDF_USE_SELF_COLLISION
-        with suppress_output():  # PyBullet warns of links without mass, which are only frames
+        with suppress_output():  # PyBullet warns of links without mass; these are only frames
             self._body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, flags=flags, physicsClientId=client)
         joints = joint_map(self._body, client)
         self._arms = [joints[name] for name in JOINT_NAMES]
@@ -105,12 +105,12 @@ class BaxterBody:
                 pb.setCollisionFilterPair(self._body, other, link, -1, 0, physicsClientId=self._client)
 
     def place(self, q: Array, head_pan: float, opening: Mapping[Side, float]) -> None:
-        """Set the initial state at rest: q (14,), head_pan [rad], openings [m]. Not for motions."""
+        """Set the state at rest: q (14,), head_pan [rad], openings [m]. For initial states, not for motions."""
         for joint, position in zip(self._driven, self._targets(q, head_pan, opening), strict=True):
             pb.resetJointState(self._body, joint, position, 0.0, physicsClientId=self._client)
 
     def drive(self, q: Array, qd: Array, head_pan: float, opening: Mapping[Side, float]) -> None:
-        """Motor targets for the next step: q, qd (14,) [rad], [rad/s]; head [rad]; openings [m]."""
+        """Set the motor targets for the next step: q, qd (14,) [rad], [rad/s]; head [rad]; openings [m]."""
         pb.setJointMotorControlArray(
             self._body,
             self._driven,

@@ -1,7 +1,7 @@
 """Baxter's URDF for PyBullet, cached on disk in two versions: one for motion, one for rendering.
 
-PyBullet does not support `package://`, loads every mesh that the file names and renders every triangle. The moving
-body therefore has no visuals, and the rendered body has only simplified OBJ meshes.
+PyBullet does not support `package://`. It loads every mesh that the file names and renders every triangle. The
+body for motion therefore has no visuals, and the body for rendering has only simplified OBJ meshes.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from robots.baxter.model_cache import cached_urdf, thinned
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
 FORMAT = 6
-"""Version of the output format. Increase it when the output changes, so that old caches are not used."""
+"""Version of the output. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.006
-"""Grid size of the vertex clustering for the arms [m]: two or three pixels in the head camera."""
+"""Grid size of the vertex clustering for the arms [m]. This is two or three pixels in the head camera's
+picture."""
 COARSE_CELL = 0.020
-"""Grid size for torso and pedestal, of which the camera sees little more than the shadow [m]."""
+"""Grid size for torso and pedestal [m]. The camera sees little more of them than their shadow."""
 MADE_WITH = f"{FORMAT} {CELL} {COARSE_CELL}"
 RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56, 0.58, 1.0)
 

@@ -1,6 +1,6 @@
 """Suppress the output of PyBullet's C code, which writes directly to the file descriptors.
 
-The program prints results on standard output, which must contain no other text.
+The standard output of this program contains its results and must contain no other text.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["suppress_output"]
 
 @contextmanager
 def suppress_output() -> Iterator[None]:
-    """Discard standard output and standard error inside the context. Python's buffers are flushed before."""
+    """Discard standard output and standard error inside the context. Python's buffers are flushed first."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()

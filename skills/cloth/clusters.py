@@ -1,13 +1,14 @@
-"""Clusters of up to LEAF triangles, between which the broad phase searches for pairs: their data, and how cloth is
-split into them.
+"""Clusters of up to LEAF triangles, the units of the broad phase: their arrays, and the function that splits a
+cloth into them.
 
-Each cluster predicts straight courses for its corners from their positions at its last search. It is searched
-again when a corner leaves its course, the course has run out, or a corner has just woken. Its neighbours keep
-their courses, although they share corners with it: a pair of primitives is valid as long as the courses of the two
-clusters that own them are. Cloth at rest costs nothing.
+When a cluster is searched, each of its corners gets a straight course, given by the position and the velocity at
+that time. The cluster is searched again when a corner leaves its course, when the course has run out, or when a
+corner has just woken. The neighbouring clusters then keep their courses, although they share corners with it: a
+pair of primitives is valid as long as the courses of the two clusters that own them are valid. Clusters at rest
+are not searched, so cloth at rest costs nothing.
 
-The geometry is in single precision, in rows of LANES, so that a row is a few vector instructions: a tree of boxes
-tests less and takes longer.
+The geometry is stored in single precision in rows of LANES numbers, which a few vector instructions process. A
+tree of bounding boxes would need fewer tests but more time.
 """
 
 from __future__ import annotations
@@ -27,38 +28,45 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
 
-LEAF = LANES  # most triangles of a cluster: a row of them
+LEAF = LANES  # most triangles of a cluster: one row
 FAR = 1e6  # [m] position of the unused lanes of a row; for triangles, see `Clusters`
-FACING = 0.1  # least sine of the angle at which two border sides face each other, from middle to middle
+# sine of an angle: two border sides face each other if the line between their middles leaves both sides outwards
+# at a larger angle
+FACING = 0.1
 
 
 class Clusters(NamedTuple):
-    """Topology. corner: (corners,) vertices of the clusters' triangles, of cluster k from corner_start[k] to
-    corner_start[k + 1], one or two times LANES (the last one is repeated); each cluster has its own course for
-    them. tri: (m, LANES) triangles of each cluster, -1 where there is none; edge: (rows, LANES) likewise, of
-    cluster k in rows edge_start[k] to edge_start[k + 1]; vertex, vertex_start: its vertices likewise. tri_at (m,
-    3, LANES), edge_at (rows, 2, LANES), vertex_at (rows, LANES): their corners, arbitrary where there is none;
-    face (m, 4, LANES): tri, and the vertices of each. Each primitive belongs to one cluster (of_tri, of_edge,
-    of_vertex), so that a pair is found once. ring, ring_start: triangles in and beside each cluster, as cluster x
-    LANES + lane; beside, beside_start: clusters of its layer with a common vertex, itself included; smooth,
-    smooth_start: those of them that cannot touch it while all their normals lean in one direction.
+    """Topology. corner: (corners,) the vertices of each cluster's triangles, from corner_start[k] to
+    corner_start[k + 1] for cluster k. Their number is LANES or 2 LANES; the last vertex is repeated to fill it.
+    Clusters with a common vertex have separate corners for it, each with a separate course. tri: (m, LANES)
+    triangles of each cluster, -1 in unused lanes. edge: (rows, LANES) its edges, in rows edge_start[k] to
+    edge_start[k + 1] for cluster k; vertex, vertex_start: its vertices in the same layout. tri_at (m, 3, LANES),
+    edge_at (rows, 2, LANES), vertex_at (rows, LANES): the corners of these triangles, edges and vertices,
+    arbitrary in unused lanes. face: (m, 4, LANES) each triangle and its three vertices. of_tri, of_edge,
+    of_vertex: the one cluster that owns each primitive, so that a pair is found once. ring, ring_start: the
+    triangles in each cluster and beside it, as cluster x LANES + lane. beside, beside_start: the clusters of the
+    same layer that share a vertex with a cluster, itself included. smooth, smooth_start: those clusters of
+    `beside` that cannot touch it as long as all normals of both lean in one direction.
 
-    Bounds of the corners predicted for the middle of the horizon, as middle, extent and speed: in the frame that
-    moves with this speed, they stay within the extent for the whole horizon. box (groups, 9, LANES) along the
-    axes, of each cluster; group (groups, 9), of LANES clusters; slab (m, 6): mean normal of a cluster and bounds
-    along it; normal (m, 6): bounds of the normals, up to date in stale clusters and those beside them.
+    Bounds of the corners, predicted for the middle of the horizon, as middle, extent and speed: in the frame that
+    moves with this speed, the corners stay within the extent during the whole horizon. box: (groups, 9, LANES)
+    bounds of each cluster along the axes. group: (groups, 9) bounds of LANES clusters along the axes. slab: (m, 6)
+    mean normal of a cluster and bounds along it. normal: (m, 6) bounds of the normals of the triangles in `ring`,
+    up to date in stale clusters and their neighbours.
 
-    Geometry. place: (3, corners); tri_geo (m, 15, LANES): box, normal, offset, velocity of the middle, largest
-    difference of the corners' velocities from it, slack; lanes without a triangle repeat some corners and have no
-    normal. edge_geo (rows, 13, LANES): start, direction, squared length, the same of its motion, and the inverse
-    squared length; vertex_geo (rows, 7, LANES): place, velocity, slack. stale: (m,) to be searched; fitted: (m,)
+    Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) box, normal, offset, velocity of the
+    middle, largest difference of the corners' velocities from it, slack; unused lanes have the box of arbitrary
+    corners and a zero normal. edge_geo: (rows, 13, LANES) start, vector to the end, squared length, velocity of
+    the middle, difference of the ends' velocities from it, slack, inverse squared length. vertex_geo: (rows, 7,
+    LANES) position, velocity, slack. stale: (m,) True for clusters to be searched; fitted: (m,) True where the
     geometry was just updated; hit: (m + LANES,) scratch.
 
-    Ridges. at_edge: (e,) place of each edge, as row x LANES + lane; edge_beside (rows, 2, LANES): the triangles
-    beside it, as cluster x LANES + lane, 0 where there are not two. Bits of the edges (rows,): rim, without two
-    triangles in one layer; bent, rim and the bent edges; ridge, bent and the edges that stay ridges in this search
-    (ridges.py); ridge_before, the ridges for which edge_geo was computed. edge_geo has ridges alone, from the
-    first row of each cluster on; ridges: (m,) their number; ridge_edge (rows, 3, LANES): their indices and ends.
+    Ridges. at_edge: (e,) position of each edge in `edge`, as row x LANES + lane. edge_beside: (rows, 2, LANES) the
+    two triangles beside each edge, as cluster x LANES + lane, 0 if there are not two. One bit per edge, (rows,):
+    rim, edges without two triangles in one layer; bent, rim edges and bent edges; ridge, the edges of `bent` and
+    those that stay ridges in this search (ridges.py); ridge_before, the ridges for which edge_geo was computed.
+    edge_geo contains the ridges only, packed from the first row of each cluster on. ridges: (m,) number of ridges
+    in each cluster; ridge_edge: (rows, 3, LANES) their edges and end vertices.
     """
 
     corner: NDArray[np.int32]
@@ -103,8 +111,8 @@ class Clusters(NamedTuple):
 
 
 def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
-    """Split each layer repeatedly along its longer side, and where it is not connected. `edge`: (e, 2) in the
-    order that pairs refer to."""
+    """Split each layer repeatedly across its longer side, and split clusters that are not connected. edge: (e, 2),
+    in the order in which pairs number the edges."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
     clusters: list[NDArray[np.intp]] = []
 
@@ -187,14 +195,14 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
 
 
 def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:
-    """(rows, 1 + k, LANES): the index in each place of `owned`, and its corners (n, k); -1 where there is none."""
+    """(rows, 1 + k, LANES): each index in `owned`, followed by its row of `corners` (n, k); -1 in unused lanes."""
     vertices = np.where(owned[..., None] < 0, -1, corners[owned])
     numbers = np.concatenate([owned[:, None], vertices.transpose(0, 2, 1)], axis=1)
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
 def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """Place of each of n in `owned`, as row x LANES + lane."""
+    """Position of each index from 0 to n - 1 in `owned`, as row x LANES + lane."""
     at = np.zeros(n, np.int32)
     at[owned[owned >= 0]] = np.flatnonzero(owned.ravel() >= 0)
     return at
@@ -203,8 +211,8 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 def _beside_edges(
     mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as cluster x LANES + lane; and bits of the
-    edges without two triangles in one layer."""
+    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as cluster x LANES + lane; and one bit per
+    edge, (rows,), set for edges without two triangles in one layer."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     sides: list[list[int]] = [[] for _ in edge]
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -226,7 +234,7 @@ def _beside_edges(
 def _corners(
     mesh: ClothMesh, clusters: list[NDArray[np.intp]]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Callable[..., NDArray[np.int32]]]:
-    """Corners of the clusters, their starts, and a function (clusters, vertices) -> corners."""
+    """The corners, the first corner of each cluster, and a function (clusters, vertices) -> corners."""
     n = len(mesh.rest)
     lists = [np.unique(mesh.triangles[tris]) for tris in clusters]
     padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
@@ -249,8 +257,8 @@ def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDAr
 def _lanes(
     lists: list[NDArray[np.intp]], n: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """The lists in rows of LANES, each beginning in its own row; the first row of each; and the list of each of
-    n."""
+    """The lists in rows of LANES, each list beginning in a new row; the first row of each list; and, for each of n
+    indices, the list that contains it."""
     start = np.concatenate([[0], np.cumsum([-(-len(k) // LANES) for k in lists])]).astype(np.int32)
     rows, of = np.full((start[-1], LANES), -1, np.int32), np.zeros(n, np.int32)
     for k, members in enumerate(lists):
@@ -262,8 +270,8 @@ def _lanes(
 def _shares(
     mesh: ClothMesh, edge: NDArray[np.int32], clusters: list[NDArray[np.intp]]
 ) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
-    """Vertices and edges owned by each cluster. Each is owned by one of the clusters that touch it; an edge by the
-    one with the fewest edges so far."""
+    """Vertices and edges owned by each cluster. Each has one owner among the clusters that touch it. An edge is
+    given to the cluster with the fewest edges so far."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     vertex_free = np.ones(len(mesh.rest), bool)
     vertices: list[NDArray[np.intp]] = []
@@ -283,7 +291,7 @@ def _shares(
 
 
 def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The triangles of each cluster and those of its layer beside them, which share its edges and vertices."""
+    """The triangles of each cluster, and the triangles of its layer that share an edge with one of them."""
     layer = mesh.triangle_layer
     faces: dict[tuple[int, int, int], list[int]] = {}
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -299,7 +307,7 @@ def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np
 
 
 def _beside(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """For each cluster those of its layer with a common vertex, itself included."""
+    """For each cluster, the clusters of its layer that share a vertex with it, itself included."""
     at: dict[tuple[int, int], set[int]] = {}
     keys = [
         {(int(mesh.triangle_layer[tris[0]]), v) for v in mesh.triangles[tris].ravel().tolist()}
@@ -314,9 +322,9 @@ def _beside(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[n
 def _smooth_beside(
     mesh: ClothMesh, clusters: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
 ) -> list[NDArray[np.intp]]:
-    """Of the clusters `beside` each, those without borders that face one another. In a notch, as between the legs
-    of pants, cloth meets cloth edge to edge, however flat it is. A cluster has a border if it has one end of
-    it."""
+    """For each cluster, those clusters of `beside` whose borders do not face its borders. In a notch, as between
+    the legs of pants, cloth meets cloth edge to edge, however flat it is. A border side counts for every cluster
+    that contains one of its ends."""
     end, middle, outward, layer = _borders(mesh)
     rims = []
     for tris in clusters:
@@ -364,8 +372,8 @@ def _in_pieces(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArra
 
 
 def _of_few_corners(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The clusters, halved where they have more corners than two rows of LANES hold, as when most of their
-    triangles share only one corner with another."""
+    """The clusters; those with more corners than two rows of LANES hold are halved. This happens where most
+    triangles share only one corner with another triangle."""
     fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in clusters]
     halves = [
         (tris,) if fits else (tris[: LEAF // 2], tris[LEAF // 2 :])

@@ -1,20 +1,23 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Stretch over edges and quadratic bending over hinges, as compliant constraints (XPBD).
 
-Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, Y the membrane's
-Young modulus [N/m]: on equilateral triangles the exact isotropic membrane with Poisson ratio 1/3 (Seung & Nelson
-1988), on others with a factor for the edge's direction. Bending: quadratic hinges with the stencil K of Bergou et
-al. 2006, each on its own: 1/2 * B / (A0 + A1) * |K x|^2, B the flexural rigidity [Nm], K from cotangents; it is
-linear, so that a hinge is three independent linear constraints. Summed over hinges |K x|^2 / (A0 + A1) is the
-squared curvature of a cylinder once; the factor 3 of the paper belongs to elements whose edges are assembled into
-one operator.
+Stretch: an edge of rest length l beside triangles of area A is a spring of stiffness Y A / l^2, where Y is the
+Young modulus of the membrane [N/m]. On equilateral triangles this is exactly the isotropic membrane with Poisson
+ratio 1/3 (Seung & Nelson 1988); on other meshes each edge gets a factor for its direction.
 
-One sweep of XPBD a substep adds a compliance of its own, about h^2 sum(w |grad C|^2) a constraint: it is
-taken off the asked one beforehand, so that a material means the same on any mesh and with any substep.
+Bending: quadratic hinges with the stencil K of Bergou et al. 2006. Each hinge is a separate constraint with the
+energy 1/2 * B / (A0 + A1) * |K x|^2, where B is the flexural rigidity [Nm] and K is computed from cotangents. K x
+is linear in x, so a hinge is three independent linear constraints. The sum of |K x|^2 / (A0 + A1) over all hinges
+is the integral of the squared curvature of a cylinder, with the factor 1. The factor 3 of the paper is for
+elements whose edges are assembled into one operator.
 
-Friction in bending: beside each hinge a spring with a slider in series (a Jenkins element; Miguel et al. 2013 put
-Dahl's model there). The moment of a width is B kappa + friction, |friction| <= HB, as the KES-F bending test
-draws it: cloth that is let go keeps a curvature of up to HB / B.
+With one sweep of XPBD per substep, a constraint gets an additional compliance of about h^2 sum(w |grad C|^2). For
+edges it is subtracted from the requested compliance beforehand, so that a material behaves in the same way on any
+mesh and with any substep.
+
+Bending friction: a spring in series with a slider, parallel to each hinge (a Jenkins element; Miguel et al. 2013
+use Dahl's model instead). The moment per width is B kappa + friction with |friction| <= HB, as the KES-F bending
+test plots it. Released cloth therefore keeps a curvature of up to HB / B.
 """
 
 from __future__ import annotations
@@ -47,16 +50,16 @@ __all__ = [
 
 GRAVITY = 9.81  # [m/s2]
 SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measured by the hang test
-FLOOR = 0.02  # of the same unit: no constraint is made stiffer
-STIFFER = 4.0  # stiffness of a slider's spring over its hinge: it slips from 1 / STIFFER of the residual curvature
-TOGETHER = 4.0  # factor of the compliance: a vertex has twelve hinges, which may all slip at once (stable from 3)
+FLOOR = 0.02  # lower bound of the compliance, in the same unit
+STIFFER = 4.0  # stiffness ratio, slider's spring to hinge: slips from 1 / STIFFER of the residual curvature
+TOGETHER = 4.0  # factor on sum(w grad^2): all twelve hinges of a vertex may slip together (stable from 3)
 MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
 LOST = 1e-18  # [m2] squared length below which an edge has no direction
 FLAT = 1e-12  # [m2] a smaller triangle has no normal
 
 
 class Elastic(NamedTuple):
-    """Constraints of one mesh and material in shuffled order; edges are solved in colour batches of it
+    """Constraints of one mesh and material in shuffled order; edges are solved in colour batches
     (`colour_batches`).
 
     edge: (e, 2); rim: (e,) True for edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected
@@ -75,10 +78,11 @@ class Elastic(NamedTuple):
 
 
 class BendingFriction(NamedTuple):
-    """Friction of the hinges, in their order; all arrays are empty without friction. near: (h, 4) the other hinges
-    of both triangles, h where there is none. soft: (h,) compliance of the slider's spring against the turn, over
-    h^2 [1/(kg m2)]; share: (h,) factor from the squared spring moment (times h^2) to squared spring curvature
-    times area; limit: (h,) the largest sum of it over the hinge and its neighbours that the slider bears."""
+    """Bending friction of the hinges, in the order of the hinges; all arrays are empty without friction. near: (h,
+    4) the other hinges of both triangles, h where there is none. soft: (h,) compliance of the slider's spring
+    against the turn, divided by the squared substep [1/(kg m2)]. share: (h,) factor that converts g^2 to the
+    squared curvature of the spring times area, where g is the moment of the spring times the squared substep.
+    limit: (h,) largest sum of these loads over the hinge and its neighbours for which the slider does not slip."""
 
     near: NDArray[np.int32]
     soft: Array
@@ -106,8 +110,8 @@ def build_elastic(
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
 ) -> Elastic:
-    """Constraints for a substep of `step` [s]. anisotropy: stiffness along material y over that along x;
-    seam_factor: stiffness of edges on the outline (hems, seams) over the cloth's."""
+    """Constraints for a substep of `step` [s]. anisotropy: stiffness ratio of material y to material x;
+    seam_factor: stiffness ratio of edges on the outline (hems, seams) to other edges."""
     edge, length = mesh.edges, mesh.edge_length
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
     sweep = step**2 * inverse_mass[edge].sum(axis=1)
@@ -124,7 +128,8 @@ def build_elastic(
 def build_bending_friction(
     mesh: ClothMesh, material: Material, step: float, residual_curvature: float
 ) -> BendingFriction:
-    """Friction for a substep of `step` [s] with which released cloth keeps `residual_curvature` [1/m], HB / B."""
+    """Bending friction for a substep of `step` [s]. Released cloth keeps up to `residual_curvature` [1/m], HB /
+    B."""
     if residual_curvature == 0.0:
         return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
@@ -140,7 +145,7 @@ def build_bending_friction(
 
 
 def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
-    """(h, 4) the other hinges of both triangles (h, 2) of each hinge, h where there is none."""
+    """(h, 4) the other hinges of both triangles of each hinge, h where there is none. triangles: (h, 2)."""
     h = len(triangles)
     order = np.argsort(triangles.ravel(), kind="stable")
     owner = triangles.ravel()[order]
@@ -168,8 +173,8 @@ def stretch_excess(
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
 ) -> float:
-    """By how much the cloth would hang longer than asked, as a fraction of its length, with a substep
-    of `step` [s]: edges stiffer than one sweep can be are as soft as the sweep. Agrees with the hang test
+    """Estimated excess of the cloth's hanging length over the material's, as a fraction of the length, for a
+    substep of `step` [s]. An edge cannot be stiffer than one sweep allows. The estimate agrees with the hang test
     within a third."""
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
     inverse_mass = 1.0 / (material.areal_mass * mesh.vertex_area)
@@ -180,7 +185,7 @@ def stretch_excess(
 def _stiffness(
     mesh: ClothMesh, material: Material, reference_drop: float, anisotropy: float, seam_factor: float
 ) -> Array:
-    """(e,) [N/m] in the mesh's order."""
+    """(e,) stretch stiffness of the edges [N/m], in the order of the mesh."""
     edge, length = mesh.edges, mesh.edge_length
     along = (mesh.rest[edge[:, 1]] - mesh.rest[edge[:, 0]]) / length[:, None]
     directional = np.sqrt(anisotropy) ** (along[:, 1] ** 2 - along[:, 0] ** 2)
@@ -191,14 +196,15 @@ def _stiffness(
 
 
 def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
-    """(e,) factors with which edges of directions `along` (e, 2), beside triangles of edge_area (e,) [m2] in all,
-    are as stiff in each direction, and together as stiff as the membrane of that `area` [m2]: in the mean over the
-    mesh, where all of it is strained alike.
+    """(e,) factors that make the edges equally stiff in all directions, and in sum as stiff as the membrane of the
+    `area` [m2]. This holds in the mean over a uniformly strained mesh. along: (e, 2) directions of the edges;
+    edge_area: (e,) total area of the triangles beside each edge [m2].
 
-    No triangulation has as many edges in each direction; coarse ones are up to a tenth stiffer one way than the
-    other. Springs are isotropic when the second and fourth harmonics of their stiffness over direction vanish
-    (they and the sum are the five parts of the tensor, whose Cauchy symmetry is the Poisson ratio of 1/3). A
-    factor of these five harmonics fulfils that; of a mesh with edges in three directions only the sum."""
+    No triangulation has equally many edges in all directions; coarse meshes are up to a tenth stiffer in one
+    direction than in another. Springs are isotropic when the second and fourth harmonics of their stiffness over
+    direction vanish. (These four harmonics and the sum are the five components of the stiffness tensor, whose
+    Cauchy symmetry gives the Poisson ratio of 1/3.) A factor composed of the five harmonics fulfils all five
+    conditions. On a mesh with edges in only three directions, it fulfils the condition on the sum alone."""
     angle = np.arctan2(along[:, 1], along[:, 0])
     harmonics = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))])
     moments = harmonics.T @ (edge_area[:, None] * harmonics)
@@ -208,14 +214,14 @@ def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
 
 
 def shuffled(n: int) -> NDArray[np.int64]:
-    """A fixed random order: a sweep along the order of the mesh would pull the cloth in one direction."""
+    """A fixed random order of n items. A sweep in the order of the mesh would pull the cloth in one direction."""
     return np.random.default_rng(7).permutation(n)
 
 
 def colour_batches(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Sort the edges (e, 2) into batches without a common vertex (a greedy graph colouring). -> order (e,), and
-    where each batch begins and the last one ends. The edges of a batch can be solved at once. Edges with a common
-    vertex keep their order, so a sweep gives the same result as one edge after another."""
+    where each batch begins and the last one ends. The edges of a batch can be solved together. Edges with a common
+    vertex keep their order, so a sweep gives the same result as solving the edges one by one."""
     colour, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: first colour that is free at each vertex
     for i, j in edge.tolist():
         colour.append(max(free[i], free[j]))
@@ -251,7 +257,7 @@ def _apart(p, q):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _store_four(x, i, p, share, d):
-    """p + share * d in rows i of x: four of each."""
+    """Store p + share * d in rows i of x, for four rows."""
     a, b, c, e = spread(share)
     store(x, i[0], p[0] + a * d[0])
     store(x, i[1], p[1] + b * d[1])
@@ -261,13 +267,14 @@ def _store_four(x, i, p, share, d):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
-    """One sweep over the packed edges: four edges of a batch (`colour_batches`) at once, the rest of the batch one
-    by one. batch_start: where each batch begins and the last one ends; inverse_square: of the rest lengths [1/m2];
-    wi, wj: share of each end, w / (w_i + w_j + compliance / h^2).
+    """One sweep over the packed edges: four edges of a batch (`colour_batches`) together, the rest of the batch
+    one by one. batch_start: where each batch begins and the last one ends; inverse_square: inverse squared rest
+    lengths [1/m2]; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2).
 
     The correction 1 - 1 / sqrt(r), r the squared length over the squared rest length, is replaced by its Pade
-    approximant at r = 1, 2 (r - 1) / (3 r + 1). The relative error is 2e-4 at a strain of 3 % and 2e-3 at 10 %.
-    The square root would take as long as all the rest, and the approximant stays finite for an edge of no length.
+    approximant at r = 1, 2 (r - 1) / (3 r + 1). The relative error is 2e-4 at a strain of 3 % and 2e-3 at 10 %. An
+    exact square root would take as long as the rest of the sweep. The approximant also stays finite for an edge of
+    zero length.
     """
     k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(1.0), splat_f64x4(2.0)
     for row in range(single, np.uint64(len(batch_start))):
@@ -312,10 +319,10 @@ def solve_hinges(n, hinge, weight, part, x):
 def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
     """Turn 2 sin(angle / 2) of the hinges which[:n], and its gradient at their vertices.
 
-    Times its length, the turn is |K x| of the elastic hinge, but with a sign and with a gradient that neither
-    shifts nor rotates the cloth. axis[k]: the gradients at c and d, normals of the triangles over their heights.
-    Their opposite is shared between a and b by foot[k], the feet of the heights on a-b. inverse: 1 / (TOGETHER sum
-    w grad^2 + soft).
+    The turn times the length of the hinge's edge equals |K x| of the elastic hinge, but the turn has a sign, and
+    its gradient neither shifts nor rotates the cloth. axis[k]: the gradients at c and d, which are the normals of
+    the triangles divided by their heights. foot[k]: the feet of these heights on a-b; they divide the opposite of
+    the gradients between a and b. inverse: 1 / (TOGETHER sum w grad^2 + soft).
     """
     for k in range(n):
         e = which[k]
@@ -323,7 +330,7 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
         ex, ey, ez = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
         ux, uy, uz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
         vx, vy, vz = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
-        # normals, as long as twice the area of their triangles; on the same side for flat cloth
+        # normals, as long as twice the area of their triangles; both point to the same side of flat cloth
         px, py, pz = ey * uz - ez * uy, ez * ux - ex * uz, ex * uy - ey * ux
         qx, qy, qz = vy * ez - vz * ey, vz * ex - vx * ez, vx * ey - vy * ex
         e2 = ex * ex + ey * ey + ez * ez
@@ -334,7 +341,7 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
             continue
         cos = (px * qx + py * qy + pz * qz) / np.sqrt(p2 * q2)
         turn[k] = np.copysign(np.sqrt(max(0.0, 2.0 - 2.0 * cos)), px * vx + py * vy + pz * vz)
-        size = np.sqrt(max(0.0, 0.5 + 0.5 * cos) * e2)  # of the edge, times cos(angle / 2)
+        size = np.sqrt(max(0.0, 0.5 + 0.5 * cos) * e2)  # length of the edge times cos(angle / 2)
         fp, fq = size / p2, size / q2
         s, t = (ux * ex + uy * ey + uz * ez) / e2, (vx * ex + vy * ey + vz * ez) / e2
         foot[k, 0], foot[k, 1] = s, t
@@ -352,12 +359,14 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
 def bending_friction_moments(
     n, which, hinge, near, share, limit, axis, foot, turn, inverse, slip, held, x, moment
 ):
-    """Moments of the friction in bending of the hinges which[:n], as last measured: moment (n,), times h^2.
+    """Friction moments of the hinges which[:n] by their last measurement (`measure_turns`), into moment (n,),
+    times h^2.
 
-    A spring pulls each turn to slip[e], and slips when the springs around it bear more than `limit`. The load is
-    summed over both triangles of the hinge (held: (h + 1,) of late). With a limit for each hinge alone, friction
-    would be two thirds larger in one direction of the mesh than in another. This function only computes the
-    moments, all from the same x; `solve_hinges_with_friction` applies them.
+    A spring pulls each turn towards slip[e]. It slips when the springs around it together bear more than `limit`:
+    the load is summed over both triangles of the hinge. held: (h + 1,) the latest load of each spring. With a
+    limit on the load of each hinge alone, friction would be two thirds larger in one direction of the mesh than in
+    another. This function only computes the moments, all from the same x; `solve_hinges_with_friction` applies
+    them.
     """
     for k in range(n):
         e = which[k]
@@ -365,7 +374,7 @@ def bending_friction_moments(
         px, py, pz, qx, qy, qz = axis[k, 0], axis[k, 1], axis[k, 2], axis[k, 3], axis[k, 4], axis[k, 5]
         s, t = foot[k, 0], foot[k, 1]
         bx, by, bz = s * px + t * qx, s * py + t * qy, s * pz + t * qz
-        # equal to turn[k] at the last measurement: c and d less the feet of their heights are square to the
+        # At the last measurement this equals turn[k], since the heights of c and d are perpendicular to the
         # normals
         now = (
             turn[k]
@@ -385,9 +394,9 @@ def bending_friction_moments(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
-    """`solve_hinges` with friction: `grow` times its friction moment bends each hinge just before it is solved.
-    Moments and elasticity thus balance where cloth stays bent. In separate sweeps each would react to the motion
-    of the other, and the damping of bending would take that for speed."""
+    """`solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment and then solved.
+    Friction and elasticity thus balance where cloth stays bent. In separate sweeps, each would react to the
+    displacements of the other, and the bending damping would treat these displacements as motion."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
@@ -408,8 +417,8 @@ def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow,
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def damp_edges(batch_start, edge, rate, w, x, v):
-    """Remove the share `rate` of the speed at which the ends of each edge part or approach; momentum is kept. Four
-    edges at once, as in `solve_edges`."""
+    """Reduce the speed at which the ends of each edge separate or approach by the share `rate`; momentum is
+    conserved. Four edges are processed together, as in `solve_edges`."""
     k, single, four, nothing = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(0.0)
     for row in range(single, np.uint64(len(batch_start))):
         end = np.uint64(batch_start[row])
@@ -429,7 +438,7 @@ def damp_edges(batch_start, edge, rate, w, x, v):
             total = w[i] + w[j]
             d = load(x, j) - load(x, i)
             d2 = dot(d, d)
-            if not d2 < LOST and total > 0.0:  # what is lost (NaN) shows
+            if not d2 < LOST and total > 0.0:  # NaN passes and spreads, so that it is detected
                 p, q = load(v, i), load(v, j)
                 s = rate[k] * dot(q - p, d) / (d2 * total)
                 store(v, i, p + (s * w[i]) * d)

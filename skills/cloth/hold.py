@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-CLOSING = 0.12  # [s] over which a closing pinch draws the cloth to the middle of the pads
+CLOSING = 0.12  # [s] time in which a closing pinch draws the cloth to the middle of the pads
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -14,9 +14,9 @@ def hold(
     points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
     rotation1, a, pose
 ):  # fmt: skip
-    """Move the pinched points towards their places in the tools. a: share of the way from the first poses to the
-    second; position (2, 3), rotation (2, 3, 3). since: time from the beginning of the frame [s]. pose: (4, 3)
-    scratch."""
+    """Move the pinched points towards their places in the tools. a: interpolates from the first poses (0) to the
+    second poses (1); position (2, 3), rotation (2, 3, 3). since: time from the beginning of the frame [s]. pose:
+    (4, 3) scratch."""
     for hand in range(2):
         if points[hand] == 0:
             continue
@@ -30,9 +30,9 @@ def hold(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
-    """Hold the `count` points of one hand. Several layers are held as a stack with fixed distances that can turn
-    freely about the held line, as a hinge bears no moment. The stack's angle is the one at which the cloth
-    lies."""
+    """Hold the `count` points of one hand. Several layers are held as a stack with fixed distances. The stack
+    turns freely about the held line, like a hinge: the pads transmit no moment about it. The angle of the stack is
+    computed from the present positions of the cloth."""
     # mean height of the stack, and the moments of its layers about the line
     mean = 0.0
     end, n = 0, 0

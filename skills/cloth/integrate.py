@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Time integration of the vertices awake[:count]: predict positions, then take velocities from displacements
+"""Time integration of the vertices awake[:count]: predict positions, then compute velocities from displacements
 (XPBD, Macklin et al. 2016)."""
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from skills.cloth.simd.vec3 import dot, load, store, vector
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
-    """Predict positions x after a substep of h [s] under gravity and air drag alone, and keep the old ones in
+    """Predict positions x after a substep of h [s] under gravity and air drag alone, and save the old positions in
     xp."""
     keep = 1.0 / (1.0 + drag * h)
     gain = vector(h * gravity[0], h * gravity[1], h * gravity[2])
@@ -29,7 +29,7 @@ def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def extrapolate(count, awake, g, x, xp, u):
-    """u = x + g (x - xp). In terms of u a damped constraint is an undamped one."""
+    """u = x + g (x - xp). In terms of u, a damped constraint has the form of an undamped one."""
     for c in range(count):
         i = awake[c]
         place = load(x, i)

@@ -1,14 +1,15 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """The compiled loop over frames and substeps (small-step XPBD, Macklin et al. 2019).
 
-One thread, without the global interpreter lock, and every sum in a fixed order: the same input gives the same
-bits. The caller owns the arrays of the state. The loop can return between substeps (when a list of pairs is too
-small) and be entered again without any difference.
+The loop runs in one thread, without the global interpreter lock, and computes every sum in a fixed order: the same
+input gives bit-identical results. The caller owns the arrays of the state. The loop can return between substeps,
+when a list of pairs is too small; entering it again continues as if it had not returned.
 
-Functions called in every substep take the arrays that they work on. A tuple of arrays would be passed piece by
-piece, hundreds of numbers a call: nine such calls a substep took a sixth of a towel's time. Each array taken out
-of a tuple, each slice and each view updates a reference count in an atomic step, twice: code that runs often has
-none. Indices are unsigned there, since signed ones are first tested for counting from the end.
+Functions that are called in every substep take single arrays as arguments. A tuple of arrays would be passed as
+hundreds of numbers per call: nine such calls per substep took a sixth of the time of a towel's simulation. Reading
+an array from a tuple, slicing it and taking a view of it each update a reference count atomically, twice. Code
+that runs often therefore does none of these. Its indices are unsigned, since signed indices are first tested for
+counting from the end.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ from skills.cloth.state import (
     VT,
 )
 
-DONE, PAIRS_FULL = 0, 1  # why the loop returned
+DONE, PAIRS_FULL = 0, 1  # reasons to return from the loop
 COMPILED = (
     "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
     "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
@@ -85,7 +86,8 @@ COMPILED = (
 
 
 def _fingerprint() -> str:
-    """Hash of the sources compiled into the loop: numba's cache only notices changes of one file."""
+    """Hash of the sources compiled into the loop: numba's cache only notices changes in the file of the cached
+    function."""
     digest = hashlib.sha256()
     for name in COMPILED:
         digest.update((Path(__file__).parent / name).read_bytes())
@@ -93,16 +95,17 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """The loop. It closes over `sources`, so that a cached one belongs to exactly these sources. Its name has
-    their hash, too: the index of another version's cache may name classes that are gone, and cannot be read."""
+    """Compile the loop. It closes over `sources`, so that a cached loop belongs to exactly these sources. Its name
+    also contains their hash: the cache index of another version may name classes that no longer exist, and then
+    cannot be read."""
 
     def run_frames(
         body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
     ):
         """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
 
-        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses at the frames' bounds, by hand; cap_p0,
-        cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
+        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses of both hands at the frame boundaries;
+        cap_p0, cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
         """
         count = state.counts
         # reading an attribute of a tuple increments a reference count atomically: read each once
@@ -121,8 +124,8 @@ def _compile(sources: str) -> Callable[..., int]:
         )
         contact_distances, contact_masses = pairs.contact_distances, pairs.contact_masses
         contact_impulses, room = pairs.contact_impulses, len(pairs.contact_distances)
-        # Nothing of this is kept between calls: the loop is always entered at a narrow phase. Groups of contacts
-        # (contact_order.py) seldom need more room than they have at first
+        # These arrays are not preserved between calls, since the loop always begins with a narrow phase. Groups of
+        # contacts (contact_order.py) seldom need more than this initial room
         groups, taken, work = 0, np.empty(len(x), np.int32), blocks((room + 1) // 2, 1).reshape((-1, 4))
         order, filled = np.empty((room, EIGHT), np.uint32), np.empty(room, np.uint8)
         contact_turn, level = np.empty(room, np.uint32), np.empty(room, np.uint32)
@@ -240,7 +243,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         moved = solve_contacts(
                             groups, order, filled, member, group_weights, group_mobilities, block, x,
                             parameters.mu_layers,
-                            (s + sweep) % 2 == 1,  # forwards and backwards; the next substep begins backwards
+                            (s + sweep) % 2 == 1,  # alternately forwards and backwards, also between substeps
                             TOLERANCE * thick, work
                         )  # fmt: skip
                         sweep += 1

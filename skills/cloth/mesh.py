@@ -1,8 +1,8 @@
-"""The triangle mesh of a garment: from a contour to one or two welded layers.
+"""Triangle mesh of a garment: built from its contour, with one layer or two welded layers.
 
-The boundary is resampled at the edge length (corners are kept), the interior is a turned and jittered
-hexagonal grid, relaxed, and the triangles are Delaunay's (scipy) inside the contour (shapely). It is
-unstructured on purpose: creases lock onto the rows of a structured grid.
+The boundary is resampled at the edge length; corners keep their place. The interior points form a rotated,
+jittered and relaxed hexagonal grid. The triangles are the Delaunay triangles (scipy) inside the contour (shapely).
+The mesh is unstructured on purpose: creases would lock onto the rows of a structured grid.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ Index = NDArray[np.int32]
 
 CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place
 SLIGHT_TURN = np.deg2rad(0.5)  # enough for a corner between two long sides, as in a drawn outline
-GRID_TURN = np.deg2rad(11.0)  # of the hexagonal grid against material x, so that no row is parallel to a hem
-JITTER = 0.12  # of the edge length
+GRID_TURN = np.deg2rad(11.0)  # angle of the hexagonal grid to material x: no row is parallel to a hem
+JITTER = 0.12  # displacement of grid points, in edge lengths
 SEED = 20110520  # of the jitter: a mesh is a function of its arguments
 
 
@@ -63,7 +63,7 @@ class ClothMesh:
 
     @cached_property
     def vertex_area(self) -> Array:
-        """(n,) [m2]: a third of each triangle about it."""
+        """(n,) [m2]: a third of the area of the triangles at each vertex."""
         out = np.zeros(len(self.rest))
         np.add.at(out, self.triangles.ravel(), np.repeat(self.area / 3.0, 3))
         return frozen(out)
@@ -142,7 +142,7 @@ class ClothMesh:
         )
 
     def lay_flat(self, thickness: float) -> Array:
-        """(n, 3): the garment flat on the table, layers of `thickness` [m] on each other."""
+        """(n, 3): positions of the garment laid flat on the table, its layers `thickness` [m] apart."""
         z = thickness * (0.5 + self.layer)
         return np.column_stack([self.rest, z])
 
@@ -221,7 +221,7 @@ def _check(contour: Array, edge_length: float, layers: int) -> Array:
 
 
 def _resample(outline: Array, edge_length: float) -> Array:
-    """The outline with about one point an edge length; corners keep their place."""
+    """The outline with about one point per edge length; corners keep their place."""
     back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
     sides = np.minimum(np.linalg.norm(back, axis=1), np.linalg.norm(ahead, axis=1))
@@ -229,7 +229,7 @@ def _resample(outline: Array, edge_length: float) -> Array:
     if len(corners) < 3:
         corners = np.unique(np.linspace(0, len(outline), 4, endpoint=False).astype(int))
     kept = [int(corners[0])]
-    for i in corners[1:]:  # of corners closer than half an edge, keep the first
+    for i in corners[1:]:  # of corners closer than half an edge length, keep the first
         if np.linalg.norm(outline[i] - outline[kept[-1]]) >= 0.5 * edge_length:
             kept.append(int(i))
     if len(kept) > 3 and np.linalg.norm(outline[kept[-1]] - outline[kept[0]]) < 0.5 * edge_length:
@@ -276,7 +276,7 @@ def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
 
 
 def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, edge_length: float) -> Array:
-    """Interior points moved half way to the mean of their neighbours, without those too near the border."""
+    """Interior points, moved half way to the mean of their neighbours; points too near the border are removed."""
     total, count = np.zeros_like(points), np.zeros(len(points))
     half = _half_edges(tri)
     for a, b in ((0, 1), (1, 0)):
@@ -300,8 +300,8 @@ def _missing_border(tri: Index, n_border: int) -> Index:
 
 
 def _split_chords(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon) -> tuple[Array, Index]:
-    """New vertices in the middle of inner edges from border to border: there two layers that are welded along the
-    border would be one sheet."""
+    """Insert vertices in the middle of inner edges that join two border vertices. Two layers that are welded along
+    the border would be one sheet at such an edge."""
     for _ in range(4):
         e, count = np.unique(np.sort(_half_edges(tri), axis=1), axis=0, return_counts=True)
         chords = e[(count == 2) & (e < n_border).all(axis=1)]

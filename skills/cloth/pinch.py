@@ -1,9 +1,10 @@
-"""The cloth that two closing pads grasp: a line of material across the pads, about which the cloth can hang.
+"""Model of a pinch: finds the cloth that two closing pads grasp, a line of material about which the cloth can
+turn.
 
-The pads close along the tool's y over `stroke`, and draw cloth from anywhere in the stroke to the middle. They
-hold it there, along the tool's x over `width`. They take every layer that lies above the fingertips (the tool
-centre point) and below the pads' upper end, `depth` above: a hand that is set down less far takes fewer layers. No
-layer is selected by name.
+The pads close along the tool's y axis over `stroke` and draw cloth from anywhere in the stroke to the middle,
+where they hold it along the tool's x axis over `width`. They take every layer between the fingertips (the tool
+centre point) and the upper end of the pads, `depth` above the fingertips. A hand that is lowered less takes fewer
+layers. No layer is selected by name.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ class PadGeometry:
 
 @dataclass(frozen=True)
 class PinchReport:
-    """held_points: 0 if the pads closed on nothing; layers: the most at one place of the width; consumed: the
-    greatest length of cloth drawn to the pads' middle [m]."""
+    """held_points: number of held points, 0 if the pads closed on nothing; layers: largest number of layers at one
+    place along the width; consumed: largest length of cloth drawn to the middle of the pads [m]."""
 
     held_points: int
     layers: int
@@ -51,7 +52,7 @@ class PinchReport:
 @dataclass(frozen=True, eq=False)
 class PinchedPoints:
     """vertex, bary: (m, 3) points of the mesh; offset: (m, 3) their positions in the tool frame when the pads met
-    them [m]; layers: the most held at one place of the width."""
+    them [m]; layers: largest number of held layers at one place along the width."""
 
     vertex: NDArray[np.int32]
     bary: Array
@@ -61,7 +62,7 @@ class PinchedPoints:
     @property
     def height(self) -> Array:
         """(m,) tool z at which the points are held [m]. The pads press the layers onto each other, so that the
-        stack can turn about the line."""
+        stack turns about the held line."""
         middle = float(self.offset[:, 2].mean()) if len(self.offset) else 0.0
         return middle + PRESSED * (self.offset[:, 2] - middle)
 

@@ -21,10 +21,10 @@ HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
 
 @dataclass(frozen=True, eq=False)
 class FoldPrediction:
-    """vertices: (n, 3) after the fold has settled, table frame. max_pinch_force: largest force on each hand over a
-    frame [N]. pinches: the pinch of each hand. dropped: hands that lost their cloth before the end.
-    residual_motion: largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) evenly over the
-    motion."""
+    """vertices: (n, 3) after the fold has settled, table frame. max_pinch_force: largest force on each hand, each
+    value a mean over a frame [N]. pinches: the pinch of each hand. dropped: hands that lost their cloth before the
+    end. residual_motion: largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) positions
+    at k times, evenly spaced over the motion."""
 
     vertices: Array
     max_pinch_force: Mapping[GraspId, float]
@@ -66,7 +66,7 @@ def predict_fold(
     force = dict.fromkeys(paths, 0.0)
     done = 0
     while done < frames:
-        # some frames a call: often enough for the peak force, and the overhead of a call stays small
+        # a few frames per call: often enough to see the peak force, with little overhead per call
         step = min([6, frames - done, *(k - done for k in shots if k > done)])
         simulation.advance_along(p[done : done + step + 1], r[done : done + step + 1])
         done += step
@@ -97,7 +97,8 @@ def predict_fold(
 
 
 def _sample(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
-    """Poses of both hands at the frames' bounds: (frames + 1, 2, 3) and (frames + 1, 2, 3, 3)."""
+    """Poses of both hands at the frame boundaries: positions (frames + 1, 2, 3) and rotations (frames + 1, 2, 3,
+    3)."""
     t = np.arange(frames + 1) * frame
     p = np.zeros((frames + 1, len(HANDS), 3))
     r = np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, len(HANDS), 1, 1))

@@ -15,31 +15,32 @@ from skills.vocabulary import Material
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
 STRETCH_TOLERANCE = 1e-3  # of the length
-ESTIMATE_SHARE = 0.3  # of the tolerance: the largest estimate of the error that is accepted
-MOST_RESIDUAL = 1000.0  # [1/m]
-LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # of a frame; contacts need the lower bound
+ESTIMATE_SHARE = 0.3  # largest accepted estimate of the error, as a share of the tolerance
+MOST_RESIDUAL = 1000.0  # [1/m] largest residual_curvature
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # per frame; contacts need the lower bound
 
 
 @dataclass(frozen=True)
 class SolverSettings:
     """Solver settings, and the properties of a fabric that a lab does not measure.
 
-    frame_rate [1/s] x substeps: steps a second. substeps None: the fewest with which the stretch is accurate to
-    stretch_tolerance (of the length, default 0.001: 0.1 percentage points); ConfigurationError when too many would
-    be needed. Given substeps are used as they are, and refused only if a stretch_tolerance is given that they do
-    not meet. gravity [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging
-    length at which the material's stretch_fraction was measured (0.6 where the garment's own is not given).
+    frame_rate [1/s] times substeps is the number of steps per second. substeps None: the fewest substeps with
+    which the stretch is accurate to stretch_tolerance (a fraction of the length, default 0.001, that is 0.1
+    percentage points); ConfigurationError if too many would be needed. A given number of substeps is used
+    unchanged; it is refused only if a stretch_tolerance is given too and the substeps do not meet it. gravity
+    [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at which the
+    material's stretch_fraction was measured (0.6 if the garment's length is not given).
 
     stretch_damping, bend_damping: Rayleigh times [s], damping force = time x stiffness x rate (bending damping is
     reduced on meshes so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex.
-    sleep_distance [m], sleep_frames: a vertex that stays within this distance for this many frames without
-    gathering speed, or for thrice as many, is at rest and costs nothing until something moves near it (0 frames:
-    no vertex ever sleeps; the distance is at most a twelfth of an edge).
+    sleep_distance [m], sleep_frames: a vertex is at rest if it stays within sleep_distance for sleep_frames frames
+    without gaining speed, or for three times as many frames in any case. It then costs nothing until something
+    moves near it. (0 frames: no vertex ever sleeps. The distance is at most a twelfth of the mean edge.)
 
-    anisotropy: stiffness along material y over that along x. seam_factor: stretch stiffness of the outline over
-    the cloth's. residual_curvature [1/m]: friction in bending, as the largest curvature that released cloth keeps:
-    hysteresis HB over rigidity B of the KES-F test, whose loop is 2 HB high (six denims: 23 to 54, Journal of
-    Textiles 2016, 4614168); 0 to 1000; with 0, cloth keeps no bend.
+    anisotropy: stiffness ratio of material y to material x. seam_factor: stretch stiffness ratio of the outline to
+    the rest of the cloth. residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature
+    that released cloth keeps; with 0, cloth keeps no bend. It is the hysteresis HB divided by the rigidity B of
+    the KES-F test, whose loop is 2 HB high (six denims: 23 to 54, Journal of Textiles 2016, 4614168).
     """
 
     frame_rate: int = 60
@@ -104,7 +105,7 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
 
 
 def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
-    """Substeps of a frame, and the error that they leave in the stretch (see SolverSettings)."""
+    """Number of substeps per frame, and the remaining error of the stretch (see SolverSettings)."""
 
     def error(n: int) -> float:
         step = settings.frame / n

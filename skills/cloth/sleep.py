@@ -1,10 +1,12 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Vertices at rest sleep and cost nothing: which wake, which fall asleep, and the lists of awake ones.
+"""Sleep of vertices at rest, which then cost nothing: decides which vertices wake and fall asleep, and lists the
+awake ones.
 
-Falling asleep must not move the vertices that stay awake. In a substep everything that moves first falls by g h^2,
-and the sweeps lift it again. A sleeper that stayed in place would meanwhile hold up its neighbours by as much as
-half their weight, and the creases beside newly asleep vertices would start to swing. Sleeping vertices within some
-rings of awake ones, the fringe, therefore take part in the elastic sweeps and are put back afterwards.
+A vertex that falls asleep must not move the vertices that stay awake. In each substep, all moving vertices first
+fall by g h^2, and the sweeps lift them again. If a sleeping vertex stayed in place meanwhile, it would carry up to
+half the weight of its neighbours, and the creases beside newly sleeping vertices would start to swing. Therefore
+the fringe, which is the sleeping vertices within FRINGE rings of awake ones, takes part in the elastic sweeps; its
+positions are restored afterwards.
 """
 
 from __future__ import annotations
@@ -17,16 +19,16 @@ from skills.cloth.simd.f64x4 import gather_f64x4
 from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
-STILL = 2.5e-4  # [m] a frame: vertices that moved less are not predicted to move
-SWINGS = 3  # x sleep_frames: a vertex that stayed in place for so long does not topple, it swings
+STILL = 2.5e-4  # [m] per frame: vertices that moved less are not predicted to move
+SWINGS = 3  # x sleep_frames: a vertex that stays in place for so long swings and does not topple
 FRINGE = 2  # rings
 NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 
 
 @njit(nogil=True)
 def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
-    """Vertices that moved stay awake and wake two rings around them and the vertices they touch; quiet ones
-    sleep."""
+    """Vertices that moved stay awake. They wake two rings of neighbours and the vertices that they touch. Quiet
+    vertices fall asleep."""
     count = state.counts
     stirred, near = state.stirred, state.near
     stirred[:] = False
@@ -76,9 +78,10 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
 
 @njit(nogil=True)
 def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
-    """Mark awake vertices that left their reference point, which then follows them; the others get quieter. A
-    vertex that gathers speed (its step in this frame is longer than the mean step) is not quiet, however slow. A
-    vertex that has not gone anywhere for long only swings, and counts as quiet."""
+    """Mark the awake vertices that are not quiet in `stirred`, and move their reference points to them. A vertex
+    is not quiet if it left its reference point, or if it gains speed (its step in this frame is longer than the
+    mean step), however slow it is. A vertex that has stayed near its reference point for a long time only swings:
+    it counts as quiet even if it gains speed."""
     for c in range(n_awake):
         i = index[c]
         away, step = 0.0, 0.0
@@ -128,7 +131,7 @@ def _grow(start, ring, near, rings):
     for i in range(np.uint64(len(near))):
         marked[end] = i
         end += np.uint64(near[i])
-    for _ in range(rings):  # only around those marked last: the others have no unmarked neighbours
+    for _ in range(rings):  # only around the vertices marked last: the others have no unmarked neighbours
         last = end
         for c in range(begin, last):
             own = np.uint64(marked[c])
@@ -142,8 +145,8 @@ def _grow(start, ring, near, rings):
 
 @njit(nogil=True)
 def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
-    """Wake vertices near a moving one and put vertices to sleep that were quiet for long. -> whether anything
-    changed, whether any vertex woke."""
+    """Wake the vertices marked in `near`, and put to sleep those that were quiet for `sleep_frames`. -> whether
+    any vertex woke or fell asleep, and whether any vertex woke."""
     changed = woke = False
     for i in range(len(x)):
         if near[i]:
@@ -166,8 +169,9 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awa
 
 @njit(nogil=True)
 def pack(body, state):
-    """List the awake vertices, then their fringe, and the constraints with a vertex in either, with their shares.
-    The shares are those of the free masses: a vertex must not feel a change when its neighbour falls asleep."""
+    """List the awake vertices, followed by their fringe, and the constraints that contain any of these vertices,
+    with the shares of their ends. Vertices of the fringe count with their mass like awake ones: the motion of a
+    vertex must not change when its neighbour falls asleep."""
     count, free, near, w = state.counts, state.free, state.near, body.w
     awake, awake_list = state.awake, state.awake_list
     near[:] = awake
@@ -203,7 +207,7 @@ def _pack_edges(
     edge, batch_start, inverse, inverse_square, damping, free, to_edge, to_batch_start, to_inverse_square, to_wi,
     to_wj, to_rate
 ):  # fmt: skip
-    """Edges with a free end, in their colour batches. -> their number."""
+    """List the edges that have a free end, in their colour batches. -> their number."""
     single, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
     for row in range(single, np.uint64(len(batch_start))):
         for e in range(np.uint64(batch_start[row - single]), np.uint64(batch_start[row])):  # branch-free
@@ -221,7 +225,7 @@ def _pack_edges(
 
 @njit(nogil=True)
 def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_part):
-    """Hinges with a free vertex; which: their indices. -> their number."""
+    """List the hinges that have a free vertex; which: their indices. -> their number."""
     n = np.uint64(0)
     for e in range(np.uint64(len(hinge))):
         some = free[hinge[e, 0]] + free[hinge[e, 1]] + free[hinge[e, 2]] + free[hinge[e, 3]]
@@ -238,7 +242,7 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
 
 @njit(nogil=True)
 def _watch(corner, start, awake, moving, watched):
-    """Clusters with a corner that is awake or predicted to move. -> their number."""
+    """List the clusters with a corner that is awake or predicted to move. -> their number."""
     n = 0
     for k in range(len(moving)):
         some = moving[k]

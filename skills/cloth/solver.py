@@ -1,4 +1,4 @@
-"""A piece of cloth on a table, advanced in time; shared by the predictor and the simulated cell."""
+"""Simulation of a piece of cloth on a table, used by the predictor and by the simulated cell."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ from skills.vocabulary import Material
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
 
 MOST_PAIRS = 120
-"""Most candidate pairs for each vertex: folded stacks have about 10. With more the cloth has lost its shape, and
-the lists would grow until the memory is full."""
+"""Most candidate pairs per vertex; folded stacks have about 10. With more pairs than this the cloth has lost its
+shape, and the lists would grow until the memory is full."""
 
 
 @dataclass(frozen=True, eq=False)
 class ToolMotion:
-    """One tool over the frames of a call: poses in the table frame at the start and the end.
+    """Motion of one tool during a call of `advance`: poses in the table frame at the start and the end.
 
     hand: 0 or 1. position: (3,) of the tool centre point; rotation: (3, 3) R_table_tool.
     """
@@ -82,23 +82,23 @@ class CapsuleMotion:
 
 RELEASE_SPEED = 0.1  # [m/s]
 SLEEP_SHARE = 1.0 / 12.0
-"""Of the mean edge: upper bound of the distance that a vertex at rest may have moved."""
+"""Upper bound of the sleep distance, as a share of the mean edge length."""
 IN_PLANE = 0.2
-"""Largest bending damping as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
-gradients of strain, and damping multiplies that. Beyond some 0.4, the alternating sweeps drive each other
-(measured on edges of 4 to 15 mm)."""
+"""Largest bending damping, as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
+gradients of strain, and damping multiplies this resistance. Above about 0.4, the alternating sweeps over edges and
+hinges amplify each other (measured on edges of 4 to 15 mm)."""
 
 
 class ClothSimulation:
-    """One garment. Raises ConfigurationError for a material that cannot be simulated, InternalError when positions
-    are lost.
+    """Simulation of one garment. Raises ConfigurationError for a material that cannot be simulated, InternalError
+    when positions are lost.
 
     positions: (n, 3) initial positions, without velocity (default: laid flat). at_rest: the positions are an
-    equilibrium, so that all of the cloth sleeps until something moves, and friction in bending, if any, takes
-    their bends as they are; otherwise the cloth was flat before. fixed: (n,) vertices that never move (the upper
-    hem of hung cloth). substeps: of a frame, as given or chosen; stretch_error: estimated relative excess of the
-    cloth's hanging length over the material's. One simulation must not be used by two threads at once; two
-    simulations may be.
+    equilibrium. All of the cloth then sleeps until something moves, and bending friction, if any, holds the
+    present bends. Without at_rest, bending friction assumes that the cloth was flat before. fixed: (n,) vertices
+    that never move (the upper hem of hung cloth). substeps: number of substeps per frame, given or chosen;
+    stretch_error: estimated relative excess of the cloth's hanging length over the material's. Two threads must
+    not use the same simulation at the same time; they may use two simulations.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class ClothSimulation:
 
     @property
     def asleep(self) -> NDArray[np.bool_]:
-        """(n,) which vertices are at rest."""
+        """(n,) True for vertices at rest."""
         return ~self._state.awake
 
     @property
@@ -160,8 +160,8 @@ class ClothSimulation:
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth at positions (n, 3), at rest or with `velocities` (n, 3), and release held points.
 
-        With friction in bending, the change of shape counts as bending. A pure rotation or translation has no
-        effect on it.
+        Bending friction, if any, treats the change of shape as bending. A pure rotation or translation is no
+        bending.
         """
         x = np.asarray(positions, dtype=float)
         if x.shape != self._state.ref.shape or not np.isfinite(x).all():
@@ -189,7 +189,7 @@ class ClothSimulation:
         s.awake[:], s.expired[:], s.wa[:] = False, False, 0.0
         s.quiet[:] = self._solver_parameters.sleep_frames
         s.base[:], s.course[:] = s.x[self._body.clusters.corner, :3].T, 0.0
-        s.ridge_searched[:] = -1  # nothing is searched only because it has not been yet
+        s.ridge_searched[:] = -1  # as if every edge had been searched as a ridge
         s.slack[:] = min(SLACK, CALM_SLACK * self.material.thickness)
         s.counts[AWAKE] = 0
         if len(s.slip):
@@ -219,8 +219,8 @@ class ClothSimulation:
     def release(self, hand: int) -> None:
         """Open the pads of `hand`. The held points leave at no more than RELEASE_SPEED.
 
-        Between pads that pull against contacts, nodal velocities are high although nothing moves; released with
-        them, a corner would be flung away.
+        While pads pull against contacts, the velocities of the held vertices are high although nothing moves. If
+        the vertices kept them on release, a corner would be flung away.
         """
         held = np.unique(self._holds.vertex[self._holds.hand == hand])
         speed = np.linalg.norm(self._state.v[held], axis=1, keepdims=True)
@@ -244,7 +244,7 @@ class ClothSimulation:
     def advance(
         self, frames: int = 1, tools: Sequence[ToolMotion] = (), capsules: CapsuleMotion | None = None
     ) -> None:
-        """Advance by `frames`; tools and capsules move evenly from start to end over all of them."""
+        """Advance by `frames`; tools and capsules move at constant speed from start to end during these frames."""
         p = np.repeat(self._tool_p[None], frames + 1, axis=0)
         r = np.repeat(self._tool_r[None], frames + 1, axis=0)
         at = np.linspace(0.0, 1.0, frames + 1)
@@ -256,8 +256,9 @@ class ClothSimulation:
     def advance_along(
         self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
     ) -> None:
-        """Advance along sampled motions, one sample at each frame bound: position (frames + 1, 2, 3) and rotation
-        (frames + 1, 2, 3, 3) of both hands; capsules: ends (frames + 1, k, 3) twice and radius (k,)."""
+        """Advance along sampled motions, one sample at each frame boundary: position (frames + 1, 2, 3) and
+        rotation (frames + 1, 2, 3, 3) of both hands; capsules: both ends, (frames + 1, k, 3) each, and radius
+        (k,)."""
         frames = len(position) - 1
         p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
         p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
@@ -307,7 +308,8 @@ class ClothSimulation:
 
     def restore(self, saved: Mapping[str, Array]) -> None:
         """Return to a checkpoint of a simulation with the same mesh, material and settings. Raises
-        ConfigurationError for a checkpoint of another compiled loop, whose arrays may have another meaning."""
+        ConfigurationError for a checkpoint from another version of the compiled loop, whose arrays may have
+        another meaning."""
         if "kernel" not in saved or str(saved["kernel"]) != kernel.SOURCES:
             raise ConfigurationError(
                 "the state of the cloth was written by another foldcell",
@@ -348,7 +350,7 @@ def _body(
 ) -> Body:
     h, w = parameters.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     if fixed is not None:
-        w[fixed] = 0.0  # before the sweep's own compliance is computed, which is 0 there
+        w[fixed] = 0.0  # must precede build_elastic, whose sweep compliance depends on w
     e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * parameters.phase * h * w[e.edge].sum(axis=1))
     grow = 1.0 + parameters.bend_gamma
@@ -382,7 +384,7 @@ def _solver_parameters(
 ) -> SolverParameters:
     h = settings.frame / substeps
     edge = float(mesh.edge_length.mean())
-    softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # of the two directions
+    softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # stiffness factor of the softer direction
     modulus = softer * membrane_modulus(material, settings.reference_drop)
     most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
     gx, gy, gz = settings.gravity

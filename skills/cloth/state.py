@@ -17,22 +17,25 @@ HANDS = 2
 MAX_HELD = 128
 LINE = LINE_BYTES // 4  # singles in a cache line
 
-# places in State.counts
-VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake, and their fringe
-# flags of what is up to date, the position of the loop, and the number of vertex-triangle contacts; PACE: substeps
-# for which the contacts of the next narrow phase serve; BEGUN: sleep was updated in this frame
+# indices of State.counts
+VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake vertices and fringe
+# SEARCHED, FITTED, PACKED: flags, 1 where the data are up to date. FRAME, SUBSTEP: position of the loop; NOW:
+# substeps so far; NEXT: substep of the next narrow phase. SEARCHES: number of searches. ACTIVE_VT: number of
+# vertex-triangle contacts. WATCHED: length of State.watched. PACE: substeps for which the contacts of the next
+# narrow phase are used. BEGUN: 1 if sleep was updated in this frame
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
 PACE, BEGUN = 17, 18
 
 
 class Body(NamedTuple):
-    """The constant part: masses, constraints, triangles, neighbours (ring: CSR; ring_edge: the edges to them).
+    """The constant data: inverse masses, constraints, triangles, neighbours (ring: CSR; ring_edge: the edges to
+    the neighbours).
 
     edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3). rim: (e,) True for edges
     of hems and seams. spring: (e, 2) the edges in colour batches (elasticity.py); batch_start: where each batch
-    begins and the last one ends. In the order of spring: inverse_square: (e,) of the rest lengths [1/m2],
-    edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) as edge_inverse, with
-    the squares of the weights K.
+    begins and the last one ends. In the order of spring: inverse_square: (e,) inverse squared rest lengths [1/m2],
+    edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) the same for hinges,
+    with w K^2 in place of w and with the bending damping.
     """
 
     w: Array
@@ -58,7 +61,7 @@ class Body(NamedTuple):
 
 class SolverParameters(NamedTuple):
     """Numbers that stay the same during a run. h: substep [s]; phase: substeps from one narrow phase to the next;
-    flat: cosine of a ridge (ridges.py)."""
+    flat: cosine of the angle from which an edge is a ridge (ridges.py)."""
 
     h: float
     substeps: int
@@ -81,7 +84,7 @@ class SolverParameters(NamedTuple):
 
 
 class State(NamedTuple):
-    """The part that changes.
+    """The data that the loop changes.
 
     x, xp, v: (n, 4; see simd/vec3.py) positions, positions at the beginning of the substep (shifted along with x
     where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the
@@ -92,22 +95,23 @@ class State(NamedTuple):
     low: vertices that the table may hold, with their lowest height `floor` and friction coefficient
     `table_friction`.
 
-    Chosen by `pack` (sleep.py), valid up to the counts: edge, in colour batches; batch_start: where each batch
-    begins and the last one ends (batches may be empty); inverse_square, rate; wi, wj: shares of the ends; hinge,
-    weight; part: shares of its vertices.
+    Filled by `pack` (sleep.py), valid up to their lengths in counts: edge, in colour batches; batch_start: where
+    each batch begins and the last one ends (batches may be empty); inverse_square, rate: of these edges; wi, wj:
+    shares of their ends; hinge, weight; which: indices of these hinges; part: shares of their vertices.
 
     base, course: (3, corners) each cluster predicts its corners at base + course * (time since the substep
-    `born`), to within slack; moving: (m,) the course is not zero; expired: (m,) the cluster has to be searched;
-    ridge_searched: (rows,) bits of its edges that were ridges in its last search (ridges.py). watched: clusters
-    with a corner that is awake or predicted to move.
+    `born`), to within slack; moving: (m,) the course is not zero; expired: (m,) the cluster is included in the
+    next search; ridge_searched: (rows,) bits of its edges that were ridges in its last search (ridges.py).
+    watched: clusters with a corner that is awake or predicted to move.
 
-    ref, last: (n, 3) positions when the vertex was last found to move, and one frame ago; quiet: (n,) frames since
-    anything near it moved; kept: (n,) frames since it left its own place; turned: (n,) fell asleep or woke since
-    the last search; still: (n,) hardly moved in the last frame; top_row: (n,) scratch, -1.
+    ref: (n, 3) reference point, the position at which the vertex was last found to move; last: (n, 3) position one
+    frame ago; quiet: (n,) frames since anything near the vertex moved; kept: (n,) frames since it left its
+    reference point; turned: (n,) True if it fell asleep or woke since the last search; still: (n,) True if it
+    hardly moved in the last frame; top_row: (n,) scratch, filled with -1.
 
-    Of hinges with friction, else empty: slip: (h,) the turn to which friction pulls; held: (h + 1,) recent load of
-    its spring; which: indices of the packed hinges; axis, foot, turn, friction_inverse, moment: their last
-    measurement (`measure_turns`).
+    Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls; held: (h + 1,) latest
+    load of its spring; axis, foot, turn, friction_inverse, moment: last measurement of the packed hinges
+    (`measure_turns`) and their friction moments.
     """
 
     x: Array
@@ -160,20 +164,22 @@ class State(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Candidate pairs with their memory, and the contacts of the present narrow phase.
+    """Candidate pairs with their remembered sides and impulses, and the contacts of the present narrow phase.
 
-    vt, ee: (k, 2) pairs of a vertex and a triangle, of two edges; vt_due, ee_due: substep from which a pair is to
-    be examined; vt_j, ee_j: (k, 4; see simd/vec3.py) its impulse [kg m]. Of each contact: contact_vertices: (m,
-    4); contact_weights: (m, 4) their weights; contact_mobilities: (m, 4) weights times inverse masses wa;
-    contact_normals: (m, 4); contact_impulses: (m, 4) recent mean impulse; contact_distances: (m,) distance to
-    keep; contact_masses: (m,) effective mass, the inverse of its inverse mass; contact_pairs: (m,) index of its
-    pair.
+    vt, ee: (k, 2) pairs of a vertex and a triangle, and pairs of two edges; side: (k,) remembered side of the
+    vertex, 1 or -1, 0 for none; near, normal: (k,), (k, 4) whether two edges are near, and their remembered
+    normal; vt_due, ee_due: substep from which a pair has to be examined; vt_j, ee_j: (k, 4; see simd/vec3.py)
+    impulse of the pair [kg m]. Of each contact: contact_vertices: (m, 4); contact_weights: (m, 4) their weights;
+    contact_mobilities: (m, 4) weights times inverse masses wa; contact_normals: (m, 4); contact_impulses: (m, 4)
+    recent mean impulse; contact_distances: (m,) distance to keep; contact_masses: (m,) effective mass, the inverse
+    of its inverse mass; contact_pairs: (m,) index of its pair.
 
     Scratch: near_c: pairs of a vertex and a triangle that can touch, and free places in the lists of pairs;
-    near_row: (m, LINE) their geometry (vertex_triangle.py); rank: how far inside its triangle the vertex is; ring:
-    the next row of the same vertex; second: of the top row of a vertex, the row of the second highest rank;
-    better; bearing: rows with an impulse; some: those rows or pairs that are to be examined; new_vt, new_ee, key,
-    row, kept, kept_normal.
+    near_row: (m, LINE) their geometry (vertex_triangle.py). For each such row: rank: how far inside its triangle
+    the vertex is; ring: the next row of the same vertex; second: for the top row of a vertex, the row of the
+    second highest rank; better: the row that replaces it. bearing: rows with an impulse; some: rows or pairs to be
+    examined; new_vt, new_ee: pairs found by a search; key, row: hash table; kept, kept_normal: impulses and
+    normals of old pairs.
     """
 
     vt: NDArray[np.int32]
@@ -214,8 +220,8 @@ class Holds(NamedTuple):
     height: (m,) tool z at which it is held; hand: (m,), -1 for unused rows.
 
     age: (2,) [s] since each hand closed. impulse: (2, 3) sum over a frame; force: (2, 3) [N] mean force on the
-    hand over the last frame. limit: (2,) [N] above which the pinch loses the cloth. points: (2,) number of held
-    points.
+    hand over the last frame. limit: (2,) [N] force above which the pinch loses the cloth. points: (2,) number of
+    held points.
     """
 
     vertex: NDArray[np.int32]
@@ -231,7 +237,7 @@ class Holds(NamedTuple):
 
 
 def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters) -> State:
-    """State of n vertices, all awake, with unknown positions. bounds: length of batch_start."""
+    """State of n vertices, all awake; the positions are not yet set. bounds: length of batch_start."""
     m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:
@@ -327,7 +333,7 @@ def new_pairs(vt: int, ee: int) -> Pairs:
 
 
 def new_holds() -> Holds:
-    """Nothing is held."""
+    """Holds without held points."""
     return Holds(
         np.zeros((MAX_HELD, 3), np.int32),
         np.zeros((MAX_HELD, 3)),

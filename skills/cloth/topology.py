@@ -1,6 +1,6 @@
 """Neighbourhoods and clusters of a mesh: the part of the solver's data that depends on the mesh alone.
 
-An optimiser simulates one mesh hundreds of times, so all of this is built once for each mesh.
+An optimiser simulates one mesh hundreds of times, so all of this is built once per mesh.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Topology(NamedTuple):
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """The topology of a mesh, with its own copy of the clusters, into which a simulation writes."""
+    """The topology of a mesh, with a separate copy of the clusters, into which the simulation writes."""
     known = _build(mesh)
     return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 
@@ -50,7 +50,7 @@ def _build(mesh: ClothMesh) -> Topology:
     order = np.argsort(keys)
 
     def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
-        """Numbers of the edges between vertices."""
+        """Indices of the edges between vertices i and j."""
         at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
         return order[at].astype(np.int32)
 

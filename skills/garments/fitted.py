@@ -1,4 +1,4 @@
-"""A garment's own template from its detected key points and one measured length."""
+"""Fits a garment's template to its own shape, from detected key points and one measured length."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ SYMMETRIC = 0.002
 
 
 def fitted_template(seen: Array, template: Array, measured: tuple[int, int] | None, length: float | None) -> Array:
-    """(k, 2) [m] the outline of the garment whose key points `seen` (k, 2) were found, rotated like `template` (k,
-    2) and centred.
+    """Outline (k, 2) [m] of a garment from its detected key points `seen` (k, 2), centred and rotated like
+    `template` (k, 2).
 
     measured, length: two key points and their distance on the garment [m]; None: `seen` is in metres. For a
-    symmetric template the result is symmetric too: halves made unequal by a tilted camera or by the way the
-    garment lies are averaged. The rotation is Kabsch's (1976), in the plane. Raises ValueError for a length or
+    symmetric template the result is symmetric too: the two halves, which a tilted camera or the garment's pose can
+    make unequal, are averaged. The rotation is Kabsch's (1976), in the plane. Raises ValueError for a length or
     points that give no scale.
     """
     points = np.asarray(seen, dtype=float)
@@ -36,7 +36,7 @@ def fitted_template(seen: Array, template: Array, measured: tuple[int, int] | No
 
 
 def mirror_images(template: Array) -> NDArray[np.intp] | None:
-    """(k,) index of the mirror image over the x axis of each point of a template (k, 2); None if it is not
+    """Index (k,) of each template point's mirror image over the x axis, for a template (k, 2); None if it is not
     symmetric."""
     apart = np.linalg.norm(template[:, None] - (template * [1.0, -1.0])[None], axis=2)
     twins = np.asarray(np.argmin(apart, axis=1))

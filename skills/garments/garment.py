@@ -30,10 +30,10 @@ class Anchor:
 
 @dataclass(frozen=True)
 class PlanGrasp:
-    """One grasp of a step. at: the point of the garment's edge that it refers to.
+    """One grasp of a step. at: the point of the garment's edge from which the grasp is measured.
 
-    inset: distance inside, (across the fold line towards it, along it towards the middle) [m]. grasp_id: None if
-    it follows from how the garment lies. turn: of the held line against the fold line [rad].
+    inset: distances from `at` to the grasp: across the fold line towards it, and along the line towards its middle
+    [m]. grasp_id: None if it follows from the garment's pose. turn: angle of the held line to the fold line [rad].
     """
 
     at: Anchor
@@ -56,8 +56,9 @@ class PlanStep:
     """One fold. line: two anchors on the flat garment.
 
     variants: in order of preference; they differ in the moving side (the fold's direction) and in the grasps.
-    tension: how far past its mirror image a grasp is released, and how far each of two hands moves outwards along
-    the line until then [m]. It takes up the slack from sagging between the hands and from the unpressed crease.
+    tension: distance past its mirror image at which a grasp is released, and distance by which each of two hands
+    moves outwards along the line during the fold [m]. Tension takes up the slack from sagging between the hands
+    and from the unpressed crease.
     """
 
     name: str
@@ -96,8 +97,8 @@ class Garment:
     keypoints: names in counter-clockwise order; template: (k, 2) [m] their positions at nominal size, centred on 0
     and rotated as the garment is laid, so that pose (x, y, 0) is a translation. layers: of the flat garment.
     edge_pairs: edges (two key points each) that coincide, in this direction, after the last fold. size_range:
-    factors of the nominal size that the plan is valid for. max_tool_speed [m/s]: limit for the cloth.
-    final_layers: the most layers on one another in the end.
+    factors of the nominal size for which the plan is valid. max_tool_speed [m/s]: limit for the cloth.
+    final_layers: maximum number of layers after the last fold.
     """
 
     name: str
@@ -123,7 +124,7 @@ class Garment:
 
     @property
     def mesh_edge_m(self) -> float:
-        """Edge length of the meshes that predict its folds [m]: coarser ones cannot bend twice."""
+        """Edge length of the meshes that predict the garment's folds [m]. A coarser mesh cannot bend twice."""
         return float(np.clip(min(self.size_m) / 20.0, 0.014, 0.026))
 
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:

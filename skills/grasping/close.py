@@ -82,7 +82,7 @@ def _update(reading: HandReading, state: CloseState) -> CloseState:
     if not state.openings or stamp > state.openings[-1][0]:
         openings = (*state.openings, (stamp, reading.gripper.opening))
         kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
-        # A slow gripper reports too rarely for the window: then the last few openings count.
+        # A slow gripper reports too rarely for the window: the last few openings are used instead.
         state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
     return state
 

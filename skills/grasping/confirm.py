@@ -25,7 +25,7 @@ MAX_LAYERS = 12
 class Expectation:
     """The expected grasp. thickness: of one layer [m]. layers: as planned; None accepts any number.
 
-    or_more: more layers than planned are accepted too, as for a hand on the table, which takes all layers there.
+    or_more: accept more layers than planned too. A hand that grasps on the table takes all layers there.
     """
 
     thickness: float

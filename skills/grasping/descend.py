@@ -29,10 +29,11 @@ BOTTOM_TOLERANCE = 0.0005
 class DescentGoal:
     """Heights of the tool centre point over the table [m].
 
-    contact: where the tips are expected to touch cloth or table. bottom: lower bound; no touch down to there is
-    NO_CONTACT. stop: where the descent succeeds without a touch (to grasp only the upper layers), or None.
-    through: height of cloth that the tips press flat before it counts as a contact, so that the pads reach under
-    all of its layers; 0 stops at the first touch. Raises ValueError when through is negative or bottom too high.
+    contact: where the tips are expected to touch cloth or table. bottom: lower bound; a descent that reaches it
+    without a touch fails with NO_CONTACT. stop: where the descent succeeds without a touch (to grasp only the
+    upper layers), or None. through: height of cloth that the tips press flat before a touch counts as a contact,
+    so that the pads reach under all layers; 0 stops at the first touch. Raises ValueError when through is negative
+    or bottom too high.
     """
 
     contact: float

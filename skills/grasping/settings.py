@@ -24,14 +24,15 @@ class GraspSettings:
     approach_speed: float = 0.06
     """Speed down to `slow_above` over the expected contact [m/s]."""
     guarded_speed: float = 0.02
-    """Speed below that [m/s]: 0.2 mm per reading, or 0.5 N per reading on a rubber tip."""
+    """Speed below `slow_above` [m/s]: 0.2 mm per reading, or 0.5 N per reading on a rubber tip."""
     acceleration: float = 0.15
     """Acceleration of the commanded height [m/s2]."""
     slow_above: float = 0.015
     early_margin: float = 0.030
     """A touch this far above the expected contact is not the garment [m]."""
     contact_force: float = 0.35
-    """Increase of a tip's force over its bias that is a contact [N]: over 5 sigma at twice 0.03 N of noise."""
+    """Increase of a tip's force over its bias that is a contact [N]: more than 5 sigma, for twice the usual noise
+    of 0.03 N."""
     press_stiffness: float = 400.0
     """Force per height of cloth pressed flat under a tip [N/m]. The assumed value for terry is 250."""
     contact_readings: int = 3
@@ -40,13 +41,15 @@ class GraspSettings:
     the jitter of a moving arm (4 Nm in the simulated cell)."""
     effort_readings: int = 4
     effort_time: float = 1.0
-    """Time constant of that running mean [s]. It follows slow changes of gravity, but not a contact."""
+    """Time constant of the effort's running mean [s]. The mean follows slow changes of gravity, but not a
+    contact."""
     stall_lag: float = 0.006
-    """Lag behind the guarded descent from which an arm may be blocked [m]: 9 N on Baxter's arm."""
+    """Lag behind the guarded descent above which an arm may be blocked [m]: 9 N on Baxter's arm."""
     stall_window: float = 0.10
     """Time over which the speed of a lagging arm is judged [s]."""
     stall_speed: float = 0.006
-    """A lagging arm that moves down more slowly than this is blocked; a late one catches up [m/s]."""
+    """A lagging arm that moves down more slowly than this is blocked [m/s]. An arm that is only late catches
+    up."""
     lead: float = 0.010
     """Maximum distance of the commanded height below the measured one [m]."""
     bottom_wait: float = 1.0
@@ -91,7 +94,8 @@ class GraspSettings:
     slip_fraction: float = 0.5
     """A grip force below this fraction of its baseline is a loss."""
     slip_opening_fraction: float = 0.4
-    """The same for the opening. Pads that lost the cloth press on each other and still feel force."""
+    """An opening below this fraction of its baseline is a loss. Pads that lost the cloth press on each other and
+    still feel force."""
     slip_sigmas: float = 5.5
     """Distance between holding and losing that the mean must resolve, in standard deviations."""
     slip_least_readings: int = 3

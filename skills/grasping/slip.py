@@ -31,8 +31,9 @@ NORMAL_DIFFERENCE = 0.6745 * 2.0**0.5
 class Channel:
     """One monitored signal [N] or [m].
 
-    fraction: of the baseline below which the signal is lost. first: initial baseline. readings: n of the mean, 0
-    while the baseline is measured, None when the noise is too large. stamp: of its newest reading [s].
+    fraction: share of the baseline below which the signal is lost. first: initial baseline. readings: number n of
+    readings in the mean, 0 while the baseline is measured, None when the noise is too large. stamp: of the newest
+    reading [s].
     """
 
     fraction: float
@@ -103,7 +104,7 @@ def _update_channel(channel: Channel, value: float, now: float, s: GraspSettings
     dt = now - channel.stamp
     channel = replace(channel, recent=recent[-channel.readings :], stamp=now)
     if channel.mean < 0.5 * (1.0 + channel.fraction) * channel.baseline:
-        return channel  # perhaps a loss has begun: do not adapt
+        return channel  # A loss may have begun: the baseline does not adapt.
     rate = 1.0 - float(np.exp(-dt / s.slip_drift_time))
     adapted = channel.baseline + rate * (value - channel.baseline)
     return replace(channel, baseline=max(adapted, s.slip_anchor * channel.first))

@@ -65,7 +65,7 @@ class PerceptionSettings:
     least_turn: float = 0.35
     """Minimum turn of the outline at a sharp corner's place, relative to the corner's own."""
     category_margin: float = 0.03
-    """The expected category is accepted unless another one overlaps better by more than this."""
+    """The expected category is accepted unless another category overlaps better by more than this."""
     size_tolerance: float = 0.20
     """Maximum relative difference from a garment's nominal size."""
     flat_height: float = 0.025
@@ -160,7 +160,8 @@ def perceive(
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """The picture in its view, that of the empty table (or None), and the height above the table (H, W) [m]."""
+    """The rectified picture, the rectified picture of the empty table (or None), and the height above the table
+    (H, W) [m]."""
 
     view: TableView
     seen: RectifiedView
@@ -436,7 +437,8 @@ def _choose(
 def _match_of_size(
     matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
 ) -> tuple[Match | None, Failure | None]:
-    """The first of the best matches that fits in size, so that a later perception that expects it accepts it."""
+    """The first of the best matches that fits in size. A later perception that expects this garment then accepts
+    it."""
     near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
     for match in near:
         if _fits_in_size(match, settings):

@@ -145,7 +145,8 @@ def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool
 
 
 def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[bool, ...], shapely.Geometry]:
-    """Each history of moves -> the region that has it, where it lies now, grown by TOUCH."""
+    """Map from each history of moves (one bool per fold) to the folded region with this history, grown by
+    TOUCH."""
     pieces: dict[tuple[bool, ...], shapely.Geometry] = {(): outline}
     reach = 4.0 * (1.0 + float(np.abs(outline.bounds).max()))
     for line in lines:
@@ -164,8 +165,8 @@ def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[
 def _cut(region: shapely.Geometry, half: shapely.Geometry) -> tuple[shapely.Geometry, shapely.Geometry]:
     """The parts of a region outside and inside a half-plane.
 
-    A fold line through corners of the garment leaves edges and points beside the areas, on which the library may
-    fail at the next cut. The cut is then made of the areas alone.
+    After a fold line through corners of the garment, a region can contain edges and points besides areas. The
+    library may fail to cut such a region. The cut then uses only its areas.
     """
     try:
         return region.difference(half), region.intersection(half)
@@ -182,7 +183,7 @@ def _half_plane(line: FoldLine, reach: float) -> shapely.Polygon:
 
 
 def _order(moved: tuple[bool, ...]) -> int:
-    """Place of a piece in the stack, from the folds that moved it: a fold puts the moving pieces on top in
+    """Position of a piece in the stack, from the folds that moved it: a fold puts the moving pieces on top in
     reversed order."""
     order, top = 0, 0
     for i, m in enumerate(moved):

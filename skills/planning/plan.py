@@ -26,10 +26,10 @@ from skills.vocabulary import (
 __all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
 
 RELEASE_CLEARANCE = 0.005
-"""Height of the tips above the stack at release [m]: a pinch driven into the stack pushes it away."""
+"""Height of the tips above the stack at release [m]. Tips that press into the stack would push it away."""
 
 LEAST_FLAP = 0.02
-"""Least width of the moving and of the remaining part of a fold [m]: two pads have to fit on each."""
+"""Minimum width of the moving and of the remaining part of a fold [m]: two pads have to fit on each."""
 
 IN_LINE = 0.5
 """Two grasps are in line along x when they differ in y by less than this share of their distance."""
@@ -72,8 +72,7 @@ def translate_plan(
     """The same steps for a garment that has drifted: rotated by `rotation` [rad] about `about` (2,), then moved by
     `offset` (2,) [m].
 
-    Lines of earlier steps move along, so the target of the steps belongs to rest coordinates moved in the same
-    way.
+    The lines of earlier steps move too. To compute the steps' target, move the rest coordinates in the same way.
     """
     centre = np.zeros(2) if about is None else np.asarray(about, dtype=float)
 
@@ -158,7 +157,7 @@ def _variant(step: PlanStep, name: str | None) -> PlanVariant:
 
 
 def _fold_line(step: PlanStep, variant: PlanVariant, keypoints: Mapping[str, Array]) -> FoldLine | None:
-    """Directed so that the moving key points lie to its left; None if they do not lie on one side."""
+    """Fold line directed so that the moving key points lie to its left; None if they lie on both sides."""
     a, b = (anchor.on(keypoints) for anchor in step.line)
     length = float(np.linalg.norm(b - a))
     if length < 0.02:
@@ -191,7 +190,7 @@ def _fold_step(
         height = layers * garment.material.thickness
         grasps[i] = Grasp(frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
-        # at the mirror image, not at the landing: tension may take the hand just past the edge of the cloth
+        # The layers are counted at the mirror image: tension can move the landing just past the edge of the cloth.
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[i] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
@@ -206,7 +205,7 @@ def _footprint(point: Array, heading: float) -> Array:
 
 
 def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:
-    """(2,) release point of a grasp: its mirror image, moved on by the step's tension."""
+    """(2,) release point of a grasp: its mirror image, shifted by the step's tension."""
     past, apart = step.tension
     along = float((point - np.mean(points, axis=0)) @ line.direction)
     return line.reflect(point) - past * line.normal + apart * np.sign(round(along, 6)) * line.direction
@@ -229,8 +228,8 @@ def _grasp_point(
 
 
 def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:
-    """The left and the right grasp: as the plan says, otherwise by position; of two grasps in line along x, the
-    left is the far one."""
+    """Ids of the grasps: as the plan states, otherwise by position. The left grasp has the larger y; if both are
+    in line along x, the left grasp is the one farther from the robot."""
     named = [g.grasp_id for g in grasps]
     if len(named) == 1:
         return [named[0] or (GraspId.LEFT if points[0][1] >= 0 else GraspId.RIGHT)]
@@ -245,5 +244,5 @@ def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[Gra
 
 
 def _fold_angle(angle: float) -> float:
-    """The angle of an undirected held line, in (-60, 120] degrees, so that the cut is away from either axis."""
+    """The angle of an undirected held line, in (-60, 120] degrees. The interval's ends are away from both axes."""
     return float(np.pi * 2 / 3 - (np.pi * 2 / 3 - angle) % np.pi)

@@ -1,9 +1,9 @@
 """Pressing a crease so that the fold lies flatter: dabs along the crease.
 
-A fabric's internal friction keeps bends (its hysteresis, 2HB of KES-F), so a crease that was pressed flat opens
-less. Hands dab and do not stroke, as a hand that slides on a stack drags its upper layers along. One finger comes
-down beside the line and the other further in, at the same time: a bulge pressed in its middle only moves inwards.
-Creases of earlier folds and edges are not pressed: fingers on them turn corners up.
+A fabric's internal friction holds bends (its hysteresis, 2HB of KES-F), so a crease that was pressed flat opens
+less. Hands dab and do not stroke, because a sliding hand drags the upper layers along. One finger presses beside
+the line and the other further in, at the same time: a bulge that is pressed only in its middle moves inwards.
+Creases of earlier folds and edges are not pressed, because fingers there would turn corners up.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ OPENING = 0.030
 FINGERS = 0.019
 """Distance from the middle of the open hand to the middle of a finger [m]."""
 MOST = 12
-"""Most dabs in one press."""
+"""Maximum number of dabs in one press."""
 BAND = 0.060
-"""Width beside the line in which raised cloth belongs to the crease [m]."""
+"""Distance from the line within which raised cloth belongs to the crease [m]."""
 INSET = 0.010
 """Distance from the line to the outer finger [m]."""
 ROOM = 0.135
-"""Least extent of the cloth from the line to the opposite edge [m]: a press on its crease shoves a smaller stack
-as a whole."""
+"""Minimum extent of the cloth from the line to the opposite edge [m]. A press on the crease of a smaller stack
+would push the whole stack."""
 PITCH = 0.045
 """Distance between dabs along the crease [m]."""
 GRID = 0.005
@@ -37,18 +37,18 @@ GRID = 0.005
 CLEARANCE = 0.020
 """Height above the highest cloth between two dabs [m]."""
 START = 0.080
-"""Height above the highest cloth before the first dab [m]: on its way there a hand sweeps nothing."""
+"""Height above the highest cloth before the first dab [m]: the hand touches no cloth on its way there."""
 ONE_HAND = 0.36
-"""Extent along y above which the dabs are shared by both hands [m]."""
+"""Extent of the dabs along y above which both hands share them [m]."""
 SPEED, JERK = 0.3, 24.0
-"""Most speed [m/s] and jerk [m/s3] of the hands: with more, the arms would slow down for the whole path."""
+"""Maximum speed [m/s] and jerk [m/s3] of the hands. With larger values the arms would slow down the whole path."""
 DWELL_S, TICK_S = 0.25, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Dab:
-    """point: (2,) under the middle of the hand, table frame. bottom: final height of its tips, with the layers
-    flat [m]. high: height of the cloth above that [m]."""
+    """One dab. point: (2,) under the middle of the hand, table frame. bottom: final height of the tips, with the
+    layers flat [m]. high: height of the cloth above the flat stack [m]."""
 
     point: Array
     bottom: float
@@ -63,7 +63,7 @@ def crease_dabs(
     inside: Callable[[Array], bool],
     most: int = MOST,
 ) -> tuple[Dab, ...]:
-    """Dabs where the crease of `line`, of the last fold, stands high; the fingers lie across it.
+    """Dabs where the last fold's crease, at `line`, stands high. The fingers lie across the crease.
 
     places: (k, 2) raised above the flat stack by above (k,) [m]. flat: height of the flat stack at a place (2,)
     [m]. inside: whether a place (2,) lies on the garment, clear of the edges at the ends of the crease.
@@ -90,9 +90,11 @@ def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
 
 
 def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[GraspId, ToolPath]:
-    """Tool paths over the dabs, of one hand or of two with common times, beginning high above the first dab.
+    """Tool paths over the dabs for one hand, or for two hands with common times. Each path begins high above its
+    first dab.
 
-    highest: height of the garment [m]. Two hands go in the same direction, each over its half. Empty without dabs.
+    highest: height of the garment [m]. Two hands move in the same direction, each over its half. Without dabs the
+    result is empty.
     """
     if not dabs:
         return {}
@@ -114,7 +116,8 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
 
 
 def _spread(along: Array, most: int) -> Array:
-    """Evenly spaced positions along a crease, near any of along (k,) [m]: PITCH apart, or as `most` allows."""
+    """Evenly spaced positions along a crease, PITCH apart or wider if `most` requires it, near any of along (k,)
+    [m]."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
@@ -131,7 +134,8 @@ def _finger(line: FoldLine, along: float, inset: float) -> Array:
 
 
 def _stops(dabs: Sequence[Dab], highest: float) -> Array:
-    """(1 + 4 k, 3) stops of a hand: high above, then over, on, on and over each of k dabs."""
+    """(1 + 4 k, 3) stops of a hand: high above the first dab, then for each of k dabs above, down, down (dwell)
+    and above."""
     points = [[*dabs[0].point, highest + START]]
     for dab in dabs:
         over, on = [*dab.point, highest + CLEARANCE], [*dab.point, dab.bottom]
@@ -140,14 +144,14 @@ def _stops(dabs: Sequence[Dab], highest: float) -> Array:
 
 
 def _times(stops: Array) -> list[float]:
-    """Durations of the legs between stops [s]. For minimum jerk the peaks are 15/8 of the mean speed and 60 l /
-    t^3."""
+    """Durations of the legs between stops [s]. On a leg of length l and duration t, minimum jerk has a peak speed
+    of 15/8 of the mean speed and a peak jerk of 60 l / t^3."""
     length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
     return [max(DWELL_S, 1.875 * float(way) / SPEED, (60.0 * float(way) / JERK) ** (1 / 3)) for way in length]
 
 
 def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
-    """From stop to stop in the times of `clock` [s], each leg with minimum jerk (Flash & Hogan 1985)."""
+    """Path through the stops, one leg for each duration of `clock` [s], with minimum jerk (Flash & Hogan 1985)."""
     t, position = [0.0], [stops[0]]
     for here, there, duration in zip(stops[:-1], stops[1:], clock, strict=True):
         q = np.linspace(0.0, 1.0, max(2, round(duration / TICK_S)) + 1)[1:]

@@ -13,36 +13,39 @@ POOR_SHARE = 0.05
 """Largest accepted D, as a share of the garment's diagonal."""
 
 PROMISE_SLACK = 0.005
-"""How far D of looked-up arcs may exceed the D of their optimisation [m]. Over a hundred simulated runs of the
-towels the executed path did so by 4 mm at most, as the garment lay where the earlier folds had left it."""
+"""Largest accepted excess of D of looked-up arcs over the D of their optimisation [m]. In a hundred simulated runs
+of the towels, the excess of the executed path was 4 mm at most, because the garment lay where the earlier folds
+had left it."""
 
 
 NEARLY = 0.001
 """Tolerance of a promised D [m]: smaller differences are noise of the mesh."""
 
 GAIN_KEPT, LUCK = 0.8, 0.0005
-"""Share of the promised gain on the first guess that looked-up arcs have to keep here; noise of D [m]."""
+"""Share of the promised gain over the first guess that looked-up arcs have to reach in the present fold; noise of
+D [m]."""
 
 LEAST_GAIN = 0.002
-"""Arcs with a smaller promised gain on the first guess [m of D] promise nothing; they must not lose either."""
+"""Arcs with a smaller promised gain over the first guess [m of D] need not gain anything; they only must not be
+worse than the first guess."""
 
 
 def acceptance_limit(rest: Array, promised: float | None = None) -> float:
     """The largest accepted D [m] for a garment with rest coordinates (n, 2).
 
-    promised: the D [m] of looked-up arcs where they were optimised; without it the limit depends on the garment
-    alone. The diagonal is the largest distance of two of its points, whatever its orientation.
+    promised: the D [m] of looked-up arcs in their optimisation; if it is None, the limit depends on the garment
+    alone. The diagonal is the largest distance between two points of the garment, whatever its orientation.
     """
     limit = POOR_SHARE * float(pdist(rest[ConvexHull(rest).vertices]).max())
     return limit if promised is None else min(limit, promised + PROMISE_SLACK)
 
 
 def gains_as_promised(d: float, initial: float, promised: float, promised_initial: float) -> bool:
-    """Whether arcs with D `d` gain as much on the first guess with `initial` as they gained where they were
-    optimised.
+    """Whether arcs with D `d` gain as much over the first guess, which has D `initial`, as they did in their
+    optimisation.
 
-    All four in metres of D; gains are shares of the first guess's D. Where the garment lies worse than in the
-    optimisation, both arcs do worse, which breaks no promise.
+    All four arguments are values of D [m]; a gain is a share of the first guess's D. If the garment lies less well
+    than in the optimisation, D of the arcs and of the first guess both increase; this does not break the promise.
     """
     if promised_initial - promised < LEAST_GAIN:
         return d <= initial + NEARLY

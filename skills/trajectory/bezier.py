@@ -38,7 +38,8 @@ def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
 def length(control: Array, tolerance: float = 1e-6) -> float:
     """Arc length [m] by recursive subdivision until chord and control polygon of every piece agree.
 
-    tolerance: of the whole length, relative to the length of the control polygon; each subdivision halves it.
+    tolerance: error of the whole length, relative to the length of the control polygon. Each subdivision halves
+    the tolerance of a piece.
     """
     total = float(np.linalg.norm(np.diff(control, axis=0), axis=1).sum())
     if total == 0.0:
@@ -58,7 +59,7 @@ def _length(control: Array, allowed: float) -> float:
 def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
     """Parameters u (m,) and the length of the curve up to each (m,), for inversion by interpolation."""
     u = np.linspace(0.0, 1.0, samples + 1)
-    # Two-point Gauss on each interval: exact for the speed of a straight cubic, 1e-9 otherwise.
+    # Two-point Gauss on each interval: exact for the speed of a straight cubic, error of 1e-9 for other curves.
     step, centre = 1.0 / samples, (u[1:] + u[:-1]) / 2
     derivative = (len(control) - 1) * np.diff(control, axis=0)
     speed = sum(
@@ -73,7 +74,8 @@ def initial_controls(start: Array, end: Array, h: float = 1.0 / 3.0, order: int 
 
 
 def two_parameter_controls(start: Array, end: Array, height: float, skew: float, order: int = 3) -> Array:
-    """A fold by height and skew, both in units of |P0 - Pn|: inner points raised, and shifted towards the end."""
+    """Control points of an arc with `height` and `skew`, both in units of |P0 - Pn|: the inner points are raised
+    by `height` and shifted towards the end by `skew`."""
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     chord = end - start
     distance = float(np.linalg.norm(chord))

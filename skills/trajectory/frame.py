@@ -1,7 +1,7 @@
 """The fold's frame: origin at the grasp, first axis horizontal towards the target, third axis up, the fold's
 distance as unit.
 
-In it the arcs of a small and a large towel have the same coordinates.
+In this frame the arcs of a small and a large towel have the same coordinates.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["FoldFrame", "frames_of", "grasp_ends"]
 
 @dataclass(frozen=True, eq=False)
 class FoldFrame:
-    """start, end: (3,) of the arc, table frame [m]. Axes: horizontal forward, horizontal left, up."""
+    """start, end: (3,) ends of the arc, table frame [m]. Axes: horizontal forward, horizontal left, up."""
 
     start: Array
     end: Array
@@ -45,7 +45,8 @@ class FoldFrame:
 
 
 def grasp_ends(step: FoldStep, grasp_id: GraspId, thickness: float) -> tuple[Array, Array]:
-    """Start (3,) and end (3,) of a grasp's arc: the tips under the lowest layer taken, and the release."""
+    """Start (3,) and end (3,) of a grasp's arc: the fingertips under the lowest grasped layer, and the release
+    point."""
     grasp = step.grasps[grasp_id]
     below = grasp.height - grasp.layers * thickness
     return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[grasp_id])

@@ -23,8 +23,8 @@ ResidualMany = Callable[[Sequence[Array]], Sequence[Array]]
 class SecantOptions:
     """delta: difference step, in the unit of the variables. tau: initial damping, relative to diag(B'B).
 
-    Termination: gradient (max norm), step (relative to |x|), improvement (of the cost, relative to it; two steps
-    in a row), evaluations.
+    Termination: gradient (max norm), step (relative to |x|), improvement of the cost (relative to the cost, two
+    steps in a row), evaluations.
     """
 
     delta: float = 1e-1
@@ -54,7 +54,7 @@ def secant_levenberg_marquardt(
     many: ResidualMany | None = None,
     f0: Array | None = None,
 ) -> LeastSquares:
-    """Minimise |residual(x)|^2 / 2 from x0 (n,), residual: (n,) -> (m,), scalar allowed.
+    """Minimise |residual(x)|^2 / 2 from x0 (n,), residual: (n,) -> (m,), or a scalar.
 
     The Jacobian is computed once by forward differences (`many` may evaluate these in parallel) and then updated
     by Broyden's rank-one formula, with an extra difference along a coordinate that the steps neglect. f0: the

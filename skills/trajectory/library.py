@@ -32,7 +32,8 @@ __all__ = [
 SCHEMA = "foldcell.library/1"
 
 SIZE_RATIO = 1.30
-"""Look-up limit: largest ratio, either way, of each side of the garment to the entry's."""
+"""Look-up limit: largest ratio of each side of the garment to the entry's, or of the entry's side to the
+garment's."""
 
 MATERIAL_RATIOS = {
     "friction_static": 1.35,
@@ -41,10 +42,12 @@ MATERIAL_RATIOS = {
     "areal_mass": 1.6,
     "friction_layers": 1.5,
 }
-"""Look-up limits of the fabric, as ratios either way: slightly less than optimised arcs were seen to tolerate."""
+"""Look-up limits of the fabric, as largest ratios in either direction: slightly less than optimised arcs tolerated
+in simulations."""
 
 SANE = 3.0
-"""Inner control points lie within this many fold distances of the grasp; otherwise the entry is refused."""
+"""Inner control points lie within this many fold distances of the grasp; an entry with farther points is
+refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +76,13 @@ class LibraryEntry:
 
 @dataclass(frozen=True)
 class Library:
-    """Entries in order of preference: of equally near ones the first is used."""
+    """Entries in order of preference: among equally near entries the first is used."""
 
     entries: tuple[LibraryEntry, ...] = ()
 
     def with_entry(self, entry: LibraryEntry) -> Library:
-        """This library with one more entry, placed first, in place of the one it supersedes."""
+        """This library with `entry` placed first. It replaces the entry for the same fold, garment, material and
+        size."""
         return Library((entry, *(e for e in self.entries if _identity(e) != _identity(entry))))
 
     def merged(self, other: Library) -> Library:
@@ -146,11 +150,12 @@ def lookup(
 def trajectory_from(
     entry: LibraryEntry, step: FoldStep, thickness: float, max_tool_speed: float | None = None
 ) -> GraspTrajectory | None:
-    """The entry's arcs for the present step: its grasps and targets, scaled by the distance of the fold.
+    """The entry's arcs transferred to the grasps and targets of the present step, scaled by the distance of the
+    fold.
 
-    thickness of one layer [m]. D of the arcs and of the first guess are the entry's; D of the present fold has to
-    be simulated. A single grasp's arc is mirrored for the other grasp. None if the entry and the step differ in
-    their number of grasps.
+    thickness of one layer [m]. In the result, D of the arcs and D of the first guess are copied from the entry; D
+    of the present fold has to be simulated. A single grasp's arc is mirrored for the other grasp. None if the
+    entry and the step differ in their number of grasps.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)
@@ -202,7 +207,8 @@ def _identity(entry: LibraryEntry) -> tuple[object, ...]:
 
 
 def _distance(entry: LibraryEntry, material: Material, size_m: tuple[float, float]) -> float | None:
-    """Sum of squares of log ratios over their limits; None if one is beyond its limit."""
+    """Sum of the squared log ratios, each divided by the logarithm of its limit first; None if a ratio exceeds its
+    limit."""
     ratios = [(a / b, SIZE_RATIO) for a, b in zip(entry.size_m, size_m, strict=True)]
     ratios += [(getattr(entry.material, f) / getattr(material, f), r) for f, r in MATERIAL_RATIOS.items()]
     away = [abs(np.log(ratio)) / np.log(limit) for ratio, limit in ratios]

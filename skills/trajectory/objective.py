@@ -24,8 +24,9 @@ def dissimilarity(
 ) -> float:
     """D [m]: mean distance between corresponding barycentres, weighted by area, over all sheets of the mesh.
 
-    target, simulated: (n, 3); triangles: (m, 3). area: (m,) of the triangles; default: those of the target, as in
-    the paper. Pass the rest areas when triangles lie across a fold line, as folding shrinks them.
+    target, simulated: (n, 3); triangles: (m, 3). area: (m,) areas of the triangles [m2]; default: their areas in
+    the target, as in the paper. Pass the rest areas if triangles lie across a fold line, since folding shrinks
+    these triangles.
     """
     weights = triangle_areas(target, triangles) if area is None else area
     apart = (target[triangles] - simulated[triangles]).mean(axis=1)

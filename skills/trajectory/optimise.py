@@ -1,4 +1,4 @@
-"""Optimisation of a fold's arcs for the paper's objective, by its method and by better ones."""
+"""Optimisation of a fold's arcs for the paper's objective, by the paper's method and by better methods."""
 
 from __future__ import annotations
 
@@ -42,16 +42,17 @@ SKEWS = (0.0, 0.15, -0.15)
 """The grid of the two-parameter method, in units of the fold's distance; the paper's initial arc comes first."""
 
 PROBES = ((1 / 3, 0.6, 2 / 3, 0.6), (0.0, 0.3, 1.0, 0.3))
-"""Arcs that test whether the arc matters at all: way along and height of the first and the second inner point. One
-is high; the other rises and comes down steeply, laying the cloth down from the crease to the edge, which neither
-height nor skew does. Where there is much to gain, one of them gains some of it. Where a folded stack opens again
-by itself, as under a second fold, all arcs end alike."""
+"""Arcs that test whether the choice of the arc matters at all, each given by the position along the fold and the
+height of the first and of the second inner point. One arc is high. The other arc rises and descends steeply and
+lays the cloth down from the crease to the edge, which no height and skew achieve. Where much can be gained, at
+least one of the two gains some of it. Where a folded stack opens again by itself, as under a second fold, all arcs
+give the same result."""
 FORMS = (
     ((0.483, 0.5, 0.817, 0.5), (-0.15, 0.5, 1.15, 0.3)),
     ((-0.07, 0.52, 0.98, 0.43), (0.183, 0.7, 0.517, 0.7), (0.15, 0.3, 0.85, 0.5)),
 )
-"""Further arcs for folds in which the arc matters; the second group is used where none is good yet. Each was the
-best, or next to it, for some garment's first fold."""
+"""Further arcs for folds in which the choice of the arc matters; the second group is simulated only if no arc is
+good yet. Each arc was the best or the second best for the first fold of some garment."""
 
 POLISH_DELTA = 0.05
 """Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
@@ -60,7 +61,8 @@ ROUNDING = 1e-9
 """Arcs whose control points differ by less count as equal [m]."""
 
 LEAST_POLISH = 3
-"""Least simulations for each variable for which a polish begins: a third of them are the first differences."""
+"""A polish begins only if at least this number of simulations per variable is left; a third of them are used for
+the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
 """The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Both are
@@ -68,30 +70,35 @@ tried."""
 
 LOWEST, HIGHEST = 0.3, 1.2
 BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
-"""Bounds of the inner control points' height and of their way along the fold, in units of its distance. A low arc
-is short and, in a simulation with the correct friction, as good as any; in the cell it drags the garment. The
-first half of the points stay before OVERLAP, the others after 1 - OVERLAP, so that arcs go forward."""
+"""Bounds of the height of the inner control points and of their position along the fold, in units of the fold's
+distance. A low arc is short and, in a simulation with the correct friction, as good as any other arc; in the cell
+it drags the garment. The first half of the points stay below OVERLAP along the fold, the other points above 1 -
+OVERLAP, so that arcs lead forward."""
 
 FINALISTS = 3
-"""Most arcs that are confirmed; fewer with a small budget. A fourth was never chosen for five garments."""
+"""Most arcs that are simulated again to choose the most robust one; fewer with a small budget. For five garments,
+a fourth arc was never chosen."""
 
 GOOD = 0.002
-"""D of the plain arc up to which no gain could be distinguished from noise [m]."""
+"""D of the plain arc [m] up to which the search for a better arc is omitted: a gain could not be distinguished
+from noise."""
 
 GAIN = 0.15
-"""Least share of D that a probe gains on the first arcs where a better arc exists: 0.2 to 0.8 in first folds that
-have one, at most 0.12 where no arc does better on a finer mesh."""
+"""Least share of D by which a probe must improve on the first arcs for the search to continue. The measured share
+is 0.2 to 0.8 in first folds for which a better arc exists, and at most 0.12 where no arc is better on a finer
+mesh."""
 
 ALIKE = 0.0001
-"""The plain arc is kept where the best of several good arcs gains less in D [m]."""
+"""If the plain arc is good, it is chosen unless the best arc gains at least this in D [m]."""
 
 LUCK_SHARE = 0.1
-"""Where no arc gains anything, the plain one is kept unless the first guess is better by more than this share of
-D. A medium towel's half, 1.8 mm against 2.1, and the quarter after it end better in the simulated cell so."""
+"""If no arc gains anything, the plain arc is chosen unless the first guess is better by more than this share of D.
+With this rule, the half fold of a medium towel (D of 1.8 mm against 2.1 mm) and the quarter fold after it end
+better in the simulated cell."""
 
 PLAIN_H = 0.45
-"""Height of both inner points of the plain arc, in units of the fold's distance. A middle choice: in 8 to 10 drawn
-worlds a setting, heights from 0.33 to 0.5 made no measurable difference."""
+"""Height of both inner points of the plain arc, in units of the fold's distance. It is a middle value: heights
+from 0.33 to 0.5 made no measurable difference in 8 to 10 randomly drawn worlds per setting."""
 
 
 def optimise_fold(
@@ -119,13 +126,15 @@ def optimise_fold(
     points, secant Levenberg-Marquardt), 'default' (arcs of several heights, skews and steepnesses, a polish of
     variables that the arcs share, and the most robust of the best few). budget: simulations (default 1, 25, 120,
     25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default `ClothPredictor()`.
-    max_height: of an arc over the table, lift_height: of the straight lift before it [m].
+    max_height: largest height of an arc above the table [m]; lift_height: height of the straight lift before the
+    arc [m].
 
-    start: additional initial arcs (warm start). promised: the D [m] of arcs from the library. These are simulated
-    first, outside the budget; if they keep the promise they are the result, with source 'library' and method
-    'library' in the notes, so a look-up is an optimisation without iterations. promised_initial: D of the first
-    guess where they were optimised. Arcs that fall slightly behind their promise are then compared with the first
-    guess here, and are the result if they gain as much on it.
+    start: additional initial arcs (warm start) or, if `promised` is given, arcs from the library. promised: the D
+    [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If they keep
+    the promise, they are the result, with source 'library' and method 'library' in the notes: a look-up is an
+    optimisation without iterations. promised_initial: D [m] of the first guess in the optimisation of the library
+    arcs. If it is given, arcs that miss their promise slightly are compared with the first guess for the present
+    fold, and are the result if they gain as much over it as in their optimisation.
 
     Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_m,
     dissimilarity_initial_m (not of a look-up), simulations, failed_simulations, method. Fails with
@@ -162,7 +171,7 @@ def optimise_fold(
 
 
 def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *, plain: bool) -> None:
-    """Simulate the first guess unless it is known, a warm start and the plain arc, in parallel within the
+    """Simulate the first guess (unless it is known), a warm start and the plain arc, in parallel and within the
     budget."""
     arcs = [_initial(problem)] if evaluator.first is None else []
     least = len(arcs)
@@ -261,10 +270,10 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Two probes, arcs of other forms, then a polish of four variables shared by the arcs: way along and height of
-    both inner points. The result is the most robust of the best few and the plain arc.
+    """Two probes, arcs of other forms, then a polish of four variables shared by the arcs: position along the fold
+    and height of both inner points. The result is the most robust arc among the best few and the plain one.
 
-    The search ends at once where the plain arc is good or the probes show that no arc is better. A good arc is not
+    The search ends early if the plain arc is good or if the probes show that no arc is better. A good arc is not
     polished.
     """
     plain, first = evaluator.plain, evaluator.first
@@ -295,14 +304,15 @@ def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _keep_plain(evaluator: Evaluator, least: float) -> None:
-    """Keep the plain arc, which is more robust, unless the best gains at least `least` [m] over it."""
+    """Choose the plain arc, which is more robust, unless D of the best arc is lower by at least `least` [m]."""
     plain, best = evaluator.plain, evaluator.best
     if plain is not None and best is not None and not plain.failed:
         evaluator.best = plain if plain.dissimilarity - best.dissimilarity < least else best
 
 
 def _shared(problem: FoldProblem, x: Array) -> Controls:
-    """Arcs of all grasps from (way, height) of each inner point (2 (n - 1),), in units of the fold's distance."""
+    """Arcs of all grasps from x (2 (n - 1),): position along the fold and height of each inner point, in units of
+    the fold's distance."""
     way, height = x.reshape(-1, 2).T
     early = np.arange(len(way)) < len(way) / 2
     way = np.where(early, np.clip(way, BACK, OVERLAP), np.clip(way, 1 - OVERLAP, BEYOND))
@@ -321,8 +331,9 @@ def _polish(
 ) -> None:
     """Secant Levenberg-Marquardt from x0, within the rest of the budget.
 
-    The arcs of x0 are simulated unless they were before. They may differ from the best so far, which these
-    variables cannot always represent (a warm start whose arcs differ, or that goes sideways).
+    The arcs of x0 are simulated unless this was done before. They may differ from the best arcs so far, since
+    these variables cannot represent every set of arcs (such as a warm start with different arcs or sideways
+    motion).
     """
     known = _seen(evaluator, controls(x0))
     budget = evaluator.left - reserve - (known is None)
@@ -343,8 +354,8 @@ def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
 
 
 def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """The paper's method: all coordinates of all inner control points, from h = 1/3, for both readings of its
-    delta."""
+    """The paper's method: all coordinates of all inner control points, starting from h = 1/3, for both
+    interpretations of its delta."""
     assert evaluator.first is not None
     first = evaluator.first
     grasp_ids = list(first.controls)

@@ -1,4 +1,4 @@
-"""From Bezier control points to timed tool paths, for the simulation and for the arms."""
+"""Timed tool paths, computed from Bezier control points for the simulation and for the arms."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPat
 __all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
 TOOL_ACCELERATION = 0.8
-"""Peak acceleration of the tool along a fold [m/s2]: jerks pull at the cloth, which the paper names as the cause
-of drift."""
+"""Peak acceleration of the tool along a fold [m/s2]. A jerky motion pulls at the cloth; the paper names this as
+the cause of drift."""
 
 RATE = 100.0
 """Samples of a tool path per second [Hz]."""
@@ -27,8 +27,8 @@ LIFT_HEIGHT, LIFT_SPEED = 0.03, 0.04
 class SpeedLaw:
     """Distance over time along a path: from rest to rest, with smooth ramps and constant speed between them.
 
-    length [m], top speed [m/s], ramp: duration of each ramp [s]. The speed in a ramp is top (3 r^2 - 2 r^3), r in
-    0..1, so acceleration is continuous and peaks at 1.5 top / ramp.
+    length [m]; top: highest speed [m/s]; ramp: duration of each ramp [s]. The speed in a ramp is top (3 r^2 - 2
+    r^3), r in 0..1, so acceleration is continuous and peaks at 1.5 top / ramp.
     """
 
     length: float
@@ -68,7 +68,7 @@ class SpeedLaw:
 
 
 def fold_duration(controls: Mapping[GraspId, Array], max_speed: float) -> float:
-    """The least duration [s] of a fold along these arcs, set by the longer one."""
+    """The least duration [s] of a fold along these arcs; the longest arc determines it."""
     longest = max(arc_lengths(c)[1][-1] for c in controls.values())
     return SpeedLaw.fastest(float(longest), max_speed).duration
 
@@ -83,8 +83,8 @@ def tool_paths(
     """The timed tool paths of a trajectory, parametrised by arc length, with common times.
 
     The motion takes trajectory.duration [s], or longer if `max_speed` [m/s] requires it. The held line keeps the
-    heading of its grasp. pitch: of the hand about the held line [rad], one for all, one for each grasp, or a
-    profile (k,) evenly spaced in arc length. The path begins at the grasp and ends at the release.
+    heading of its grasp. pitch: angle of the hand about the held line [rad]: one value for all grasps, one value
+    per grasp, or a profile (k,) evenly spaced in arc length. The path begins at the grasp and ends at the release.
     """
     duration = trajectory.duration
     if max_speed is not None:
@@ -117,18 +117,18 @@ def fold_paths(
 
 
 def _share_travelled(controls: Mapping[GraspId, Array], duration: float, t: Array) -> Array:
-    """(n,) share of its arc that each tool has covered at t: the law of the longest arc, stretched to the
-    duration."""
+    """(n,) share of its arc that each tool has covered at times t. All tools use the speed law of the longest arc,
+    stretched to the duration."""
     longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
     return SpeedLaw.lasting(longest, duration).distance(t) / longest
 
 
 def lifted(path: ToolPath, height: float) -> ToolPath:
-    """The straight lift by `height` [m], then the arc. The lift raises the arc's start; the offset fades along the
-    arc.
+    """The path of a straight lift by `height` [m], followed by the arc. The lift raises the start of the arc; this
+    offset fades along the arc.
 
-    The arms execute this path and the simulation uses it: a straight lift pulls the cloth taut where it lies, so
-    an arc without one may end centimetres elsewhere.
+    Both the arms and the simulation use this path: a straight lift pulls the cloth taut where it lies, so a fold
+    without the lift may end centimetres elsewhere.
     """
     if height <= 0.0:
         return path

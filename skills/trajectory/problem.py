@@ -83,8 +83,8 @@ class Candidate:
 class FoldProblem:
     """The inputs that stay the same while one fold is optimised. positions: (n, 3) of the mesh before the fold.
 
-    max_tool_speed [m/s]; max_height: of the arcs above the table [m]; lift_height: of the straight lift before the
-    arc [m].
+    max_tool_speed [m/s]; max_height: largest height of the arcs above the table [m]; lift_height: height of the
+    straight lift before the arc [m].
     """
 
     step: FoldStep
@@ -171,7 +171,7 @@ class Evaluator:
         self.first: Candidate | None = None
         self.best: Candidate | None = None
         self.plain: Candidate | None = None
-        """The arc that is kept where the best gains next to nothing."""
+        """The plain arc, which is chosen if the best arc gains hardly anything over it."""
         self.seen: list[Candidate] = []
         self.count = 0
         self.failed = 0
@@ -184,7 +184,8 @@ class Evaluator:
         return self.budget - self.count
 
     def many(self, batch: Sequence[Controls]) -> list[Candidate]:
-        """Simulate a batch. Progress on each candidate is reported once it and all before it are done."""
+        """Simulate a batch. Progress is reported for each candidate as soon as it and all earlier candidates are
+        done."""
         candidates = []
         for candidate in self._executor.map(self.problem.evaluate, batch):
             self._take(candidate)

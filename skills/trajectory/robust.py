@@ -1,10 +1,10 @@
 """Selection of the arc that is least sensitive to deviations in execution.
 
-The lowest of many simulated costs is partly luck, and an arc may owe it to exact conditions: a high one that
-swings the cloth over reaches 5 mm as planned and 40 mm when it swings a little further. The best few are therefore
-simulated again on a finer mesh and with mishaps. They are ranked by the mean of all their D, regardless of the
-arcs' length. The worst of so few values is noise: weighted with the mean it chose, for jeans, an arc of 3.7 mm on
-unseen meshes over one of 2.4.
+The lowest of many simulated costs is partly luck, and an arc may need exact conditions to reach it: a high arc
+that swings the cloth over has a D of 5 mm as planned and of 40 mm if the cloth swings a little further. The best
+few arcs are therefore simulated again on a finer mesh and with mishaps. They are ranked by the mean of all their D
+values, regardless of their length. The worst of so few values is noise: a score of the mean and the worst D chose,
+for jeans, an arc with a D of 3.7 mm on unseen meshes instead of one with 2.4 mm.
 """
 
 from __future__ import annotations
@@ -29,31 +29,33 @@ MISHAPS = (
     Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75, bending=0.85),
     Mishap(_leaning(-LEAN, LEAN), roll=0.5 * LEAN, along=-0.003, friction=1.25),
 )
-"""Several deviations at once: leaning hands, tools 3 mm off, a limper cloth on a more slippery table; and opposite
-ones."""
+"""Two combinations of deviations: leaning hands, tools 3 mm off, a limper cloth on a more slippery table; and a
+combination of opposite deviations."""
 
 FINER = 0.8
-"""Edge length of the mesh for the second simulation, relative to that of the first. A vest's arc of 2.5 mm there
-has 2.2 at 0.85, and 4.5 from 0.8 on."""
+"""Edge length of the mesh for the second simulation, relative to that of the first. For example, an arc for a vest
+with a D of 2.5 mm on the first mesh has 2.2 mm at 0.85, but 4.5 mm at 0.8 and less."""
 
 APART = 0.05
-"""Arcs whose inner control points all differ by less count as one candidate [of the fold's distance]."""
+"""Arcs whose inner control points all differ by less than this count as one candidate, in units of the fold's
+distance."""
 
 MARGIN = 0.0005
 """Arcs within this margin count as equally good [m of D]: smaller differences are noise."""
 
 
 def simulations(finalists: int) -> int:
-    """Most simulations that `most_robust` takes for so many arcs."""
+    """Largest number of simulations that `most_robust` makes for `finalists` arcs."""
     return finalists * (1 + len(MISHAPS)) if finalists > 1 else 0
 
 
 def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
     """The best of `most` arcs: the best seen, the plain one, and the next best seen.
 
-    They are compared by their mean D as planned on both meshes and with each mishap. The plain one is kept where
-    it matches the best, up to noise, on the whole and as planned. A mishap seldom improves a fold, so an arc whose
-    planned D exceeds the score of another is not simulated further. Takes no simulation if there is only one arc.
+    The arcs are compared by their score, the mean D as planned on both meshes and with each mishap. The plain arc
+    is chosen if both its score and its planned D match those of the best arc, up to noise. A mishap seldom
+    improves a fold, so an arc whose planned D exceeds the score of another arc is not simulated further. No
+    simulation is made if there is only one arc.
     """
     field = _finalists(evaluator, plain, most)
     if len(field) < 2:
@@ -68,7 +70,7 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
     def may_win(candidate: Candidate, d: float) -> bool:
         return d < min(score.values(), default=np.inf) + allowed[candidate]
 
-    for lot in (field[:2], field[2:]):  # two at once, the usual number of threads
+    for lot in (field[:2], field[2:]):  # two at a time, the usual number of threads
         lot = [c for c in lot if may_win(c, c.dissimilarity)]
         again = evaluator.confirm([(finer, c, None) for c in lot])
         planned |= {c: (c.dissimilarity + d) / 2 for c, d in zip(lot, again, strict=True)}

@@ -34,7 +34,7 @@ GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_
 GRACE_S = 60.0
 """Cell time between GIVE_UP and HALT [s]."""
 WALL_FACTOR = 3.0
-"""A cell whose clock has stopped is halted after this multiple of the time limit, by the wall clock."""
+"""If the cell's clock stops, the wall clock halts the cell after this multiple of the time limit."""
 AT_REST = 0.02
 """Largest joint distance of parked arms from the rest pose [rad]."""
 OPEN = 0.01
@@ -43,11 +43,11 @@ OPEN = 0.01
 
 @dataclass(frozen=True)
 class Seen:
-    """Observations of a run, beside its result.
+    """Observations of a run, in addition to its result.
 
-    states, failures: in order of time. parked: arms at rest and hands open at the end. missed: actions that were
-    never due, faults that never happened and commands that were never taken. overdue: the run was aborted at its
-    time limit. trouble: errors while the script was carried out.
+    states, failures: in order of time. parked: whether the arms are at rest and the hands open at the end. missed:
+    actions that were never due, faults that never happened and commands that were never taken. overdue: whether
+    the run was aborted at its time limit. trouble: errors while the script was carried out.
     """
 
     states: tuple[State, ...]
@@ -95,7 +95,7 @@ class Director:
         return replace(ports, clock=ScheduledClock(ports.clock, self))
 
     def close(self) -> None:
-        """End the supervision of a run that is over."""
+        """Cancel the wall-clock limit, after the run has ended."""
         if self._wall_timer is not None:
             self._wall_timer.cancel()
 
@@ -121,7 +121,7 @@ class Director:
 
     def entered(self, t: float, step: Step) -> None:
         left = [(due, action) for due, action in self._due if action.when.state is not None and due > t]
-        self._due = [item for item in self._due if item not in left]  # the state that they refer to has ended
+        self._due = [item for item in self._due if item not in left]  # their state has ended
         self._dropped += [action for _, action in left]
         visit = self._states.count(step.target) + 1
         self._states.append(step.target)
@@ -131,7 +131,7 @@ class Director:
             return t - self._began + action.when.after_s if matches else None
 
         self._schedule(moment)
-        # a command before the question does not answer it, so commands wait until the effect has begun
+        # commands wait until the effect has begun, because a command before the question does not answer it
         self._carry_out(t, lambda action: action.say is None)
         if step.target in TERMINAL:
             self._without_raising(self._observe_end)
@@ -172,7 +172,7 @@ class Director:
         self._parked = distance < AT_REST and min(openings) > OPEN
         happened = [fault for _, fault in simulated.truth.now().faults] if simulated and self._faults else []
         absent = []
-        for fault, action in self._faults:  # equal faults are counted
+        for fault, action in self._faults:  # each of several equal faults counts
             if fault in happened:
                 happened.remove(fault)
             else:
@@ -183,7 +183,7 @@ class Director:
         self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)
 
     def _without_raising(self, act: Callable[[], None]) -> None:
-        """An error in the script must not end the run. It is recorded, and the script fails."""
+        """Record an error of the script instead of raising it: the run continues, and the script fails."""
         try:
             act()
         except Exception as e:

@@ -38,7 +38,8 @@ _ENTERED = frozenset(State) - {State.IDLE}
 
 
 def _one_of(kind: Any, known: Any = None) -> Any:
-    """A value of an enumeration. The error message for another value lists the choices."""
+    """Type of a field that holds a value of an enumeration. The error message for any other value lists the
+    choices."""
     choices = [member for member in kind if known is None or member in known]
 
     def convert(value: Any) -> Any:
@@ -54,7 +55,7 @@ def _as_list(value: Any) -> Any:
 
 
 def _or_empty(value: Any) -> Any:
-    """A key without a value means an empty list."""
+    """Treat a key without a value as an empty list."""
     return () if value is None else value
 
 
@@ -68,7 +69,7 @@ class _Group(BaseModel):
 
 
 class Moment(_Group):
-    """A time of the run, or a delay after a state was entered for the n-th time."""
+    """A moment of the run: a time since its start, or a delay after the n-th entry into a state."""
 
     time_s: Annotated[float, _seconds("cell time since the start of the run")] | None = None
     state: _one_of(State, _ENTERED) | None = Field(None, description="a state of the state machine")  # type: ignore[valid-type]

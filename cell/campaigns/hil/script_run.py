@@ -1,4 +1,4 @@
-"""Run a script in a run of its own."""
+"""Perform one script in a separate run."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def run_script(
     realtime: bool = False,
     tell: Callable[[str], None] = print,
 ) -> ScriptResult:
-    """Run the script in `logs`. If the run cannot start, that counts as a broken expectation, so that the next
-    script can still run."""
+    """Perform the script in a run under `logs`. A run that cannot start counts as a broken expectation, so that
+    the next script can still run."""
     from cell.runs.fold_run import fold_once
 
     began = time.monotonic()

@@ -14,7 +14,7 @@ __all__ = ["broken_expectations"]
 
 def broken_expectations(script: Script, result: FoldResult, seen: Seen) -> tuple[str, ...]:
     """The broken expectations, one sentence each; empty if the script passed. An action that was never carried out
-    also counts as broken, because the script then tests nothing."""
+    counts as a broken expectation, because the script then tests nothing."""
     return tuple(_broken(script, result, seen))
 
 

@@ -1,8 +1,10 @@
-"""Build a trajectory library: every fold of every garment, on any executor. Finished entries are saved at once.
+"""Build a trajectory library: every fold of every garment, on any executor. Each finished entry is saved
+immediately.
 
-The searches run on threads of this process; each simulation is sent to the executor. The result depends on
-neither. A step starts from the garment as the *entry* of the previous step folds it. A build that was killed and
-continues from its saved entries therefore ends with the same library, bit for bit, as an uninterrupted build.
+The searches run on threads of this process, and each simulation is sent to the executor. The result depends on
+neither the threads nor the executor. Each step starts from the shape that the saved entry of the previous step
+gives the garment. A build that was killed and continues from its saved entries therefore ends with the same
+library, bit for bit, as an uninterrupted build.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ NOTHING = Library()
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """Result of one step of a build: its entry or a failure. kept: the entry comes from an earlier build."""
+    """Result of one step of a build: its entry or a failure. kept: whether the entry comes from an earlier
+    build."""
 
     garment: str
     step: str
@@ -42,8 +45,9 @@ class BuiltStep:
 
 @dataclass(frozen=True)
 class BuildProgress:
-    """Number of simulations done, of at most `total`; the garment and step simulated last, and its smallest
-    dissimilarity so far [m]."""
+    """Progress of a build. done, total: number of simulations done, and the largest number that the build may
+    need. garment, step: those of the last simulation. dissimilarity: smallest dissimilarity of that step so far
+    [m]."""
 
     done: int
     total: int
@@ -65,14 +69,14 @@ def build_library(
     progress: Callable[[BuildProgress], None] | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Library:
-    """Optimise every step of every garment, laid in the middle of its poses, in the order of the plan.
+    """Optimise every step of every garment in the order of its plan, with the garment in the middle of its poses.
+    The first step that cannot be optimised ends its garment.
 
     executor: runs the simulations, any executor of `concurrent.futures` (default: one after the other in this
     process); `predict` has to be available to its workers. at_once: number of garments searched in parallel.
-    finished: entries of an interrupted build with the same budget and lift; matching ones are reused. The first
-    step that cannot be optimised ends its garment. lift_height: of the straight lift before each arc [m]. report:
-    called after each step; progress: called after each simulation; the calls never overlap. An exception in either
-    ends the build.
+    finished: entries of an interrupted build with the same budget and lift; matching ones are reused. lift_height:
+    height of the straight lift before each arc [m]. report: called after each step. progress: called after each
+    simulation. Calls of these two functions never overlap, and an exception in one of them ends the build.
     """
     if at_once < 1:
         raise ValueError(f"at_once = {at_once}: build at least one garment at a time")
@@ -95,7 +99,7 @@ def build_library(
 
 
 class _Cancelled(Exception):
-    """The search of another garment failed, or the caller ended the build."""
+    """Ends a search after another garment's search has failed or the caller has ended the build."""
 
 
 @dataclass(eq=False)
@@ -166,7 +170,7 @@ class _Build:
         self, mesh: ClothMesh, positions: Array, garment: Garment, step: FoldStep, entry: LibraryEntry
     ) -> Array:
         trajectory = trajectory_from(entry, step, garment.material.thickness, garment.max_tool_speed)
-        assert trajectory is not None  # an entry fits the step that it was made from
+        assert trajectory is not None  # the entry was made from this step
         paths = {i: lifted(path, self.lift_height) for i, path in tool_paths(trajectory, step).items()}
         return self.executor.submit(_predict, self.predict, mesh, positions, garment.material, paths).result()
 
@@ -198,7 +202,7 @@ def _predict(
 
 
 def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:
-    """Whether this version of the program would build the entry from the present file of the garment."""
+    """Whether this version of the program would build the entry from the present garment file."""
     return (
         (entry.garment, entry.category, entry.method, entry.version)
         == (garment.name, garment.category, method, metadata.version("foldcell"))

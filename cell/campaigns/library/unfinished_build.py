@@ -18,9 +18,9 @@ __all__ = ["UnfinishedBuild"]
 
 
 class UnfinishedBuild:
-    """The entries built so far for some garments. Entries of other builds in the same file are kept.
+    """The entries built so far for some garments. Entries of other builds in the same file stay.
 
-    lift_height: of the straight lift before each arc [m]. Damaged entries count as not built, and so do the
+    lift_height: height of the straight lift before each arc [m]. Damaged entries count as not built, and so do the
     entries of a garment whose plan or lift height has changed.
     """
 
@@ -32,14 +32,14 @@ class UnfinishedBuild:
         self.library = Library(tuple(e for e in there.entries if e.garment in same))
 
     def keep(self, entry: LibraryEntry) -> None:
-        """Raises StorageError."""
+        """Save an entry. Raises StorageError."""
         self.library = self.library.with_entry(entry)
         self._write(self.library.entries)
 
     def end(self) -> None:
-        """Remove the entries of these garments, after the library itself was written."""
+        """Remove the entries of these garments. Call it after the library itself is written."""
         self.library = Library()
-        with suppress(StorageError):  # a later build would only repeat the last step, with the same result
+        with suppress(StorageError):  # if it fails, a later build reuses these entries, with the same result
             self._write(())
 
     def _write(self, own: tuple[LibraryEntry, ...]) -> None:

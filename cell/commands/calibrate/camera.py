@@ -49,7 +49,7 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
         }
 
     def text(c: IntrinsicsCalibration, provenance: Provenance) -> str:
-        """The pose does not change: hand-eye measures it."""
+        """Text of the file, with the new intrinsics and the present pose: hand-eye measures the pose."""
         changed = replace(present, intrinsics=c.intrinsics)
         return calibration_text(changed, settings.table.height, present_provenance | provenance)
 

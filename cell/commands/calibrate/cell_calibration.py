@@ -32,10 +32,10 @@ S = TypeVar("S")
 class CellCalibration:
     """One calibration of the cell.
 
-    part: the part of the calibration that it measures. setting: the key of cell.yaml that names the file.
-    procedure: makes the procedure for a cell. figures: the reported figures of a result. error: of a result
-    against the simulated truth, for the report only. text: content of the file, with its provenance. warning:
-    printed after the result.
+    part: part of the calibration that it measures. setting: key of cell.yaml that names the file. procedure: makes
+    the procedure for a cell. figures: returns the reported figures of a result. error: returns the error of a
+    result against the simulated truth, for the report only. text: returns the content of the file, with its
+    provenance. warning: printed after the result.
     """
 
     part: str
@@ -144,7 +144,7 @@ def _yaml_setting(setting: str, path: str) -> str:
 
 def _shown(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value + 0.0:.6g}"  # no -0
+        return f"{value + 0.0:.6g}"  # avoids -0
     if isinstance(value, list | tuple):
         return ", ".join(_shown(v) for v in value)
     return str(value)
@@ -160,7 +160,7 @@ def camera_provenance(settings: CellSettings) -> Provenance:
 
 
 def settings_of(kind: Callable[..., S], **values: Any) -> S:
-    """A procedure's settings. Raises ConfigurationError for values that it refuses."""
+    """Make a procedure's settings. Raises ConfigurationError for invalid values."""
     try:
         return kind(**values)
     except ValueError as e:

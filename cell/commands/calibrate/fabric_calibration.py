@@ -39,9 +39,9 @@ Tell = Callable[[str], None]
 class FabricTest:
     """The result of a test.
 
-    values: for the `material` of the garment file. measured: their sources. fields: names of properties that are
-    no longer assumed. figures: for the report. agrees: whether the simulated test agrees with the measurement.
-    record: writes the recording to a path.
+    values: new values for `material` in the garment file. measured: sources of these values. fields: names of the
+    properties that are no longer assumed. figures: for the report. agrees: whether the simulated test agrees with
+    the measurement. record: writes the recording to a path.
     """
 
     values: Mapping[str, Any]
@@ -126,7 +126,8 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
 
 
 def _known_surface(source: Path, surface: str) -> str:
-    """A surface for which the garment can be loaded: `surface`, or another one of the file if it lacks that."""
+    """The surface to load the garment for: `surface`, or another surface of the file if the file lacks
+    `surface`."""
     material = read_yaml(source, "garment file").data.get("material")
     angles = material.get("friction_angle_deg") if isinstance(material, dict) else None
     if not isinstance(angles, dict) or not angles or surface in angles:  # loading reports any other error

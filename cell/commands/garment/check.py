@@ -1,4 +1,4 @@
-"""`foldcell garment check`: whether garment files are good."""
+"""`foldcell garment check`: checks garment files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Check every file, including that its plan can be made. Returns 0 if all are good, 64 otherwise."""
+    """Check every file, including that its plan can be made. Returns 0 if all files are valid, 64 otherwise."""
     surface, checked, bad = load_settings(options.cell).surface, [], 0
     for name in options.garments:
         try:

@@ -37,8 +37,9 @@ def figures(garment: Garment) -> dict[str, Any]:
 
 
 def drawn(garment: Garment, folder: Path | None) -> str | None:
-    """Write a PNG of outline, key points, fold lines and grasps into `folder`; returns its path, None without one.
-    Raises ConfigurationError if there is no such folder, StorageError if it cannot be written."""
+    """Write a PNG of outline, key points, fold lines and grasps into `folder`. Returns its path, or None if
+    `folder` is None. Raises ConfigurationError if the folder does not exist, StorageError if the file cannot be
+    written."""
     if folder is None:
         return None
     if not folder.is_dir():

@@ -1,4 +1,4 @@
-"""`foldcell replay RUN --decide`: whether the present program makes the decisions of a recorded run again."""
+"""`foldcell replay RUN --decide`: checks whether the present program repeats the decisions of a recorded run."""
 
 from __future__ import annotations
 

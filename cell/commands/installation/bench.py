@@ -72,7 +72,7 @@ def _print_rows(name: str, rows: Any) -> None:
 
 
 def _garments(options: argparse.Namespace) -> dict[str, Any]:
-    """The argument for --garment, which bench optimise takes."""
+    """Keyword argument of `measure` for --garment, which only bench optimise accepts."""
     if options.garment is None:
         return {}
     if options.name != "optimise":
@@ -84,7 +84,7 @@ def _garments(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _parts(bench: ModuleType, options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments for --only and --keep, which benchmarks with PARTS take."""
+    """Keyword arguments of `measure` for --only and --keep, which only benchmarks with PARTS accept."""
     if not (options.only or options.keep):
         return {}
     if not hasattr(bench, "PARTS"):

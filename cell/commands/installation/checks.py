@@ -1,4 +1,4 @@
-"""Checks of the installation: what was found, and how to repair it. The checks change nothing."""
+"""Checks of the installation, with findings and hints for repair. The checks change nothing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -25,13 +26,13 @@ LEAST_DISK = 2**30
 class Verdict(StrEnum):
     GOOD = "good"
     WARNING = "warning"
-    """The cell runs, but not as it was tested, or something that a run does not need is missing."""
+    """The cell runs, but it differs from the tested installation or lacks something that a run does not need."""
     BAD = "bad"
 
 
 @dataclass(frozen=True)
 class Check:
-    """The result of one check: what was found, and a hint unless it is good."""
+    """The result of one check: the finding, and a hint unless the verdict is GOOD."""
 
     name: str
     verdict: Verdict
@@ -46,10 +47,9 @@ def examine(logs: Path) -> list[Check]:
         _packages,
         _native_modules,
         _robot_model,
-        lambda: _writable("compile cache", numba_cache_folder(), "compiled again at every start"),
-        lambda: _writable("user cache", user_cache(), "robot meshes are converted again at every start"),
-        lambda: _logs(logs),
-        lambda: _disk(logs),
+        _caches,
+        partial(_logs, logs),
+        partial(_disk, logs),
         _memory,
         _cores,
         _garments,
@@ -64,7 +64,8 @@ def _safely(work: Callable[[], Iterable[Check]]) -> list[Check]:
         return list(work())
     except Exception as e:
         hint = e.hint if isinstance(e, CellError) else "make setup installs everything again"
-        name = getattr(work, "__name__", "check").strip("_<>").replace("_", " ")
+        function = work.func if isinstance(work, partial) else work
+        name = getattr(function, "__name__", "check").strip("_").replace("_", " ")
         return [Check(name, Verdict.BAD, f"{type(e).__name__}: {e}", hint)]
 
 
@@ -124,7 +125,7 @@ NATIVE = ("pinocchio", "coal", "ruckig", "toppra", "numba", "scipy.linalg", "cv2
 
 
 def _native_modules() -> Iterable[Check]:
-    """Load each module in a process of its own, because a module may crash its process."""
+    """Load each module in a separate process, because a module may crash its process."""
     started = {
         name: subprocess.Popen(
             [sys.executable, "-c", f"import {name}"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -167,6 +168,11 @@ def numba_cache_folder() -> Path:
     return Path(next(iter(skills.cloth.__path__))) / "__pycache__"
 
 
+def _caches() -> Iterable[Check]:
+    yield from _writable("compile cache", numba_cache_folder(), "compiled again at every start")
+    yield from _writable("user cache", user_cache(), "robot meshes are converted again at every start")
+
+
 def _writable(name: str, folder: Path, without: str) -> Iterable[Check]:
     problem = _write_problem(folder)
     if problem is None:
@@ -190,14 +196,15 @@ def _logs(logs: Path) -> Iterable[Check]:
 
     with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()
-        runs = journal.runs()
-    hint = "" if state == "ok" else f"keep a copy of {journal_file} and move it aside"
-    verdict = Verdict.GOOD if state == "ok" else Verdict.BAD
-    yield Check("journal", verdict, f"{len(runs)} runs" if state == "ok" else state, hint)
+        if state == "ok":
+            yield Check("journal", Verdict.GOOD, f"{len(journal.runs())} runs")
+        else:
+            yield Check("journal", Verdict.BAD, state, f"keep a copy of {journal_file} and move it aside")
 
 
 def _write_problem(folder: Path) -> str | None:
-    """Why the folder cannot be written, or None. If it is missing, the nearest existing one above is checked."""
+    """The reason why the folder cannot be written, or None. Of a missing folder, the nearest existing parent is
+    checked."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():

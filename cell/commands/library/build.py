@@ -42,7 +42,8 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Returns 0 if every fold was optimised, 2 if one could not be; the others are stored."""
+    """Returns 0 if every fold was optimised, 2 if one could not be optimised. The optimised folds are stored
+    either way."""
     settings = load_settings(options.cell)
     loaded = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
     cell_speed = settings.motion.tool_speed

@@ -74,7 +74,7 @@ def _summary(figures: dict) -> None:
     result = str(figures.get("result"))
     if figures.get("state") == "stopped":
         words[result] = "STOPPED (the arms hold their position; the grippers do not open)"
-    seed = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has none
+    seed = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has no seed
     print(f"\n{figures.get('garment')}{seed}: {words.get(result, result)}")
     if figures.get("resumed_from"):
         print(f"  resumed {figures['resumed_from']}")

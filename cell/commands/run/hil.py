@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> int:
     """Returns 0 if every script passed, 2 if one did not, 3 if a cell had an unexpected fault.
 
     All scripts are read and checked before the first run begins. A signal ends the present run and the campaign.
-    The results of the performed runs are printed and written whatever ends the campaign.
+    The results of the performed runs are printed and written even if an error ends the campaign.
     """
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
@@ -63,7 +63,7 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
     ended_by: int | None = None
     try:
         ended_by = _perform(options, settings, scripts, folder, done)
-    except KeyboardInterrupt as e:  # between two runs; during a run a signal stops the run
+    except KeyboardInterrupt as e:  # a signal between two runs; during a run, a signal stops that run
         ended_by = e.number if isinstance(e, Terminated) else signal.SIGINT
     finally:  # after any exception too
         left = scripts[len(done) :]
@@ -93,7 +93,7 @@ def _perform(
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
-        _write_results(folder, _figures(done, scripts[number:], options.driver))  # a later kill must not lose it
+        _write_results(folder, _figures(done, scripts[number:], options.driver))  # in case of a later kill
         print(_outcome(performance), file=out, flush=True)
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
@@ -101,7 +101,7 @@ def _perform(
 
 
 def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
-    """The lock of a real cell for the whole campaign; each simulated run has a cell of its own."""
+    """The lock of a real cell, held for the whole campaign. Simulated runs need none: each has a separate cell."""
     return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
 
 

@@ -21,7 +21,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if the robot is no longer stopped, 2 if it still is: nobody agreed, or the reset failed."""
+    """Returns 0 if the robot is no longer stopped, 2 if it still is: the person did not agree, or the reset
+    failed."""
     with stop_circuit() as stop:
         before = stop.state()
         if not before.stopped:
@@ -40,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether the stop has another reason than the one that the person agreed to reset."""
+    """Whether the reason of the stop has changed since the person agreed to the reset."""
     return stop.state().reason != reason
 
 

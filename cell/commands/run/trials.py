@@ -50,7 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--renew", type=count, metavar="N", help="with --hours: a new process every N runs (never)")
     parser.add_argument("--resume", type=folder, metavar="DIR", help="continue the campaign in this folder")
-    driver_options(parser, real=False)  # hundreds of runs need an attendant that never tires
+    driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
     cell_option(parser)
     logs_option(parser)
     json_option(parser)

@@ -59,8 +59,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
-    """Perception of the picture `options.image` with the other options, and the picture. garment: the expected
-    garment, or auto. Raises ConfigurationError for a file that cannot be used."""
+    """Recognise the garment in the picture `options.image`. garment: the expected garment, or auto. Returns the
+    outcome and the picture as a camera frame. Raises ConfigurationError for a file that cannot be used."""
     _check_reference(options)
     settings = load_settings(options.cell)
     picture, empty = read_photograph(options.image, options.depth), None
@@ -70,7 +70,8 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
 
 
 def _check_reference(options: argparse.Namespace) -> None:
-    """Raises ConfigurationError unless the picture and that of the empty table both have depth, or neither."""
+    """Raises ConfigurationError for --reference-depth without --reference, and for --reference with --depth but
+    without --reference-depth."""
     if options.reference is None and options.reference_depth is not None:
         raise ConfigurationError(
             "--reference-depth without --reference", "give the picture of the empty table too"

@@ -303,7 +303,7 @@ def _material(path: Path, file: _MaterialFile, surface: str) -> Material:
     mu = math.tan(math.radians(angle))
     return Material(
         areal_mass=given("areal_mass"),
-        # from the stretch of a garment hung by a clip to that of a strip of its fabric (calibration/shear.py)
+        # converts the stretch of a garment hung by a clip to the stretch of a strip (calibration/shear.py)
         stretch_fraction=given("stretch_fraction") * REFERENCE_DROP / file.hang_drop,
         bending_length=given("bending_length"),
         thickness=given("thickness"),

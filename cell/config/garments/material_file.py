@@ -27,8 +27,9 @@ def with_material(
 ) -> str:
     """The garment file `text` with `values` under `material` and their origin under `material.measured`.
 
-    A mapping is merged with the existing one. no_longer_assumed: names removed from `material.assumed`. name: stem
-    of the file name, for messages. Raises ConfigurationError if the result is not a valid garment file.
+    A value that is a mapping is merged with the existing mapping. no_longer_assumed: names to remove from
+    `material.assumed`. name: stem of the file name, for messages. Raises ConfigurationError if the result is not a
+    valid garment file.
     """
     file = Path(f"{name}.yaml")
     wanted = dict(parse_yaml(text, file, "garment file").data)

@@ -28,7 +28,7 @@ def new_garment_text(like: str, name: str, title: str, template: Array, origin: 
     data = dict(read_yaml(garment_path(like), "garment file").data)
     fabric = {k: v for k, v in data.get("material", {}).items() if k not in ("measured", "hang_drop")}
     fabric |= {
-        "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # of its strip
+        "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # of a strip
         "assumed": list(FABRIC_FIELDS),
     }
     points = {n: [round(float(v), 4) for v in p] for n, p in zip(data["keypoints"], template, strict=True)}

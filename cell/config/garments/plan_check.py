@@ -36,7 +36,7 @@ def check_lines_and_grasps(path: Path, garment: Garment) -> None:
             )
         for step in planned.unwrap():
             if any(chosen[s.name] != s.variants[0].name for s in garment.plan[: step.index]):
-                break  # the grasps are defined for the garment after the preferred variants
+                break  # the file defines grasps for the preferred variants of the earlier steps
             what = _grasp_error(step, garment)
             if what is not None:
                 key = f"plan.{step.name}.grasps"

@@ -52,7 +52,8 @@ def user_library_path(logs: Path) -> Path:
 
 
 def load_library(logs: Path | None = None) -> LoadedLibrary:
-    """The user's library, then the shipped one. A missing file counts as empty; a broken one is refused."""
+    """The user's library, then the shipped one. A missing file counts as empty. A broken file is listed in
+    `refused`."""
     library, refused = Library(), []
     paths = [] if logs is None else [user_library_path(logs)]
     for path in (*paths, shipped_library_path()):
@@ -65,7 +66,7 @@ def load_library(logs: Path | None = None) -> LoadedLibrary:
 def entry_of(
     garment: Garment, step: FoldStep, trajectory: GraspTrajectory, method: str, dissimilarity_initial: float
 ) -> LibraryEntry:
-    """The library entry of a fold. dissimilarity_initial: of the initial arc of the search [m]."""
+    """The library entry of a fold. dissimilarity_initial: dissimilarity of the initial arc of the search [m]."""
     return entry_from(
         trajectory,
         step,
@@ -94,7 +95,7 @@ def add_entry(logs: Path, entry: LibraryEntry) -> Path:
 
 
 def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
-    """Replace the file's entries of these garments by `library`. Entries of other garments stay.
+    """Replace the entries of these garments in the file by `library`. Entries of other garments stay.
 
     A broken library is renamed first. Raises StorageError.
     """
@@ -128,10 +129,10 @@ def _create(folder: Path) -> Path:
 
 @contextmanager
 def alone_with(path: Path) -> Iterator[None]:
-    """Exclusive access to a library file for a read and write, so that a run and a build do not overwrite each
-    other's entries. Raises StorageError.
+    """Lock a library file for reading and writing, so that a run and a build do not overwrite each other's
+    entries. Raises StorageError.
 
-    It locks the folder (`flock`) for that time. On a file system without locks it does not lock.
+    The lock is on the folder (`flock`). There is no lock on a file system that does not support it.
     """
     folder = _create(path.absolute().parent)
     try:
@@ -157,7 +158,7 @@ def _load(path: Path) -> tuple[Library, tuple[Refusal, ...]]:
 
 
 def _set_aside(path: Path) -> None:
-    """Rename a broken library to a free name. If another program has moved it already, nothing is done."""
+    """Rename a broken library to an unused name. Does nothing if another program has already moved it."""
     names = itertools.chain([".refused"], (f".refused-{k}" for k in itertools.count(2)))
     there = next(p for name in names if not (p := path.with_name(path.name + name)).exists())
     try:

@@ -34,11 +34,11 @@ def guarded_descent(
     settles: bool = False,
     felt: Callable[[HandReading], None] = lambda reading: None,
 ) -> Motion[dict[Side, Contact]]:
-    """Ends when all hands have touched, or with the first failure (skills.grasping.descend).
+    """Lower the hands until all have touched or one has failed (skills.grasping.descend).
 
-    settles: a hand ends when its set-point has come to rest at its height of contact. Otherwise it ends at the
-    contact, and its set-point moves to the measured height while the other hand still descends. felt: called with
-    every reading up to the contact.
+    settles: whether a hand ends only when its set-point has come to rest at the height of contact. Otherwise the
+    hand ends at the contact, and its set-point moves to the measured height while the other hand still descends.
+    felt: called with every reading up to the contact.
     """
     lowering = {side: hand.lowering for side, hand in descending.items()}
     goals = {side: (hand.state.target, 0.0) for side, hand in descending.items()}

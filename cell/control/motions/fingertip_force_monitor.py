@@ -19,8 +19,8 @@ __all__ = ["FingertipForceMonitor"]
 class FingertipForceMonitor:
     """Monitors the forces on the fingertips of pressing hands.
 
-    biases: tactile bias of each hand. now: largest force on a tip of each hand at the last look [N], strongest:
-    largest of all looks so far [N].
+    biases: tactile bias of each hand. now: largest force on a tip of each hand in its latest reading [N].
+    strongest: largest force on a tip in all readings so far [N].
     """
 
     def __init__(self, hands: Hands, settings: GraspSettings, biases: Mapping[Side, TactileBias]) -> None:
@@ -29,7 +29,7 @@ class FingertipForceMonitor:
         self.strongest = 0.0
 
     def look(self, state: JointState) -> Failure | None:
-        """Read the tips. Returns a failure if a force cannot be measured."""
+        """Read the tips of all hands. Returns a failure if a force cannot be measured."""
         for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
             failure = validate_reading(reading, self._settings)

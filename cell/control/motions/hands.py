@@ -1,6 +1,6 @@
-"""Hand controllers as a motion: on every tick each hand is read, and its controller takes the reading.
+"""Hand controllers as a motion: on every tick each hand is read, and its controller receives the reading.
 
-It connects the pure controllers of skills.grasping with the ports. The motion ends when every hand has ended, or
+The motion connects the pure controllers of skills.grasping with the ports. It ends when every hand has ended, or
 with the first failure. It cannot be paused.
 """
 
@@ -33,7 +33,7 @@ LONGEST_LOOP_S = 30.0
 
 
 class Telemetry(Protocol):
-    """Takes the readings for the recording."""
+    """Receives the readings for the recording."""
 
     def joints(self, state: JointState) -> None: ...
 
@@ -52,7 +52,7 @@ class Hands:
     telemetry: Telemetry
 
     def height(self, side: Side, q: Array) -> float:
-        """Height of a tool centre point over the table [m] at joints q (14,)."""
+        """Height of a tool centre point above the table [m] at joints q (14,)."""
         return float(tool_pose(self.robot.chains[side], q[arm_slice(side)])[2, 3] - self.table.height)
 
     def depth(self, side: Side, descent: Descent, q: Array) -> float:
@@ -62,7 +62,7 @@ class Hands:
         return self.height(side, top) - self.height(side, q)
 
     def read(self, side: Side, state: JointState) -> HandReading:
-        """Read and record one hand's sensors. state: of the arms at the same moment."""
+        """Read and record one hand's sensors. state: state of the arms at the same moment."""
         tactile, gripper = self.ports.tactile[side].reading(), self.ports.grippers[side].state()
         self.telemetry.tactile(tactile)
         self.telemetry.gripper(gripper)
@@ -106,7 +106,8 @@ def commanding(
 def each_hand(
     loop: ControlLoop, hands: Hands, states: Mapping[Side, S], control: Control[S, V]
 ) -> Outcome[dict[Side, V]]:
-    """Run one controller per hand until all have ended, with the arms standing still. states: initial, by hand.
+    """Run one controller per hand until all have ended, while the arms hold their position. states: initial state
+    of each hand's controller.
 
     Failures: those of the loop; the first failure of a hand; GRIPPER_FAULT if a hand does not end.
     """
@@ -121,9 +122,10 @@ def control_hands(
     control: Control[S, V],
     arms: Callable[[], Array] | None = None,
 ) -> Motion[dict[Side, V]]:
-    """The motion. arms: called once a tick for the set-point (14,); None: the arms stand still.
+    """The motion that runs the controllers. arms: called once per tick for the set-point (14,); None: the arms
+    hold their position.
 
-    It starts where the arms settle if they are sent to its first set-point.
+    The motion must start near the joints at which the arms settle when they are sent its first set-point.
     """
     running, values = dict(states), dict[Side, V]()
     still = start.q

@@ -16,13 +16,13 @@ from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 __all__ = ["Lowering", "lowered_joints"]
 
 HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
-"""Limits of the set-point [m/s], [m/s2], [m/s3]."""
+"""Limits of the set-point: speed [m/s], acceleration [m/s2], jerk [m/s3]."""
 
 
 @dataclass(eq=False)
 class Lowering:
-    """descent: the joints by depth; top: height of depth 0 over the table [m]; hand: depth of the set-point
-    [m]."""
+    """Set-point of one descending hand. descent: the joints as a function of depth; top: height of depth 0 above
+    the table [m]; hand: depth of the set-point [m], and its rates."""
 
     descent: Descent
     top: float
@@ -30,7 +30,7 @@ class Lowering:
 
     @property
     def height(self) -> float:
-        """Height of the set-point over the table [m]."""
+        """Height of the set-point above the table [m]."""
         return self.top - self.hand.position
 
     @property
@@ -51,7 +51,7 @@ class Lowering:
 
 
 def lowered_joints(q: Array, hands: Mapping[Side, Lowering]) -> Array:
-    """q (14,) with the joints of the lowered hands at the depths of their set-points."""
+    """q (14,), with the joints of the lowered hands replaced by those at the depths of their set-points."""
     q = np.array(q)
     for side, hand in hands.items():
         q[arm_slice(side)] = hand.descent.at(hand.hand.position)

@@ -27,10 +27,11 @@ def press_down(
     monitor: FingertipForceMonitor,
     max_force: float,
 ) -> Motion[JointState]:
-    """lowering: each hand's set-point, which is moved. strokes: (start, end) depth of each hand [m]. max_force:
-    force on a tip from which its hand brakes [N].
+    """Press the hands of `lowering` down. A hand whose tip is pushed too hard brakes. The motion ends after
+    PRESS_S, or with a failure of `monitor`.
 
-    Ends after PRESS_S, or with a failure of `monitor`.
+    lowering: set-point of each hand; the motion changes it. strokes: (start, end) depth of each hand [m].
+    max_force: force on a tip above which its hand brakes [N].
     """
     last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
     braking: dict[Side, float] = {}

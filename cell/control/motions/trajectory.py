@@ -20,9 +20,9 @@ def stream(
 ) -> Outcome[JointState]:
     """Execute the trajectory. Returns the state in which the arms came to rest.
 
-    Failures: those of the loop and of `watch`. A pause runs the motion's clock down: the arms rest on the path,
-    still watched, and continue on command if they have not been moved meanwhile. A failure of `watch`, a stale
-    state and an abort also bring the motion to rest on the path before it ends.
+    Failures: those of the loop and of `watch`. A pause slows the motion's clock to a stop, so that the arms rest
+    on the path. They are still watched there, and continue on command if nobody has moved them meanwhile. A
+    failure of `watch`, a stale state and an abort also bring the arms to rest on the path before the motion ends.
     """
     return loop.run(lambda _: follow(loop, trajectory, watch, control), control)
 
@@ -30,7 +30,8 @@ def stream(
 def follow(
     loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
 ) -> Motion[JointState]:
-    """Ends when the arms are within `settled` of the trajectory's end, or settle_s after it."""
+    """Follow the trajectory. The motion ends when the arms are within `settled` of the trajectory's end, or
+    settle_s after its end."""
     path, offset = PathClock(trajectory, control), loop.last_command.offset(trajectory.q[0])
     settling, failure, k = 0.0, None, 0
     while True:
@@ -46,7 +47,7 @@ def follow(
             path.advance()
         if not feedback.fresh:
             continue
-        failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while it is brought to rest
+        failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while it comes to rest
         settling += TICK_S if arrived and not failure else 0.0
         error = float(np.abs(feedback.state.q - trajectory.q[-1]).max())
         settled = error < loop.limits.settled or settling >= loop.limits.settle_s

@@ -1,7 +1,8 @@
 """The effects: the functions that the runner calls on entering a state, (workcell, context) -> result.
 
-An effect gets the values it needs from the run's context as arguments. `EFFECTS` takes them out of the context and
-raises InternalError if one is missing, because the effect was then entered too early: a bug of the state machine.
+An effect gets the values that it needs from the run's context as arguments. `EFFECTS` takes them out of the
+context and raises InternalError if one is missing. Then the state machine entered the effect too early, which is
+a bug.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Learns the fabric's friction from a fold: compares the observed with the predicted outline.
 
-If the two outlines agree there is nothing to learn, and nothing is computed. If they differ, the executed fold is
+If the two outlines agree, there is nothing to learn and nothing is computed. If they differ, the executed fold is
 simulated again with several friction coefficients, and the friction estimate moves towards the coefficient that
-explains the observed outline (calibration/identify.py). It stays within 0.5 and 1.5 times the value of the garment
-file. The next fold is looked up, judged and optimised with the new friction.
+explains the observed outline (calibration/identify.py). The estimate stays between 0.5 and 1.5 times the value in
+the garment file. The next fold uses it for the library look-up, the optimisation and the prediction.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skills.perception.rectification.table_view import TableView
 __all__ = ["adapt"]
 
 FACTORS = (0.5, 0.7, 1.0, 1.4)
-"""Candidates of the friction, as multiples of the present estimate."""
+"""Candidates for the friction, as multiples of the present estimate."""
 
 
 def adapt(
@@ -33,7 +33,7 @@ def adapt(
     """The garment with the material learned from this fold, and figures for the journal."""
     contour, view, noise = inspection.contour, inspection.view, Noise()
     garment, predicted = plan.garment, attempt.predicted
-    if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold is left to use it
+    if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold remains
         return garment, {}
     residual = outline_residual(contour, _on_table(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:

@@ -19,14 +19,14 @@ __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 
 
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
-    """Choose the recovery from the table, within the number of attempts that the settings allow."""
+    """Choose the recovery from the table. Beyond the settings' limits of attempts, ask the operator or give up."""
     kind, fold = failed.kind, context.fold
     attempt = context.attempts[(fold.index, kind.value)]
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
     overlap = float(failed.values.get("iou_aligned", 1.0))
     recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
-    if recovery.event is Event.CARRY_ON:  # not an attempt that counts, but it needs a completed fold
+    if recovery.event is Event.CARRY_ON:  # does not count as an attempt, but needs a completed fold
         possible = fold.carried
     else:
         possible = (
@@ -51,7 +51,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     event: Event = recovery.event
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
     if event is Event.LOOK_AGAIN or on_cloth:
-        event = _look_event(cell, context)  # the garment was released wherever it was
+        event = _look_event(cell, context)  # the garment may lie anywhere after its release
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
@@ -67,8 +67,8 @@ def _several_variants(context: RunContext) -> bool:
 
 
 def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
-    """The fold's context with one more adjustment for the next attempt. Another variant of the fold starts without
-    the adjustments and postures of the one before."""
+    """The fold's context with one more adjustment for the next attempt. A new variant of the fold starts without
+    the adjustments and postures of the previous variant."""
     if adjust is Adjustment.NONE:
         return fold
     if adjust is not Adjustment.OTHER_VARIANT:
@@ -78,19 +78,19 @@ def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
 
 
 def _look_event(cell: Workcell, context: RunContext) -> Event:
-    """The event that leads to the picture that is due: of the empty table, the garment, or a completed fold."""
+    """The event that leads to the next picture: of the empty table, of the garment, or of a completed fold."""
     if _reference_missing(cell, context):
         return Event.START_OVER
     return Event.LOOK_AFTER if context.fold.carried else Event.LOOK_AGAIN
 
 
 def _reference_missing(cell: Workcell, context: RunContext) -> bool:
-    """Whether the empty table is still to be photographed. The garment is laid on it afterwards."""
+    """Whether the empty table must be photographed before the garment is laid on it."""
     return cell.settings.camera.reference != "none" and context.sight.reference is None
 
 
 def ask_approval(cell: Workcell, context: RunContext) -> Result:
-    """Ask the operator to approve a fold, or the pressing of a completed fold. Pressing may also be skipped."""
+    """Ask the operator to approve a fold, or the pressing of a completed fold. A pressing may also be skipped."""
     commands, attempt = {Event.APPROVE, Event.RETRY, Event.ABORT}, context.fold.attempt
     if attempt is None or not attempt.carried:
         return _await_command(cell, context, commands)
@@ -105,7 +105,7 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
     if answer.event is not Event.RETRY:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
-    # before saying retry the operator lays the garment as it was before the fold
+    # the operator first lays the garment as it was before the fold, then answers RETRY
     fold = replace(answer.context.fold, attempt=None)
     return replace(answer, event=event, context=replace(answer.context, fold=fold))
 

@@ -1,4 +1,4 @@
-"""Moves the plan along with a garment that lies elsewhere than predicted."""
+"""Moves the plan to the observed place of a garment that lies elsewhere than predicted."""
 
 from __future__ import annotations
 

@@ -49,12 +49,12 @@ STRONGER = 1.4
 
 
 def grip_settings(cell: Workcell, fold: FoldContext) -> GraspSettings:
-    """The grasp settings with the grip force as raised by recoveries."""
+    """The grasp settings with the grip force that recoveries have raised."""
     return replace(cell.grasp, grip_force=cell.grasp.grip_force * STRONGER ** fold.count(Adjustment.STRONGER))
 
 
 def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
-    """Descend until the tips touch, press into the stack, close, and confirm what is held."""
+    """Descend until the tips touch, press into the stack, close, and check how much the hands hold."""
     fold = context.fold
     settings = grip_settings(cell, fold)
     tares = {s: start_tare(settings) for s in attempt.motion.descend}
@@ -85,7 +85,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
 
 
 def lift(cell: Workcell, context: RunContext) -> Result:
-    """Rise a little; every hand must still hold what it held."""
+    """Lift the garment a little and check that every hand still holds it."""
     fold, q = context.fold, cell.ports.arms.state().q
     up = plan_lift(
         cell.robot,
@@ -148,14 +148,14 @@ def _descend(
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
 ) -> Outcome[dict[Side, Contact]]:
-    """lowering: filled with each hand's descent set-point."""
+    """lowering: the function adds the set-point of each descending hand."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
         for s, descent in attempt.motion.descend.items():
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
-            bottom = lowering[s].top - float(descent.depth[-1])
-            goal = _goal(attempt.grasp_of(s), bottom, cell.settings.grasp.tactile)
+            lowest = lowering[s].top - float(descent.depth[-1])
+            goal = _goal(attempt.grasp_of(s), lowest, cell.settings.grasp.tactile)
             state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -164,8 +164,8 @@ def _descend(
 
 
 def _goal(grasp: Grasp, lowest: float, tactile: bool) -> DescentGoal:
-    """Contact is expected on top of the stack under the hand. The descent ends at the lowest reachable height, or
-    without tactile sensors where the table is expected."""
+    """Expect contact on top of the stack under the hand. Without contact, the descent ends at the lowest reachable
+    height; without tactile sensors, at the expected height of the table."""
     bottom = min(max(lowest, -0.008), grasp.height)
     return DescentGoal(grasp.height, bottom, stop=None if tactile else max(bottom, 0.0), through=grasp.height)
 
@@ -179,8 +179,8 @@ def _press(
 ) -> Failure | None:
     """Press from the first tip's contact until both tips press, and `deeper` [m] beyond that.
 
-    Depths count from the contact, because the table's height is known to a few millimetres only. In a tilted hand
-    one open tip is lower than the other; the arm gives way to the table as the pads close.
+    Depths are measured from the contact, because the table's height is known only to a few millimetres. In a
+    tilted hand one open tip is lower than the other. The arm yields to the table as the pads close.
     """
 
     def begin(start: JointState) -> Motion[JointState]:
@@ -210,7 +210,7 @@ def _close_and_confirm(
 
 
 def _expected(grasp: Grasp, thickness: float) -> Expectation:
-    """Expect the planned number of layers, or more if the hand goes under the whole stack."""
+    """Expect the planned number of layers, or more if the hand reaches under the whole stack."""
     whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
     return Expectation(thickness, grasp.layers, or_more=whole_stack)
 

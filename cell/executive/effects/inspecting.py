@@ -1,4 +1,4 @@
-"""Effects that judge a fold: they compare the observed with the predicted shape and choose what follows."""
+"""Effects that judge a fold: they compare the observed with the predicted shape and choose the next event."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from skills.vocabulary import FoldStep, Outcome, PredictedShape
 __all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
-"""Displacement of the outline by pressing from which the outline is judged anew [m]: corners that turn up move
-more."""
+"""Smallest displacement of the outline by pressing after which the outline is judged again [m]. Corners that turn
+up move further."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: use a rougher table or fold more slowly",
@@ -73,8 +73,9 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
 def judged_as_before(
     before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
-    """The inspection after pressing, judged again. A good outline that pressing did not displace keeps its
-    verdict: a pressed crease reaches further out than the unpressed one that was predicted."""
+    """The inspection after pressing, with a corrected diagnosis. If the outline was good and pressing did not
+    displace it, its deviation before pressing counts: a pressed crease reaches further out than the predicted,
+    unpressed one."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
@@ -83,8 +84,8 @@ def judged_as_before(
 
 
 def next_step(cell: Workcell, context: RunContext) -> Result:
-    """Advance to the next fold. The predicted shape, moved to where it is seen, becomes the believed one. After
-    the last fold the garment is folded, unless the operator skipped folds."""
+    """Advance to the next fold. The predicted shape, moved by the observed drift, becomes the believed shape.
+    After the last fold the garment is folded, unless the operator skipped folds."""
     ending, index, steps = context.failure, context.fold.index, context.steps
     advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
     if index + 1 < len(steps):
@@ -119,7 +120,7 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
 
 
 def figures(inspection: Inspection) -> dict[str, float]:
-    """An inspection as plain numbers, without those that could not be measured."""
+    """An inspection as plain numbers. Values that could not be measured are left out."""
     edge = inspection.edge
     measured = {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
     if edge is not None:
@@ -144,7 +145,7 @@ def _compare(
     step: FoldStep | None,
     before: CameraFrame | None,
 ) -> Outcome[Inspection]:
-    """Compare the picture with a shape. step: the fold just made, None if none was; before: the picture taken
+    """Compare the picture with a shape. step: the fold that was just made, or None; before: the picture taken
     before that fold."""
     sight = context.sight
     flat_top = context.recognition.perception.top if context.recognition else None
@@ -158,9 +159,9 @@ def _compare(
 
 
 def _with_step_note(context: RunContext, inspecting: bool) -> RunContext:
-    """The context with the predicted shape of a completed fold as the believed one. An inspected fold is also
-    added to `done`, and the plan moves by the drift that the inspection measured. inspecting: whether folds are
-    inspected; else each completed fold is done."""
+    """The context in which the predicted shape of a completed fold is the believed shape. An inspected fold is
+    also added to `done`, and the plan moves by the measured drift. inspecting: False if folds are never inspected;
+    then every completed fold is added to `done`."""
     note, plan = context.fold.note(), context.plan
     if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator skipped it
         return context

@@ -43,12 +43,12 @@ __all__ = [
 HEAD_TURN_S = 1.5
 OPENING_S = 0.8
 SLOW_OPENING_S = 2.0
-"""Further wait for a gripper that still moves [s]."""
+"""Additional waiting time for a gripper that still moves [s]."""
 CALIBRATION_S = 12.0
 LET_GO = 0.010
-"""Opening from which the pads no longer hold cloth [m]."""
+"""Smallest opening at which the pads hold no cloth [m]."""
 PREGRASP_OPENING = PadGeometry().stroke
-"""The pads' opening in a descent [m]."""
+"""Opening of the pads during a descent [m]."""
 
 
 def pausable(cell: Workcell) -> PathControl:
@@ -64,7 +64,8 @@ def unpausable(cell: Workcell) -> PathControl:
 def move(
     cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False, control: PathControl | None = None
 ) -> Failure | None:
-    """Check a trajectory from the arms' present posture, then stream it. control: None means pausable(cell)."""
+    """Check a trajectory that starts at the arms' present posture, then stream it. control: None means
+    pausable(cell)."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
@@ -95,7 +96,7 @@ def prepare(cell: Workcell, context: RunContext) -> Result:
 
 
 def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
-    """Make the cell of an interrupted run ready again: turn the motors on and the head back, open the hands, park.
+    """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park.
 
     Grippers in error or without calibration are calibrated, which also opens them.
     """
@@ -211,7 +212,7 @@ def _calibrated(cell: Workcell) -> Failure | None:
 
 
 def _still_closed(cell: Workcell) -> Failure | None:
-    """Failure if a hand did not open, or its opening is unknown: it may hold the garment and drag it along."""
+    """A failure if a hand did not open or its opening is unknown. Such a hand may drag the garment along."""
     for side, gripper in cell.ports.grippers.items():
         state = gripper.state()
         opening, age = state.opening, cell.ports.clock.now() - state.stamp
@@ -257,7 +258,7 @@ def _plan_retreat(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Retreat]:
         return Outcome(failure=failure or state.failure)
     q = state.unwrap().q
     rng = cell.rng()
-    # with the planning margins if possible, else with the smaller margins of execution
+    # try the planning margins first, then the smaller margins of execution
     for checker in (cell.checker, cell.execution_checker):
         planned = plan_retreat(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
         if planned.ok:

@@ -44,8 +44,8 @@ _ARC = np.linspace(0.0, 1.0, 40)
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
     """Plan the fold steps, and mesh the observed outline for the predictor.
 
-    After the first fold the completed steps are kept. The remaining ones are planned again only if the present
-    fold is to use another variant.
+    After the first fold, the completed steps stay in the plan. The remaining steps are planned again only if the
+    present fold must use another variant.
     """
     fold, previous = context.fold, context.plan if context.fold.index > 0 else None
     if previous is not None and not fold.count(Adjustment.OTHER_VARIANT):
@@ -82,8 +82,8 @@ def _variants(fold: FoldContext, completed: Sequence[FoldStep], garment: Garment
 def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
     """Choose the step's arcs: the library's if they reach the dissimilarity stored with them, else optimised ones.
 
-    A recovery may demand an optimisation that only starts from the library's arcs (OPTIMISE), or the initial arcs
-    without any optimisation (PLAIN_ARC).
+    A recovery may demand an optimisation (OPTIMISE), which then only starts from the library's arcs, or the
+    initial arcs without any optimisation (PLAIN_ARC).
     """
     fold, garment, nominal, settings = context.fold, plan.garment, plan.nominal, cell.settings.optimiser
     step = plan.steps[fold.index]
@@ -94,7 +94,7 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
     if found is not None:
         cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.library_s)
     trusted = found is not None and not fold.count(Adjustment.OPTIMISE)
-    if found is None and settings.use_library and not plain:  # start of the search after learning
+    if found is None and settings.use_library and not plain:  # after learning, start from the file's material
         found = _look_up(cell, nominal, step)
     outcome = _optimise(cell, plan, step, method, found, trusted)
     failure = stopped(cell.ports) or outcome.failure  # a stop invalidates the trajectory
@@ -102,11 +102,11 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
-    optimised = trajectory.source == "optimised" and method != "initial"  # initial arcs are not worth keeping
+    optimised = trajectory.source == "optimised" and method != "initial"  # the library keeps no initial arcs
     if optimised and garment.material == nominal.material:
         try:
             cell.keep(trajectory, step, garment, outcome.notes)
-        except StorageError as e:  # the fold goes on; the next run optimises again
+        except StorageError as e:  # the fold continues; the next run optimises again
             cell.tell(f"the trajectory was not added to the library: {e.what}")
             record["not_kept"] = e.what
     return Result(Event.DONE, replace(context, fold=replace(fold, trajectory=trajectory)), record)
@@ -115,8 +115,8 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
 def _optimise(
     cell: Workcell, plan: Plan, step: FoldStep, method: str, found: GraspTrajectory | None, trusted: bool
 ) -> Outcome[GraspTrajectory]:
-    """Optimise the step, starting from the arcs `found` in the library. trusted: these arcs are taken as they are
-    if they reach their stored dissimilarity here."""
+    """Optimise the step, starting from the arcs `found` in the library. trusted: return these arcs unchanged if
+    they reach their stored dissimilarity in this simulation."""
     garment, settings = plan.garment, cell.settings.optimiser
     now, each = cell.ports.clock.now(), cell.settings.computing.simulation_s
 
@@ -143,7 +143,7 @@ def _optimise(
 
 
 def _until_stopped(cell: Workcell) -> Predictor:
-    """The cloth simulation. It raises DriverError after a stop, so that a void search ends soon."""
+    """The cloth simulation. It raises DriverError after a stop, so that the search ends soon."""
     simulate = ClothPredictor()
 
     def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /) -> Array:
@@ -156,7 +156,7 @@ def _until_stopped(cell: Workcell) -> Predictor:
 
 
 def _draws(cell: Workcell, search: int) -> np.random.Generator:
-    """The motion planner's random generator, a different one for each further search."""
+    """The motion planner's random generator. Each further search gets another one."""
     return cell.rng().spawn(search)[-1] if search else cell.rng()
 
 
@@ -201,7 +201,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
 
 
 def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
-    """The garment named in the request, else the recognised one, as its file describes it."""
+    """The garment that the request names, else the recognised garment, as described by its file."""
     if cell.expected is not None:
         return cell.expected
     return next(g for g in cell.garments if g.name == recognition.perception.garment)

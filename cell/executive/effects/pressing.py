@@ -1,4 +1,4 @@
-"""Pressing: fingers dab a completed fold flat where it stands high."""
+"""Pressing: fingers flatten the high places of a completed fold by short contacts (dabs)."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedSha
 __all__ = ["plan_pressing", "press"]
 
 YIELD_S = 0.06
-"""Time in which a pressing hand comes to rest after a hard push [s]: short, so that it does not press on."""
+"""Time in which a pressing hand comes to rest after a hard push [s]. It is short, to limit the force."""
 GAIN = 0.0015
-"""Smallest drop in height for which a fold is pressed again [m]."""
+"""A fold is pressed again only if the previous pressing lowered it by this much [m]."""
 
 
 def plan_pressing(
     cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection
 ) -> PressPlan | None:
-    """The hands' paths and the arms' motion that press the fold just inspected.
+    """The hands' paths and the arms' motion to press the fold that was just inspected.
 
-    None if the fold lies flat enough, pressing did not help before, or no hand can press it. The fold is then
+    None if the fold is flat enough, an earlier pressing did not help, or no hand can press it. The fold is then
     accepted or rejected as it is.
     """
     step = plan.steps[index]
@@ -64,7 +64,8 @@ def plan_pressing(
 
 
 def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan) -> Result:
-    """Move above the fold and dab it as planned. Too hard a push ends the pressing: the hands stop, and rise."""
+    """Move above the fold and dab it as planned. A push that is too hard ends the pressing: the hands stop, then
+    rise."""
     motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1)
     context = context.with_attempt(attempt)
     for side in motion.postures:
@@ -101,7 +102,7 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
 
 
 def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
-    """Whether the fold was seen to stand higher than its layers, and pressing may help."""
+    """Whether the fold was observed to be higher than its flat layers, and pressing may help."""
     settings, before = cell.settings.pressing, attempt.pressed
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
     if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
@@ -118,7 +119,7 @@ def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
 
 
 def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) -> tuple[tuple[Dab, ...], float]:
-    """Where to press, and the garment's observed height [m]. step, plan: moved by the observed drift."""
+    """The dabs, and the observed height of the garment [m]. step, plan: moved by the observed drift."""
     mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.min_excess_height
     found = find_high_places(
         inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above
@@ -138,7 +139,8 @@ def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) ->
 def _planned(
     cell: Workcell, line: FoldLine, dabs: tuple[Dab, ...], highest: float
 ) -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
-    """The hands' paths over the dabs and the arms' motion: for all dabs, else for those that one hand reaches."""
+    """The hands' paths over the dabs and the arms' motion: for all dabs, else for the dabs that one hand
+    reaches."""
     q_now = cell.ports.arms.state().q
 
     def plan() -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:

@@ -20,22 +20,22 @@ from skills.vocabulary import CameraCalibration, Outcome
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
 HEAD_TOLERANCE = 0.01
-"""Largest deviation of the head's pan [rad]: it moves the picture by 10 mm on the table."""
+"""Largest deviation of the head's pan [rad]. This angle moves the picture by 10 mm on the table."""
 PICTURE_AGE = 0.5
-"""Largest age of a picture [s]: a camera that hangs repeats its last one."""
+"""Largest age of a picture [s]. A frozen camera repeats its last picture."""
 
 
 def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome[CameraFrame]:
-    """A fresh picture, if the head stands at its calibrated pan. refined: the refined calibration, for the view.
+    """Take a picture with the head at its calibrated pan. refined: the refined calibration, for the recording.
 
-    Fails with CAMERA_FAULT if the head is turned or its pan unknown, or the picture is older than PICTURE_AGE.
+    Fails with CAMERA_FAULT if the head is turned, its pan is unknown, or the picture is older than PICTURE_AGE.
     """
     read = fresh_state(cell.ports, cell.execution)
-    if read.failure:  # the head may have been turned since
+    if read.failure:  # the head may have been turned since the last known state
         what = f"the head's direction is not known: {read.failure.what}"
         return Outcome(failure=replace(read.failure, kind=FailureKind.CAMERA_FAULT, what=what))
     pan = read.unwrap().head_pan
-    if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # true for NaN, too
+    if not abs(pan - cell.calibration.head_pan) <= HEAD_TOLERANCE:  # also true for NaN
         return Outcome(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,
@@ -81,7 +81,7 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
     """Wait until a person has laid the garment on the table."""
     began = cell.ports.clock.now()
     cell.ports.attendant.lay_garment()
-    if cell.ports.simulated:  # the declared time of laying counts as robot time
+    if cell.ports.simulated:  # the simulated attendant's time counts as robot time
         return Result(Event.DONE, context)
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
 
@@ -96,11 +96,11 @@ def look(cell: Workcell, context: RunContext) -> Result:
 
 
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
-    """Recognise the garment and its key points before the first fold. Locate the folded garment later."""
+    """Recognise the garment and its key points before the first fold. Before later folds, locate the garment."""
     plan, sight = context.plan, context.sight
     if plan is not None and context.fold.index > 0:
         return find_folded(cell, context, plan, frame)
-    # a garment recognised before stays the same one
+    # look only for the garment that was recognised earlier
     expected = cell.expected or (plan.garment if plan else None)
     outcome = cell.compute(
         cell.settings.computing.perception_s,

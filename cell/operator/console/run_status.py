@@ -1,4 +1,5 @@
-"""The status of the run for the operator's page: an observer that keeps the latest value of everything it shows.
+"""The status of the run for the operator's page: an observer that keeps the latest value of everything on the
+page.
 
 Any thread may write to it (the executive, a skill, a source of commands) and read it. A reader always gets a
 consistent snapshot.
@@ -35,7 +36,8 @@ _ALLOWED: Mapping[State, frozenset[Event]] = {
 
 
 class RunStatus:
-    """`snapshot` is the content of the page; `version` changes with it."""
+    """The status of one run. `snapshot` is the content of the page; `version` changes whenever the content
+    changes."""
 
     def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
         self._lock = threading.Lock()
@@ -81,7 +83,7 @@ class RunStatus:
             self.version += 1
 
     def ask(self, what: str | None) -> None:
-        """Ask the person at the cell to do something and then approve; None: nothing is asked any more."""
+        """Ask the person at the cell to do something and then approve. None withdraws the request."""
         with self._lock:
             self._wanted = what
             self._question += what is not None

@@ -1,9 +1,9 @@
 """Serves the operator's page on this machine and receives the operator's commands.
 
-The page uses one WebSocket. It receives a snapshot of the run's status after each change, a keep-alive message in
-between, and sends commands. A command is put into the run's queue like any other; the stop goes directly to the
-stop circuit. Access requires the page's address, which contains a secret made for this run. Pages of other sites
-are refused by their origin.
+The page uses one WebSocket: it receives a snapshot of the run's status after each change, with keep-alive messages
+in between, and sends commands. A command is put into the run's queue like any other; the stop goes directly to the
+stop circuit. Access requires the page's address, which contains a secret made for this run. Requests from pages of
+other sites are refused by their origin.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ STOP_REASON = "the operator's page"
 
 
 def open_listener(port: int = 0) -> socket.socket:
-    """Open the page's socket, on this machine only; port 0 takes a free one. Clients that connect before the page
-    is served wait. Raises StorageError if the port is in use."""
+    """Open the page's socket, on this machine only; port 0 chooses a free port. Clients that connect before the
+    page is served wait. Raises StorageError if the port is in use."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -110,7 +110,7 @@ def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
 
 
 class _Page:
-    """The page's two routes."""
+    """Answers on two routes: the page and its WebSocket."""
 
     def __init__(
         self, run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, port: int
@@ -129,7 +129,8 @@ class _Page:
         return HTMLResponse(page, headers=HEADERS)
 
     async def link(self, link: WebSocket) -> None:
-        """One page's WebSocket. It is closed if sending or receiving fails, so that the page notices that."""
+        """One page's WebSocket. It is closed if sending or receiving fails, so that the page notices the
+        failure."""
         if link.headers.get("origin") not in self._origins:
             await link.close(POLICY)
             return

@@ -11,7 +11,7 @@ __all__ = ["ProgressBar"]
 
 WIDTH = 24
 EVERY_S = 15.0
-"""Least time between two plain lines [s]."""
+"""Shortest time between two plain lines [s]."""
 MIN_DONE = 3
 """The time left is estimated once this many items are done."""
 
@@ -41,7 +41,7 @@ class ProgressBar:
             self._write(text + "\n")
 
     def restart(self) -> None:
-        """Begin other work: the time left is estimated from now on."""
+        """Begin a new task: the time left is estimated from now on."""
         self.clear()
         self._began = self._last_line = self._clock()
 

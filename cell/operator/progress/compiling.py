@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,28 +12,60 @@ from numba.core.event import Event, Listener, install_listener
 __all__ = ["compiling_told"]
 
 PARTS = {
-    "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
+    "skills.cloth": "compiling the cloth simulation: once after an installation, one to three minutes",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """Message for each package and its subpackages. Code of other packages compiles in about a second."""
+STILL_EVERY = 15.0
+"""Time between two messages that compilation goes on [s]."""
 
 
 @contextmanager
 def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
-    """Call `say` with a line when a package begins to compile; code from the compile cache gives no line."""
-    with install_listener("numba:compile", _Listener(say)):
-        yield
+    """Call `say` with a line when a package begins to compile, and every `STILL_EVERY` s until it is compiled.
+
+    Code from the compile cache gives no line.
+    """
+    listener = _Listener(say)
+    finished = threading.Event()
+    ticker = threading.Thread(target=listener.report_until, args=(finished,), name="compiling", daemon=True)
+    with install_listener("numba:compile", listener):
+        ticker.start()
+        try:
+            yield
+        finally:
+            finished.set()
+            ticker.join()
 
 
 class _Listener(Listener):
+    """Compilation is nested: a function's callees are compiled within it. Only the outermost ones are timed."""
+
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._left = dict(PARTS)
+        self._announced = False
+        self._depth = 0
+        self._began = 0.0
+        self._spent = 0.0
 
     def on_start(self, event: Event) -> None:
+        if self._depth == 0:
+            self._began = time.monotonic()
+        self._depth += 1
         package = ".".join(event.data["dispatcher"].py_func.__module__.split(".")[:2])
         text = self._left.pop(package, None)
         if text is not None:
+            self._announced = True
             self._say(text)
 
-    def on_end(self, event: Event) -> None: ...
+    def on_end(self, event: Event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._spent += time.monotonic() - self._began
+
+    def report_until(self, finished: threading.Event) -> None:
+        """Say how long compilation has taken so far, every `STILL_EVERY` s in which it goes on."""
+        while not finished.wait(STILL_EVERY):
+            if self._announced and self._depth:
+                self._say(f"still compiling, {self._spent + time.monotonic() - self._began:.0f} s so far")

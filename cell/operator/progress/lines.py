@@ -22,8 +22,8 @@ _HINTS = {
 
 
 class ProgressLines:
-    """One line for each state and each failure, and a bar for long computations. Prints nothing without a stream;
-    a closed terminal does not affect the run."""
+    """Prints one line for each state and each failure, and a bar for long computations. Prints nothing without a
+    stream. A closed terminal does not affect the run."""
 
     def __init__(self, stream: TextIO | None) -> None:
         self._bar = ProgressBar(stream)
@@ -39,9 +39,9 @@ class ProgressLines:
             self._bar.line(f"{t:8.1f} s    {failure}")
 
     def computing(self, done: int, total: int, remark: str) -> None:
-        """Progress of a long computation."""
+        """Show the progress of a long computation."""
         self._bar.update(done, total, remark)
 
     def note(self, text: str) -> None:
-        """A message within a state."""
+        """Show a message within a state."""
         self._bar.line(f"{'':12}{text}")

@@ -1,4 +1,4 @@
-"""Sends the messages of a run to its followers: the terminal and the operator's page."""
+"""Sends the messages of a run to the terminal and to the operator's page."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def say(text: str) -> None:
 
 @dataclass(frozen=True)
 class Notifier:
-    """lines: for the terminal. run_status: for the page, whether or not one is open. quiet: no lines are printed.
-    typed: whether answers can be typed."""
+    """lines: lines for the terminal. run_status: status for the page, whether or not a page is open. quiet:
+    whether no lines are printed. typed: whether the operator can type answers."""
 
     lines: ProgressLines
     run_status: RunStatus
@@ -31,17 +31,17 @@ class Notifier:
         return self.lines, self.run_status
 
     def note(self, text: str) -> None:
-        """A message within a state."""
+        """Show a message within a state."""
         for watcher in self.watching:
             watcher.note(text)
 
     def computing(self, done: int, total: int, remark: str) -> None:
-        """Progress of a long computation."""
+        """Show the progress of a long computation."""
         for watcher in self.watching:
             watcher.computing(done, total, remark)
 
     def ask(self, what: str | None) -> None:
-        """Ask the person for something that the robot cannot do; None: nothing is asked any more."""
+        """Ask the person for something that the robot cannot do. None withdraws the request."""
         self.run_status.ask(what)
         if what is not None:
             text = f"{what}, then approve" + (" (a, Enter)" if self.typed else "")

@@ -21,7 +21,8 @@ BOARD = {
 
 
 class PersonAttendant:
-    """ask: shows the request; called with None when it no longer applies.
+    """The attendant of a real cell: a person who is asked to act. ask: shows the request; called with None when
+    the request no longer applies.
 
     APPROVE answers a request. Raises DriverError: ABORTED if the run is ended or nobody is left to answer, STOPPED
     if the cell is stopped.
@@ -30,7 +31,7 @@ class PersonAttendant:
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
         self._commands, self._stop, self._ask = commands, stop, ask
         self.clock: Clock | None = None
-        """A clock to advance while waiting; scripted commands are given as it advances."""
+        """Clock to advance during a wait; None: no clock. A scripted clock gives its commands as it advances."""
 
     def lay_garment(self) -> None:
         self._wait_for("lay the garment flat on the table and step back")

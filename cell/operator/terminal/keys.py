@@ -31,7 +31,7 @@ HELP = "  ".join(f"{key} {event.value}" for key, event in KEYS.items()) + "  Ctr
 
 class _Lines:
     """Reads the lines typed into a source on a daemon thread and passes them to the present listener. There is one
-    reader for each source: the operator of the next run replaces that of the last one as its listener."""
+    reader for each source. The operator of a new run replaces the operator of the previous run as its listener."""
 
     _of: ClassVar[WeakKeyDictionary[TextIO, _Lines]] = WeakKeyDictionary()
 
@@ -46,7 +46,7 @@ class _Lines:
         return cls._of.setdefault(source, cls(source))
 
     def listen(self, operator: TerminalOperator) -> None:
-        """Pass lines to `operator` from now on. If the source has ended, report that at once."""
+        """Pass lines to `operator` from now on. If the source has ended, inform the operator immediately."""
         with self._lock:
             self._listener, begin, ended = operator, self.thread.ident is None, self._ended
         if begin:
@@ -71,7 +71,7 @@ class TerminalOperator:
     """Turns lines typed into `source` into commands, from `start` until another operator starts.
 
     If the source ends (the terminal was closed), nobody is left to answer and the command queue is closed, unless
-    there is another operator (`alone` is false).
+    commands can also come from elsewhere (`alone` is false).
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class TerminalOperator:
     ) -> None:
         """answers: stream for answers to the operator; may: returns the commands that are possible now."""
         self._commands, self._alone, self._may = commands, alone, may
-        self._hints = alone or source.isatty()  # with a page: only if somebody can type here
+        self._hints = alone or source.isatty()  # beside a page, show the keys only if somebody can type here
         self._lines = _Lines.of(source)
         self._answers = answers
 
@@ -103,7 +103,7 @@ class TerminalOperator:
             self._commands.close()
 
     def take(self, word: str) -> None:
-        """Handle a typed line."""
+        """Handle a typed line. word: the line in lower case, without spaces around it."""
         if not word:
             return
         event = KEYS.get(word) or next((e for e in KEYS.values() if e.value == word), None)
@@ -135,8 +135,8 @@ def check_terminal(source: TextIO | None) -> None:
 
 
 def in_foreground(source: TextIO | None) -> bool:
-    """Whether somebody can type into `source`: it is a terminal and this process is in its foreground. Reading it
-    from the background would suspend the whole process, motions and page included."""
+    """Whether somebody can type into `source`: it is a terminal and this process is in its foreground. Reading
+    from the background would suspend the whole process, including motions and the operator's page."""
     try:
         return source is not None and source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp()
     except (OSError, ValueError):

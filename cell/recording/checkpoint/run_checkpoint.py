@@ -1,9 +1,9 @@
 """The checkpoint: a run's context, written after each effect so that an interrupted run can be resumed from it.
 
-A checkpoint is a folder with one file `context`, which is always written as a whole. Its first line is JSON with
-version, schema and hash. The rest is a pickle of the context; reading it creates only values of this program and
-arrays. Each large array has a file of its own beside it, named by the hash of its content. Pictures are kept in
-the run's frame store (cell/recording/frame_store.py).
+A checkpoint is a folder with a file `context`, which is replaced as a whole. Its first line is JSON with version,
+schema and hash. The rest is a pickle of the context. Reading it creates only values of this program and arrays.
+Each large array is stored in a separate file, named by the hash of its content. Pictures are stored in the run's
+frame store (cell/recording/frame_store.py).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CHECKPOINT, CONTEXT = "checkpoint", "context"
 
 SCHEMA = 3
 LARGE = 2**16
-"""Arrays of at least this size have files of their own: most do not change from effect to effect [bytes]."""
+"""Arrays of at least this size [bytes] get separate files, because most of them do not change between effects."""
 _OURS = ("cell.", "robots.", "skills.")
 _ARRAYS = frozenset(
     {
@@ -59,7 +59,7 @@ def has_checkpoint(run: Path) -> bool:
 
 
 def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
-    """Write the context; it is on disk when the call returns. Raises StorageError."""
+    """Write the context. It is on disk when the call returns. Raises StorageError."""
     stream = io.BytesIO()
     try:
         folder.mkdir(exist_ok=True)
@@ -104,7 +104,7 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
 
 
 def _schema() -> str:
-    """Schema number and hash of all field names: fields of a checkout can change while its version does not."""
+    """Schema number and hash of all field names. Fields of a checkout can change while its version does not."""
     kinds = (RunContext, Sight, Recognition, Plan, FoldContext, Attempt, PressPlan, StepNote, Inspection)
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
@@ -149,12 +149,13 @@ def _array_path(folder: Path, name: str) -> Path:
 
 
 def _is_value(kind: type) -> bool:
-    """Any type of the skills, which are pure functions; of other packages only dataclasses and enums."""
+    """Whether a pickle may create this type. Allowed are all types of the skills, because the skills are pure
+    functions. Of the other packages, only dataclasses and enums are allowed."""
     return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
 
 
 class _Unpickler(pickle.Unpickler):
-    """A pickle can call any function. This unpickler creates only values of this program and arrays."""
+    """An unpickler that creates only values of this program and arrays. A general pickle can call any function."""
 
     def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
         super().__init__(stream)

@@ -29,7 +29,7 @@ LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
 SUPERSAMPLE = 2
 SLIVER = 3
-"""A strip of the other side of the cloth narrower than twice this is not drawn [px]."""
+"""Half the width of a sliver [px]. A narrower strip of the cloth's other side is not drawn."""
 TOOL_LENGTH = 0.09
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
@@ -47,7 +47,7 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pinhole camera of width x height pixels at `eye` (3,) that looks at `target` (3,); table frame, z up."""
+    """A pinhole camera of width x height pixels at `eye` (3,) that looks at `target` (3,). Table frame, z up."""
 
     eye: Array
     target: Array
@@ -72,7 +72,7 @@ class View:
 
     @classmethod
     def around(cls, points: Array, width: int, height: int, margin: float = 0.08) -> View:
-        """A view from the front left that `points` (n, 3) fill, up to `margin` (fraction of the picture)."""
+        """A view from the front left. `points` (n, 3) fill it except for `margin` (fraction of the picture)."""
         low, high = points.min(axis=0), points.max(axis=0)
         target = (low + high) / 2.0
         eye = target + np.array([0.85, 0.75, 0.95]) * 1.35 * max(0.3, float(np.linalg.norm(high - low)))
@@ -157,7 +157,7 @@ def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
 
 
 def _table(canvas: NDArray, view: View, table: Table) -> None:
-    """Draw the table's top without the part that is too close to the eye, or behind it, to be projected."""
+    """Draw the table top. Points behind the eye or too close to it cannot be projected and are left out."""
     x, y = np.linspace(*table.x, 40), np.linspace(*table.y, 40)
     rim = np.vstack([
         np.column_stack([x, np.full(40, table.y[0])]), np.column_stack([np.full(40, table.x[1]), y]),
@@ -170,7 +170,7 @@ def _table(canvas: NDArray, view: View, table: Table) -> None:
 
 
 def _shadow(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.integer]) -> None:
-    """Darken the table by the garment's blurred projection along the light onto z = 0."""
+    """Darken the table by the garment's shadow: its blurred projection along the light onto z = 0."""
     reach = vertices[:, 2:].clip(min=0.0) / LIGHT[2]
     p = view.project(np.column_stack([vertices[:, :2] - reach * LIGHT[:2], np.zeros(len(vertices))]))
     mask = np.zeros(canvas.shape[:2], dtype=np.uint8)
@@ -195,8 +195,8 @@ def _cloth(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.i
 
 
 def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Which side of the cloth shows, without slivers: along an open hem the coarse edges of two layers cross, and
-    the inside of one shows as teeth."""
+    """The visible side of the cloth at each pixel, with slivers removed. Along an open hem the coarse edges of two
+    layers cross, and the inside of one layer would look like teeth."""
     size = 2 * SLIVER * SUPERSAMPLE + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     for side in (1, 0):
@@ -229,7 +229,7 @@ def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore
             continue
         left, right = max(0, int(min(x0, x1, x2))), min(width - 1, int(max(x0, x1, x2)) + 1)
         top, bottom = max(0, int(min(y0, y1, y2))), min(height - 1, int(max(y0, y1, y2)) + 1)
-        # which side of the sheet is seen is the triangle's own matter, not its vertices'
+        # a triangle shows one side only, even if its vertices face different ways
         side = facing[i] + facing[j] + facing[k] > 0.0
         for row in range(top, bottom + 1):
             for column in range(left, right + 1):

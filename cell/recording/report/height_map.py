@@ -20,11 +20,13 @@ MARGIN = 12
 WIDTH = 420
 """Least width of a picture [px]."""
 PAPER = 250
+BAR = 34
+"""Height of the strip below the picture that shows the colour scale [px]."""
 
 
 def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
     """One (H, W, 3) RGB picture for each look. All show the same part of the table in the same colour scale, from
-    blue at the table to red at the highest point of all looks."""
+    dark violet at the table to yellow at the highest point of all looks. A bar below shows the scale."""
     rows, columns = np.nonzero(np.logical_or.reduce([look.mask for look in looks]))
     part = (
         slice(max(int(rows.min()) - MARGIN, 0), int(rows.max()) + MARGIN),
@@ -37,7 +39,25 @@ def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
 
 def _coloured(height: NDArray[np.floating], top: float) -> Picture:
     level = (255.0 * np.clip(np.nan_to_num(height) / top, 0.0, 1.0)).astype(np.uint8)
-    colour = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO))[..., ::-1]
-    picture = np.where(np.isfinite(height)[..., None], colour, np.uint8(PAPER))
+    picture = np.where(np.isfinite(height)[..., None], _colours(level), np.uint8(PAPER))
     scale = int(np.ceil(WIDTH / picture.shape[1]))
-    return np.repeat(np.repeat(picture, scale, axis=0), scale, axis=1)
+    picture = np.repeat(np.repeat(picture, scale, axis=0), scale, axis=1)
+    return np.concatenate([picture, _bar(picture.shape[1], top)])
+
+
+def _colours(level: NDArray[np.uint8]) -> Picture:
+    """Viridis, which is perceptually uniform: equal steps of height look equally large."""
+    return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS), np.uint8)[..., ::-1]
+
+
+def _bar(width: int, top: float) -> Picture:
+    """(BAR, width, 3) strip with the colours from 0 to `top` [m] and both ends in millimetres."""
+    strip = np.full((BAR, width, 3), PAPER, np.uint8)
+    labels = ("0 mm", f"{top * 1e3:.0f} mm")
+    font, size, margin = cv2.FONT_HERSHEY_SIMPLEX, 0.45, 8
+    widths = [cv2.getTextSize(label, font, size, 1)[0][0] for label in labels]
+    left, right = widths[0] + 2 * margin, width - widths[1] - 2 * margin
+    strip[margin : BAR - margin, left:right] = _colours(np.linspace(0, 255, right - left).astype(np.uint8)[None])
+    for label, x in zip(labels, (margin, right + margin), strict=True):
+        cv2.putText(strip, label, (x, BAR // 2 + 5), font, size, (30, 30, 30), 1, cv2.LINE_AA)
+    return strip

@@ -72,8 +72,8 @@ class StepRecord:
     """One fold. Outlines are contours (k, 2) in the table frame [m]. Unknown values are None or empty.
 
     source: 'library' or 'optimised'. dissimilarity_m: D, predicted by the simulation. aligned_iou, observed_iou:
-    overlap of the observed and the predicted silhouette, after alignment and without it. duration_s: of the arms'
-    motion with the garment, without pauses.
+    overlap of the observed and the predicted silhouette, with and without alignment. duration_s: duration of the
+    arms' motion with the garment, without pauses.
     """
 
     name: str
@@ -94,9 +94,9 @@ class StepRecord:
     predicted: tuple[Array, ...] = ()
     observed: tuple[Array, ...] = ()
     height_m: float | None = None
-    """Observed height of the stack."""
+    """Observed height of the stack [m]."""
     pressed_from_m: tuple[float, ...] = ()
-    """Height of the stack before each time it was pressed."""
+    """Height of the stack before each pressing [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ class RunRecord:
 
 
 def write_report(path: Path, run: RunRecord) -> Path:
-    """Write the page as a whole and return its path. Raises StorageError if the file cannot be written."""
+    """Write the page atomically and return its path. Raises StorageError if the file cannot be written."""
     write_whole(path, render(run), "free some disk space, or make the run's folder writable")
     return path
 
@@ -175,14 +175,14 @@ def data_uri(rgb: NDArray[np.uint8]) -> str:
 
 
 def length(metres: float | None) -> str:
-    """'12.3 mm'; a dash for an unknown value."""
+    """A length as '12.3 mm'; a dash for an unknown value."""
     if metres is None or not np.isfinite(metres):
         return "–"
     return f"{metres * 1000.0:.1f} mm"
 
 
 def seconds(s: float | None) -> str:
-    """'8.31 s', '83.1 s', '2 min 03 s'."""
+    """A duration as '8.31 s', '83.1 s' or '2 min 03 s'."""
     if s is None or not np.isfinite(s):
         return "–"
     if s >= 120.0:
@@ -222,7 +222,7 @@ def figure_name(name: str) -> str:
 
 
 def stages(run: RunRecord) -> list[dict[str, Any]]:
-    """Rows of the table of times, in the order given. share: bar length in percent of the longest time."""
+    """Rows of the table of times, in the given order. share: bar length in percent of the longest time."""
     names = [*run.stage_times_s, *(n for n in run.stage_wall_times_s if n not in run.stage_times_s)]
     longest = max([*run.stage_times_s.values(), 1e-9])
     return [
@@ -237,7 +237,7 @@ def stages(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested settings as pairs of a dotted key and a text."""
+    """Nested settings as pairs (dotted key, text)."""
     rows: list[tuple[str, str]] = []
     for key, value in settings.items():
         name = f"{prefix}{key}"
@@ -251,7 +251,7 @@ def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, st
 
 
 def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
-    """Target, predicted and observed outline as SVG, from above: away from the robot is up. width [px]."""
+    """Target, predicted and observed outline as SVG, seen from above. Up is away from the robot. width [px]."""
     layers = (("target", step.target), ("predicted", step.predicted), ("observed", step.observed))
     points = [np.asarray(c, dtype=float) for _, outlines in layers for c in outlines if len(c)]
     if not points:

@@ -9,9 +9,9 @@ __all__ = ["recording_losses"]
 
 
 def recording_losses(recording: Mapping[str, Any]) -> tuple[str, ...]:
-    """Lines about lost entries; empty if nothing was lost. recording: as in a run's result.
+    """Messages about lost entries; empty if nothing was lost. recording: as in a run's result.
 
-    Entries that only a live viewer missed are in the file and do not count.
+    Entries that only a live viewer missed are in the file and do not count as lost.
     """
     lines = [str(error) for error in recording.get("errors") or ()]
     dropped = recording.get("dropped") or 0

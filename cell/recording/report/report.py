@@ -1,4 +1,4 @@
-"""Makes a run's report from its end, its result and its recorded frames (layout: page.py)."""
+"""Makes the report of a run from its end, its result and its recorded frames. page.py has the layout."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from skills.vocabulary import GraspTrajectory
 __all__ = ["TrueFrame", "report"]
 
 TrueFrame = tuple[float, Array, Mapping[Side, Array]]
-"""(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment: for pictures only."""
+"""(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment, for pictures only."""
 
 LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
 UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
 KEY_FRAMES = 6
 BREAK_S = 3.0
-"""Frames of the held garment that are further apart in time belong to different holds [s]."""
+"""A longer time between two frames of the held garment means that they belong to different holds [s]."""
 
 
 def report(
@@ -89,14 +89,14 @@ def report(
 
 
 def _timeline(end: RunEnd, result: FoldResult, events: Sequence[RunEvent]) -> Iterator[TimelineItem]:
-    if result.resumed_from:  # the page shows the folds of that run too
+    if result.resumed_from:  # the page also shows the folds of the resumed run
         yield TimelineItem(end.started, "operator", f"resumed {result.resumed_from}", "")
     for event in events:
         yield TimelineItem(event.t, LEVELS[event.kind], event.title, event.text)
 
 
 def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
-    """Write the drawn key frames (predicted and simulated) as one picture, one row for each fold."""
+    """Write the drawn key frames as one picture. Each fold has a row of predicted and a row of simulated ones."""
     rows = []
     for step in steps:
         drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
@@ -160,7 +160,7 @@ def _step(
 
 
 def _pressings(note: StepNote) -> Iterator[Picture]:
-    """Height maps before each pressing and after the last one, if the fold was inspected after it."""
+    """Height maps before each pressing and after the last pressing. None if the fold was not inspected then."""
     if not note.pressed or note.inspected is None or note.inspected is note.pressed[-1]:
         return
     looks = (*note.pressed, note.inspected)
@@ -184,7 +184,7 @@ def _arcs(trajectory: GraspTrajectory) -> list[Array]:
 
 
 def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
-    """The recorded frames of the hold in which the fold's pictures were taken; other holds failed."""
+    """The recorded frames of the hold during which the fold's pictures were taken. Other holds failed."""
     holds: list[list[TrueFrame]] = []
     last = -np.inf
     for frame in frames:

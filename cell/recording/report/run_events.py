@@ -1,4 +1,4 @@
-"""An observer of the runner that collects failures, recoveries and commands for the report."""
+"""An observer of the runner. It collects failures, recoveries and commands for the report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RunEvent:
 
 
 class RunEvents:
-    """Failures, recoveries and the operator's commands in order, for the report."""
+    """Collects failures, recoveries and the operator's commands in order."""
 
     def __init__(self) -> None:
         self.list: list[RunEvent] = []

@@ -1,4 +1,4 @@
-"""Encoded entries of a recording. The same entry is written to the file and to a live viewer."""
+"""Encoded entries of a recording. The recorder writes each entry to the file and to live viewers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIMELINE = "cell_time"
 
 
 class Entry(Protocol):
-    """One entry. essential: a viewer that misses it cannot show the entries after it correctly."""
+    """One entry. essential: a viewer without this entry cannot show later entries correctly."""
 
     @property
     def essential(self) -> bool: ...
@@ -26,7 +26,7 @@ class Entry(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Archetypes at one entity path and cell time [s]; t None: valid at all times."""
+    """Archetypes at one entity path and cell time t [s]. With t None they are valid at all times."""
 
     path: str
     t: float | None

@@ -1,8 +1,8 @@
-"""The live stream: a second recording stream on a thread of its own, which never delays the run.
+"""The live stream: a second recording stream on a separate thread, which never delays the run.
 
-It is a server and never connects to a viewer: a stream that connects blocks the end of the process while the
-viewer hangs, for ever if the viewer accepts and stays silent. Viewers connect at any time and receive the entries
-that the server has kept for them.
+The stream is a server and never connects to a viewer. A stream that connects to a viewer can block the end of the
+process while the viewer hangs, and for ever if the viewer accepts the connection and stays silent. Viewers can
+connect to the server at any time and then receive the stored entries.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ QUEUE = 400
 CLOSE_S = 2.0
 PORT = 9876
 MEMORY = "512MiB"
-"""Memory that the server uses to keep entries for viewers that connect later."""
+"""Memory in which the server stores entries for viewers that connect later."""
 
 
 class LiveStream:
-    """Serves entries to viewers; drops and counts the entries for which the queue is full."""
+    """Serves entries to viewers. If the queue is full, it drops entries and counts them."""
 
     def __init__(self, application: str, run_id: str, live: bool | str, floor: float, on_error: OnError) -> None:
         host, port = ("127.0.0.1", "") if live is True else str(live).rpartition(":")[::2]
@@ -48,7 +48,7 @@ class LiveStream:
         self._pump.offer(entry, essential=entry.essential)
 
     def close(self) -> int:
-        """Close the stream, waiting CLOSE_S at most; returns the number of dropped entries."""
+        """Close the stream within CLOSE_S. Returns the number of dropped entries."""
         self._pump.close(CLOSE_S)
         return self._pump.dropped
 
@@ -71,10 +71,10 @@ class LiveStream:
 
 
 def web_viewer() -> str | None:
-    """Serve Rerun's web viewer on a free port; returns its origin, or None if that fails.
+    """Serve Rerun's web viewer on a free port. Returns the viewer's origin, or None if that fails.
 
-    The server holds the program only and no data. It runs until this process ends and listens on every interface:
-    Rerun cannot bind it to one.
+    The server contains only the viewer program and no data. It runs until this process ends. It listens on every
+    network interface, because Rerun cannot bind it to a single one.
     """
     port = free_port(0)
     try:
@@ -85,12 +85,12 @@ def web_viewer() -> str | None:
 
 
 def viewer_address(origin: str, live_url: str) -> str:
-    """Address at which a browser shows the stream `live_url` in the web viewer of this origin."""
+    """Address for a browser: the web viewer at `origin`, showing the stream `live_url`."""
     return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
 
 
 def free_port(wanted: int = PORT) -> int:
-    """The wanted port if it is free (by default Rerun's usual one), else any free port."""
+    """The port `wanted` (by default Rerun's usual port) if it is free, else any free port."""
     for port in (wanted, 0):
         with socket.socket() as s:
             try:

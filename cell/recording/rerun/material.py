@@ -41,7 +41,7 @@ def record_shear(path: Path, test: ShearCalibration) -> None:
 
 
 def record_friction(path: Path, test: FrictionCalibration) -> None:
-    """Record the tilted table, and the garment as friction is lowered until it slides. Raises StorageError."""
+    """Record the tilted table, and the garment while friction decreases until it slides. Raises StorageError."""
     stream = _begin(path, "tilt test", "friction")
     plate = HALF_TABLE * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)

@@ -11,7 +11,7 @@ __all__ = ["RecorderObserver"]
 
 
 class RecorderObserver:
-    """Records states, transitions, and failures with their hints."""
+    """Records states, transitions, and failures including their hints."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder

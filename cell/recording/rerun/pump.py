@@ -14,11 +14,11 @@ T = TypeVar("T")
 
 
 class Pump(Generic[T]):
-    """Accepts items on any thread and processes them in order on a thread of its own.
+    """Accepts items on any thread and processes them in order on a separate thread.
 
-    limit: the largest sum of the costs of waiting items (items or bytes, as the caller counts). An essential item
-    is accepted even if the queue is full: essential items (state changes, the scene's fixed parts) are few and
-    small, and the others cannot be shown without them. Exceptions of `work` go to `on_error`.
+    limit: largest sum of the costs of waiting items. The caller chooses the unit of cost: items or bytes. An
+    essential item is accepted even if the queue is full. Essential items (state changes, the scene's fixed parts)
+    are few and small, and other items cannot be shown without them. `on_error` receives the exceptions of `work`.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Pump(Generic[T]):
         self._thread.start()
 
     def offer(self, item: T, cost: float = 1.0, essential: bool = False) -> bool:
-        """Queue an item; returns False if it was dropped. Never blocks."""
+        """Queue an item. Returns False if it was dropped. Never blocks."""
         with self._changed:
             if self._closing or (self._cost + cost > self._limit and not essential):
                 self.dropped += 1
@@ -53,7 +53,8 @@ class Pump(Generic[T]):
         return True
 
     def close(self, timeout: float) -> bool:
-        """Process the waiting items for `timeout` seconds at most; returns False if some were dropped."""
+        """Process the waiting items for at most `timeout` seconds, then drop the rest. Returns False if the time
+        was too short."""
         deadline = time.monotonic() + timeout
         with self._changed:
             self._closing = True
@@ -82,7 +83,7 @@ class Pump(Generic[T]):
         self._guard(self._finish)
 
     def _guard(self, function: Callable | None, *arguments: T) -> None:
-        """Call `function` and report its exception: an exception must not end the thread."""
+        """Call `function` and report its exception, which must not end the thread."""
         if function is None:
             return
         try:

@@ -1,9 +1,9 @@
 """The Rerun recording of a run. It never raises into the runner and never delays it.
 
-Each method passes a small job to the recorder's own thread and returns. That thread encodes (JPEG, PNG, normals,
-batches), writes the file, and offers the same entries to a second thread that serves live viewers. File and live
-view are two streams with one recording id: with one stream for both, a viewer that hangs would stall the file
-(rerun #12620). The live queue drops entries when it is full. The file's queue is large enough for minutes. Both
+Each method passes a small job to the recorder's own thread and returns. That thread encodes the data (JPEG, PNG,
+normals, batches), writes the file, and offers the same entries to a second thread that serves live viewers. File
+and live view are two streams with the same recording id. With one stream for both, a viewer that hangs would stall
+the file (rerun #12620). The live queue drops entries when it is full. The file's queue has room for minutes. Both
 count the dropped entries.
 """
 
@@ -45,18 +45,18 @@ FILE_QUEUE_BYTES = 512e6
 FILE_CLOSE_S = 60.0
 KEPT_ERRORS = 20
 HEARTBEAT = 1.0
-"""The viewer ends a state at its last row, so the state is repeated at least this often [s]."""
+"""The viewer ends a state at its last row, so the recorder repeats the state at this interval [s]."""
 
 TRUTH_RATE = 15.0
-"""Rate at which the true garment is recorded [Hz]."""
+"""Largest rate at which the true garment is recorded [Hz]."""
 STILL = 2e-4
-"""The true garment is not recorded again while its vertices have moved less than this [m]."""
+"""The true garment is recorded again only if a vertex has moved by at least this distance [m]."""
 
 Job = Callable[[], Iterable[Entry]]
 
 
 class Seen(Protocol):
-    """The parts of a perception that the recorder needs: the garment's state, and its mask."""
+    """The parts of a perception that the recorder needs: the garment's state and its mask."""
 
     @property
     def state(self) -> GarmentState: ...
@@ -117,7 +117,7 @@ class Recorder:
 
         live: True serves viewers on 127.0.0.1 (see `live_url`), 'HOST:PORT' on that address. truth: whether
         `garment_truth` is recorded. Does not raise: if the recording cannot be begun, `close` reports the error
-        and the run goes on without it.
+        and the run continues without a recording.
         """
         recorder = cls(table, robot, truth)
         try:
@@ -143,7 +143,7 @@ class Recorder:
         return self._live.url if self._live else None
 
     def close(self) -> RecorderReport:
-        """Write the waiting entries and end the streams. Returns the losses; may be called twice."""
+        """Write the waiting entries and end the streams. Returns the losses. A second call returns the same."""
         if self._report is not None:
             return self._report
         dropped = live_dropped = 0
@@ -182,15 +182,15 @@ class Recorder:
         self._submit(partial(self._picture_entries, t, frame, calibration), frame.rgb.nbytes + frame.depth.nbytes)
 
     def perception(self, t: float, seen: Seen, overlay: NDArray | None = None) -> None:
-        """Record the recognised garment. overlay: (H, W, 3) uint8, a picture of it; None: drawn here."""
+        """Record the recognised garment. overlay: (H, W, 3) uint8, its picture; None: drawn by the recorder."""
         self._submit(partial(self._perception_entries, t, seen, overlay), seen_cost(seen, overlay))
 
     def plan(self, t: float, step: FoldStep) -> None:
-        """Record the step that begins; clears the drawings of the step before."""
+        """Record the step that begins, and clear the drawings of the previous step."""
         self._submit(partial(scene.plan_entries, t, step), essential=True)
 
     def arcs(self, t: float, arcs: Mapping[Side, Array], planned: bool = True) -> None:
-        """Record tool paths (n, 3) of the arms, planned or driven."""
+        """Record tool paths (n, 3) of the arms: planned or executed."""
         self._submit(partial(scene.arc_entries, t, _copied_arcs(arcs), planned), essential=True)
 
     def predicted(self, t: float, shape: PredictedShape) -> None:
@@ -209,7 +209,7 @@ class Recorder:
         best: tuple[float, float],
     ) -> None:
         """Record a simulated fold of an optimisation. arcs: (n, 3) for each grasp; own, best: dissimilarity D [m]
-        and cost C [m] of this candidate and of the best so far."""
+        and cost C [m] of this candidate and of the best candidate so far."""
         entries = partial(scene.candidate_entries, t, simulations, _copied_arcs(arcs), own, best)
         self._submit(entries, sum(arc.nbytes for arc in arcs.values()) + 200.0)
 
@@ -238,7 +238,7 @@ class Recorder:
             self._pump.offer(job, cost, essential)
 
     def _work(self, job: Job) -> None:
-        with catch_and_log_exceptions(strict=True):  # else Rerun only prints its errors
+        with catch_and_log_exceptions(strict=True):  # otherwise Rerun only prints its errors
             for entry in job():
                 if self._file is not None:
                     entry.write(self._file)
@@ -264,7 +264,7 @@ class Recorder:
         yield from scene.state_entries(t, state)
 
     def _series_of(self, name: str) -> Callable[[object], list[Entry]]:
-        return lambda value: getattr(self._series, name)(value)  # looked up later, on the recorder's thread
+        return lambda value: getattr(self._series, name)(value)  # the recorder's thread looks it up
 
     def _series_entries(self, t: float, add: Callable[[object], list[Entry]], value: object) -> Iterable[Entry]:
         yield from add(value)
@@ -289,7 +289,7 @@ class Recorder:
         yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))
 
     def _truth_entries(self, t: float, vertices: Array, triangles: NDArray) -> Iterable[Entry]:
-        """Entries at TRUTH_RATE at most, and only while the garment moves: it takes up most of the file."""
+        """Entries at TRUTH_RATE at most, and only while the garment moves, because they fill most of the file."""
         first = True
         if self._garment is not None:
             last_t, last_vertices, last_triangles = self._garment
@@ -306,7 +306,7 @@ class Recorder:
             _note(self._errors, error)
 
     def _note_live(self, error: BaseException) -> None:
-        """Errors of the live view are counted apart: the file is complete without it."""
+        """Note an error of the live view separately: the file is complete without the live view."""
         with self._lock:
             _note(self._live_errors, error)
 

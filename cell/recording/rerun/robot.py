@@ -13,11 +13,11 @@ from robots.visual import RobotVisual
 __all__ = ["RobotFigure"]
 
 FRAMES = "robot/"
-"""Prefix of the robot's frame names: a link called 'base' must not clash with another frame."""
+"""Prefix of the robot's frame names, so that a link named 'base' does not clash with another frame."""
 
 
 class RobotFigure:
-    """Turns joint values into transforms. Used on the recorder's own thread only."""
+    """Converts joint values into transforms. Only the recorder's own thread uses it."""
 
     def __init__(self, visual: RobotVisual) -> None:
         self._visual = visual
@@ -27,7 +27,7 @@ class RobotFigure:
         self._joints = {joint.name: joint for joint in self._tree.joints()}
 
     def scene(self) -> list[Entry]:
-        """Meshes and fixed frames; the root link is fixed to the base frame, which is `world`."""
+        """Meshes and fixed frames. The root link is fixed to the base frame, which is `world`."""
         root = FRAMES + self._tree.root_link().name
         fixed = rr.Transform3D(parent_frame="tf#/world", child_frame=root)
         return [Robot(self._tree), Log("tf/base", None, (fixed,), essential=True)]
@@ -45,5 +45,5 @@ class RobotFigure:
 
     def _column(self, name: str, t: Array, values: NDArray) -> Entry:
         joint = self._joints[name]
-        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns of each value outside
+        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns of values outside
         return Columns(f"tf/{name}", t, tuple(joint.compute_transform_columns(inside.tolist())))

@@ -1,8 +1,8 @@
-"""Entries of a recording for each thing of the cell. Pure functions.
+"""Entries of a recording for each object of the cell. Pure functions.
 
 `world` is the robot's base frame. Entities in the table frame are under `world/table`. The camera is a pinhole
-there, so that the viewer projects arcs, contours and key points into its picture. Series, state and log are trees
-of their own, because a view shows one tree.
+there, so that the viewer projects arcs, contours and key points into its picture. Series, state and log have
+separate entity trees, because a view shows one tree.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ CAMERA = f"{TABLE}/camera"
 TRUTH = rr.escape_entity_path_part("truth (simulation)")
 JPEG_QUALITY = 85
 ABOVE = 0.003
-"""Lines on the table are drawn this much above its surface, which would hide them otherwise [m]."""
+"""Lines on the table are drawn this far above its surface, so that the surface does not hide them [m]."""
 OVERHANG = 0.15
-"""A fold line is drawn to this distance beyond the outer grasps [m]."""
+"""A drawn fold line extends this far beyond the outer grasps [m]."""
 THICKNESS = 0.04
 LEGS = 0.05
 EYE, LOOK_AT = (2.10, 1.45, 0.80), (0.30, 0.02, -0.05)
@@ -44,7 +44,7 @@ TOWARDS_EYE = np.subtract(EYE, LOOK_AT)
 
 
 def cell_entries(table: Table, floor: float | None) -> list[Entry]:
-    """Fixed frames, the table and styles. floor: its height in the base frame [m]; None: a table without legs."""
+    """Fixed frames, the table and styles. floor: height of the floor, base frame [m]; None: no table legs."""
     (x0, x1), (y0, y1) = table.x, table.y
     legs = [] if floor is None else [(x, y) for x in (x0 + LEGS, x1 - LEGS) for y in (y0 + LEGS, y1 - LEGS)]
     height = table.height - (floor or 0.0)
@@ -92,7 +92,7 @@ def _series_entries() -> list[Entry]:
 
 
 def joint_names_entries(names: Sequence[str]) -> list[Entry]:
-    """Names of the joint series. names: (14,), the left arm's seven first."""
+    """Names of the joint series. names: (14,), beginning with the left arm's seven."""
     return [
         Log(f"joints/{side}", None, (rr.SeriesLines(names=list(names[part])),), essential=True)
         for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
@@ -117,7 +117,7 @@ def jpeg(rgb: NDArray) -> rr.EncodedImage:
 
 
 def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration) -> list[Entry]:
-    """The picture, its depth and the camera's estimated pose; clears the perception of the picture before."""
+    """The picture, its depth and the camera's estimated pose. Clears the perception of the previous picture."""
     k, T = calibration.intrinsics, calibration.T_table_camera
     pinhole = rr.Pinhole(  # a negative line width is in points of the screen
         image_from_camera=k.matrix, resolution=[k.width, k.height], camera_xyz=rr.ViewCoordinates.RDF,
@@ -169,7 +169,7 @@ def perception_entries(t: float, state: GarmentState) -> list[Entry]:
 
 
 def plan_entries(t: float, step: FoldStep) -> list[Entry]:
-    """The fold line, grasps and targets of a step; clears arcs and prediction of the step before."""
+    """The fold line, grasps and targets of a step. Clears arcs and prediction of the previous step."""
     old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
     line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
     grasp_ids = list(step.grasps)
@@ -186,9 +186,9 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
 
 
 def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
-    """Tool paths (n, 3): planned ones light green, driven ones darker and thinner.
+    """Tool paths (n, 3). Planned paths are light green, executed paths are darker and thinner.
 
-    Clears the paths of arms that are not in `arcs`; planned paths also clear the candidates of the search.
+    Clears the paths of arms that are not in `arcs`. Planned paths also clear the candidates of the search.
     """
     kind = "planned" if planned else "driven"
     colour, radius = (style.ARC_PLANNED, 0.005) if planned else (style.ARC_DONE, 0.003)
@@ -209,7 +209,7 @@ def candidate_entries(
     own: tuple[float, float],
     best: tuple[float, float],
 ) -> list[Entry]:
-    """A simulated candidate: its thin arcs (n, 3), and (D [m], C [m]) of the candidate and of the best so far.
+    """A simulated candidate: its arcs (n, 3) as thin lines, and (D [m], C [m]) of the candidate and the best one.
 
     The best candidate's arc stays visible in green. The cost C is path length [m] + 1000 D, so it fits one scale
     with D in mm.
@@ -275,7 +275,7 @@ def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
 
 
 def facing_normals(vertices: Array, triangles: NDArray) -> Array:
-    """(n, 3) normals turned towards the default eye: the viewer draws the back of a sheet black."""
+    """(n, 3) normals turned towards the default eye, because the viewer draws the back of a sheet black."""
     normal = vertex_normals(vertices, triangles)
     away = normal @ TOWARDS_EYE < 0.0
     normal[away] *= -1.0
@@ -283,7 +283,7 @@ def facing_normals(vertices: Array, triangles: NDArray) -> Array:
 
 
 def _lift(points: Array) -> Array:
-    """(n, 2) or (n, 3) on the table -> (n, 3) a little above."""
+    """Points (n, 2) or (n, 3) on the table -> (n, 3) points slightly above it."""
     points = np.asarray(points, dtype=np.float64)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -295,7 +295,7 @@ def _closed(contour: Array, colour: tuple[int, ...], radius: float) -> rr.LineSt
 
 
 def _fold_line(step: FoldStep) -> Array:
-    """(2, 2): ends of the part of the infinite line beside the grasps."""
+    """(2, 2) ends of the drawn part of the infinite fold line: the part along the grasps, plus OVERHANG."""
     line = step.line
     along = (np.array([g.point for g in step.grasps.values()]) - line.point) @ line.direction
     return line.point + np.outer((along.min() - OVERHANG, along.max() + OVERHANG), line.direction)

@@ -1,6 +1,6 @@
 """Pictures of a recording in the viewer: `python -m cell.recording.rerun.screenshot RUN.rrd OUT.png`.
 
-This runs Rerun's viewer without a window. It needs a graphics driver; one in software is enough (Debian:
+This runs Rerun's viewer without a window. It needs a graphics driver; a software driver is enough (Debian:
 mesa-vulkan-drivers).
 """
 
@@ -25,7 +25,7 @@ __all__ = ["screenshot"]
 MENU_BAR = 36
 """Height of the viewer's menu, which is cut off [px]."""
 SETTLE_S = 2.0
-"""Waiting time before a picture: the first ones lack meshes that are still being uploaded [s]."""
+"""Waiting time before a picture [s]. Earlier pictures lack meshes that are still being uploaded."""
 
 
 def screenshot(recording: Path, picture: Path, t: float | None = None, view: str | None = None) -> None:

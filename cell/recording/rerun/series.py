@@ -15,9 +15,9 @@ from robots.ports import GripperState, JointState, Side, TactileReading
 __all__ = ["Series"]
 
 BATCH = 0.5
-"""Rows are written when they span this much cell time [s]."""
+"""The waiting rows are written when they span this much cell time [s]."""
 POSE_RATE = 25.0
-"""Rate at which the robot's transforms are recorded [Hz]: smooth for the eye, with a quarter of the data."""
+"""Rate at which the robot's transforms are recorded [Hz]. It looks smooth and needs a quarter of the data."""
 
 
 class Series:
@@ -44,7 +44,7 @@ class Series:
         return self._flush_tactile(reading.side) if _full(rows) else []
 
     def flush(self) -> list[Entry]:
-        """Entries for all rows that still wait."""
+        """Entries for all rows that are not yet written."""
         entries = self._flush_joints()
         for side in Side:
             entries += self._flush_gripper(side) + self._flush_tactile(side)
@@ -96,7 +96,7 @@ def _full(rows: list) -> bool:
 
 
 def _subsampled(t: np.ndarray) -> np.ndarray:
-    """Indices of rows at POSE_RATE, always including the last one."""
+    """Indices of rows at POSE_RATE, always including the last row."""
     slot = np.floor((t - t[0]) * POSE_RATE + 1e-6)
     keep = np.flatnonzero(np.diff(slot, prepend=-1.0) > 0)
     return np.union1d(keep, [len(t) - 1])

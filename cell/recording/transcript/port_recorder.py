@@ -1,8 +1,9 @@
-"""Records a run: ports and commands that pass every call on and record the question and the answer.
+"""Records a run: ports and commands that forward every call and record its question and its answer.
 
 The executive calls from one thread, and its calls are recorded in that order. The stop is triggered directly, from
-any thread. Polls of the stop from other threads or while a skill computes (`Workcell.watched_stop`) depend on the
-wall clock and are not recorded: they only end a computation early, and its result is discarded then.
+any thread. Two kinds of polls of the stop depend on the wall clock and are not recorded: polls from other threads,
+and polls while a skill computes (`Workcell.watched_stop`). They can only end a computation early, and then its
+result is discarded.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class PortRecorder:
         self._thread = threading.get_ident()
 
     def between(self, ports: Ports, commands: CommandQueue) -> RecordedPorts:
-        """Begin the transcript; returns the ports and commands for the executive. Raises StorageError."""
+        """Begin the transcript. Returns the ports and commands for the executive. Raises StorageError."""
         if self._folder is None:
             return RecordedPorts(ports, commands)
         self._writer = TranscriptWriter(self._folder, CellConstants.of(ports))
@@ -83,7 +84,7 @@ class PortRecorder:
         self.record(Channel.END, (), lambda: None)
 
     def close(self) -> str | None:
-        """Close the transcript; returns why it ends before the run, or None if it is complete."""
+        """Close the transcript. Returns None if it is complete, else the reason why it ends before the run."""
         if self._writer is None:
             return None
         trouble = self._writer.close()
@@ -107,7 +108,7 @@ class PortRecorder:
         return answer
 
     def _packed(self, channel: Channel, value: object) -> bytes:
-        """Pack a value. One of a wrong type ends the transcript but not the run, which checks it itself."""
+        """Pack a value. A value of a wrong type ends the transcript, but not the run, which does its own check."""
         try:
             return pack(value)
         except Exception as e:
@@ -219,7 +220,7 @@ class _Attendant:
 
 
 class _Commands(CommandQueue):
-    """Passes commands on to the cell's queue; records which commands the executive takes from it."""
+    """Forwards commands to the cell's queue, and records the commands that the executive takes from it."""
 
     def __init__(self, port_recorder: PortRecorder, queue: CommandQueue) -> None:
         super().__init__()

@@ -34,11 +34,11 @@ __all__ = ["Answers", "Halt", "asked_in_words"]
 
 
 class Halt(BaseException):
-    """The transcript has no further answer. A BaseException, so that no handler of the run catches it."""
+    """The transcript has no answer. This is a BaseException, so that no handler of the run catches it."""
 
     def __init__(self, then: str = "", now: str = "", trouble: CellError | None = None) -> None:
-        """then, now: the recorded and the present question; both empty: the transcript has ended. trouble: the
-        error if the transcript or one of its pictures cannot be read."""
+        """then, now: the recorded and the present question; both are empty if the transcript has ended. trouble:
+        the error if the transcript or one of its pictures cannot be read."""
         super().__init__(now)
         self.then, self.now, self.trouble = then, now, trouble
 
@@ -51,12 +51,12 @@ class Answers:
     cell_time: float = 0.0
     """Latest known time of the recorded clock [s]."""
     count: int = 0
-    """Number of questions that were equal to the recorded ones."""
+    """Number of answered questions, which were equal to the recorded ones."""
     asked: dict[Channel, int] = field(default_factory=dict)
-    """The same number for each channel."""
+    """Number of answered questions of each channel."""
     abandoned: bool = False
-    """True if the outcome is no longer needed. `stop_ahead` then reports a set stop, so that computations end
-    early. It does so at the transcript's end too, where nothing is left to compare."""
+    """Set this if the outcome is no longer needed. `stop_ahead` then reports a stop, so that computations end
+    early. It also does so at the end of the transcript, where nothing is left to compare."""
 
     def __post_init__(self) -> None:
         self._frames = FrameStore(self.transcript.path.parent / FRAMES)
@@ -71,7 +71,7 @@ class Answers:
         return self._next
 
     def answer(self, channel: Channel, *arguments: object) -> Any:
-        """The recorded answer. Raises the recorded exception, and Halt if the recorded question is another one."""
+        """The recorded answer. Raises the recorded exception, or Halt if the recorded question is different."""
         question, exchange = pack(arguments), self._next
         if exchange is None:
             raise Halt()
@@ -99,7 +99,7 @@ class Answers:
         return answer
 
     def stop_ahead(self) -> StopState:
-        """The stop without a question: the next recorded answer if that is the stop's, else the last one."""
+        """The state of the stop, without a question: the next recorded answer if it is a stop's, else the last."""
         exchange = self._next
         if exchange is None or self.abandoned:
             return StopState(self.cell_time, True, "the outcome is no longer needed")
@@ -215,7 +215,7 @@ class _Camera(_Port):
 
 
 class _WatchedStop(_Port):
-    """The stop that is polled while a skill computes. It may be polled any number of times."""
+    """The stop for polls while a skill computes. It may be polled any number of times."""
 
     def trigger(self, reason: str) -> None: ...
 

@@ -20,8 +20,8 @@ JOINTS = 14
 
 @dataclass(frozen=True, eq=False)
 class SetPoints:
-    """Every command of a run to arms, grippers and head, each with the time of the cell's clock that the executive
-    had last read or slept until [s].
+    """Every command of a run to arms, grippers and head. Its time is the cell time that the executive had last
+    read or slept until [s].
 
     t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's
     seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less.
@@ -38,8 +38,8 @@ class SetPoints:
 
 
 def read_set_points(transcript: Transcript) -> SetPoints:
-    """The commands as far as the transcript goes; without those that a driver refused. Raises StorageError for a
-    transcript that is damaged."""
+    """Read the commands up to the end of the transcript, without commands that a driver refused. Raises
+    StorageError for a damaged transcript."""
     now = 0.0
     arms: list[tuple[float, Array, Array, bool]] = []
     grippers: dict[str, list[tuple[float, ...]]] = {side.value: [] for side, _ in transcript.constants.max_opening}

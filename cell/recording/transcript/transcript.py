@@ -5,9 +5,9 @@
     size crc data               chunks until the end: 4 and 4 bytes, then zlib; a chunk holds whole exchanges, each
                                 channel (1), lengths of question and answer (4, 4), question, answer
 
-A thread of its own writes it every 0.2 s: neither disk nor compression delays the arms, and a killed process loses
-the last exchanges only. A write error ends the transcript, not the run. Pictures are stored in the frame store
-beside it (cell/recording/frame_store.py); the transcript contains their names.
+A separate thread writes the file every 0.2 s. Therefore neither disk nor compression delays the arms, and a killed
+process loses only the last exchanges. A write error ends the transcript, not the run. Pictures are in the frame
+store beside the transcript (cell/recording/frame_store.py), and the transcript contains their names.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SCHEMA = "foldcell transcript 1"
 EVERY_S = 0.2
 """Period of writing [s]."""
 PENDING = 256 << 20
-"""The transcript ends if more data than this waits to be written [bytes]."""
+"""Largest amount of data that may wait to be written [bytes]. Beyond it the transcript ends."""
 CLOSE_S = 60.0
 LARGEST_CHUNK = 1 << 30
 
@@ -60,7 +60,7 @@ class CellConstants:
 
 
 class TranscriptWriter:
-    """Writes a transcript. Call `note` from one thread only; it returns at once."""
+    """Writes a transcript. Call `note` from one thread only. It returns immediately."""
 
     def __init__(self, folder: Path, constants: CellConstants) -> None:
         """Create the file in the run's folder. Raises StorageError."""
@@ -76,7 +76,7 @@ class TranscriptWriter:
         self._thread.start()
 
     def note(self, channel: Channel, question: bytes, answer: bytes | CameraFrame) -> None:
-        """Record one exchange; a picture is written to the frame store later. Never raises."""
+        """Record one exchange. The writing thread stores a picture later. Never raises."""
         if self.trouble is not None:
             return
         size = answer.rgb.nbytes + answer.depth.nbytes if isinstance(answer, CameraFrame) else len(answer)
@@ -88,11 +88,11 @@ class TranscriptWriter:
                 self.trouble = "the disk is too slow for the run's data"
 
     def fail(self, why: str) -> None:
-        """End the transcript here because of `why`."""
+        """End the transcript at this point. why: the reason."""
         self.trouble = self.trouble or why
 
     def close(self) -> str | None:
-        """Write the remaining exchanges; returns `trouble`."""
+        """Write the remaining exchanges. Returns `trouble`."""
         self._closing.set()
         self._thread.join(CLOSE_S)
         if self._thread.is_alive():
@@ -118,7 +118,7 @@ class TranscriptWriter:
                 os.fsync(file.fileno())
 
     def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, bytes, bytes | CameraFrame]]) -> None:
-        """Write exchanges; if a picture cannot be stored, the exchanges before it are written."""
+        """Write exchanges. If a picture cannot be stored, only the exchanges before it are written."""
         written = []
         try:
             for channel, question, answer in exchanges:
@@ -131,10 +131,11 @@ class TranscriptWriter:
 
 
 class Transcript:
-    """Reads a transcript: `constants` of its cell; iteration yields its exchanges."""
+    """Reads a transcript. `constants` are those of its cell, and iteration yields its exchanges."""
 
     def __init__(self, path: Path) -> None:
-        """Raises StorageError if the file is missing or is no transcript of this version of foldcell."""
+        """Open a transcript. Raises StorageError if the file is missing or belongs to another version of
+        foldcell."""
         self.path = path
         try:
             with path.open("rb") as file:
@@ -154,7 +155,7 @@ class Transcript:
             raise self._of_other_version(str(e)) from None
 
     def __iter__(self) -> Iterator[Exchange]:
-        """Yields the exchanges; ends early if the file is truncated. Raises StorageError if it is damaged."""
+        """Yield the exchanges. A truncated file ends early. Raises StorageError if the file is damaged."""
         count = 0
         with self.path.open("rb") as file:
             file.seek(self._begin)
@@ -202,7 +203,7 @@ class Transcript:
 
 
 def _create(path: Path, constants: CellConstants) -> BinaryIO:
-    """Create the file and write its head. The file is unbuffered: a killed process loses no finished write."""
+    """Create the file and write its head. It is unbuffered, so that a killed process loses no finished write."""
     head = {
         "cell": dataclasses.asdict(constants),
         "channels": [channel.value for channel in Channel],
@@ -220,7 +221,7 @@ def _create(path: Path, constants: CellConstants) -> BinaryIO:
 
 
 def _write_all(file: BinaryIO, data: bytes) -> None:
-    """Write in a loop: a full disk accepts a part first and raises OSError at the next write."""
+    """Write in a loop, because a full disk first accepts a part and raises OSError only at the next write."""
     left = memoryview(data)
     while left:
         left = left[file.write(left) :]

@@ -45,7 +45,7 @@ __all__ = ["ENUMS", "RECORDS", "Channel", "Exchange", "Picture", "Raised", "pack
 
 
 class Channel(Enum):
-    """The questions of the executive. The values are their names in a transcript."""
+    """The kinds of question. The values are their names in a transcript."""
 
     NOW = "clock.now"
     SLEEP = "clock.sleep_until"
@@ -76,7 +76,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Raised:
-    """An answer that was an exception."""
+    """An exception as an answer."""
 
     error: Exception
 
@@ -115,7 +115,8 @@ def pack_raised(error: Exception) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """The value; a Picture for a camera frame, a Raised for an exception. Raises ValueError for invalid bytes."""
+    """The packed value: a Picture for a camera frame, a Raised for an exception. Raises ValueError for invalid
+    bytes."""
     try:
         value, end = _unpack(memoryview(data), 0)
     except (struct.error, LookupError, TypeError, RecursionError) as e:
@@ -187,7 +188,7 @@ _PACKERS: Mapping[type, Callable[[Any], bytes]] = {
 
 
 def _unpack(data: memoryview, at: int) -> tuple[Any, int]:
-    """The value that begins at `at`, and where it ends."""
+    """The value that begins at byte `at`, and the position of its end."""
     tag = bytes(data[at : at + 1])
     return _UNPACKERS[tag](data, at + 1)
 
@@ -259,7 +260,7 @@ def _read_refusal(data: memoryview, at: int) -> tuple[Raised, int]:
 def _read_crash(data: memoryview, at: int) -> tuple[Raised, int]:
     name, at = _read_text(data, at)
     text, at = _read_text(data, at)
-    return Raised(type(name, (Exception,), {})(text)), at  # a class with the recorded name
+    return Raised(type(name, (Exception,), {})(text)), at  # a class with the name of the recorded one
 
 
 def _read_float(data: memoryview, at: int) -> tuple[float, int]:

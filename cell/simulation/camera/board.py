@@ -55,7 +55,7 @@ class WorldBoard:
         self._T = self._shown() if place is BoardPlace.SHOWN else self._held()
 
     def pose(self, T_base_camera: Array, T_base_tool: Mapping[Side, Array]) -> Array | None:
-        """(4, 4) present pose of the board in the base frame; None while it is away."""
+        """(4, 4) present pose of the board in the base frame; None if its place is AWAY."""
         if self._place is BoardPlace.AWAY:
             return None
         if self._place is BoardPlace.SHOWN:
@@ -63,7 +63,7 @@ class WorldBoard:
         return np.asarray(T_base_tool[IN_HAND[self._place]] @ self._T)
 
     def _shown(self) -> Array:
-        """(4, 4) random pose in the camera frame: within the view, tilted."""
+        """(4, 4) random pose in the camera frame: tilted, within the camera's view."""
         rng, noise = self._rng, self._noise
         z = noise.shown_distance.draw(rng)
         T = np.eye(4)
@@ -76,7 +76,7 @@ class WorldBoard:
         return T
 
     def _held(self) -> Array:
-        """(4, 4) random pose in the tool frame: the tab between the pads, with a small error."""
+        """(4, 4) random pose in the tool frame: the board's tab between the pads, with a small error."""
         rng, noise = self._rng, self._noise
         T = np.array(BOARD.T_tool_board)
         T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(noise.held_angle * rng.standard_normal(3))[0]

@@ -1,4 +1,4 @@
-"""The RGB-D camera of the simulated cell: a client of the render process, with the errors of the sensor."""
+"""The RGB-D camera of the simulated cell: a client of the render process that adds the errors of the sensor."""
 
 from __future__ import annotations
 
@@ -26,14 +26,15 @@ from skills.vocabulary import Array
 __all__ = ["Renderer", "SimulatedCamera"]
 
 PICTURE_TIMEOUT_S = 30.0
-"""Wall time after which the render process counts as hanging [s]."""
+"""Wall time without an answer after which the render process is restarted [s]."""
 PICTURES_A_PROCESS = 400
-"""The renderer leaks memory; its process is replaced after this number of pictures."""
+"""Number of pictures after which the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2
 
 
 class Renderer:
-    """The render process, started at once and restarted if it dies. A picture depends on the shot only."""
+    """The render process. It starts with this object and is restarted if it dies. A picture depends only on its
+    shot and the scene."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -103,8 +104,8 @@ class Renderer:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """Constant errors of this camera, drawn once for each world: gain of each colour channel, vignetting, and the
-    part of the depth noise that is the same in every picture."""
+    """Constant errors of this camera, drawn once per world: gain of each colour channel, vignetting, and the part
+    of the depth noise that is the same in every picture."""
 
     gain: Array
     vignette: NDArray[np.float32]
@@ -115,7 +116,7 @@ class SimulatedCamera:
     """Pictures with the errors of the sensor. The noise of a picture depends only on the seed and its sequence
     number, so that the number of pictures changes no other random number of the world.
 
-    shot: returns the world's present state; now: its time [s]; ideal: no errors.
+    shot: returns the world's present state; now: returns the world's time [s]; ideal: no errors.
     """
 
     def __init__(
@@ -135,7 +136,7 @@ class SimulatedCamera:
         self._last: CameraFrame | None = None
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
-        """Faults: the last picture is repeated; pictures are black; the camera does not answer."""
+        """Faults: the camera repeats its last picture, takes black pictures, or does not answer."""
 
     def _draw_look(self, rng: np.random.Generator, lasting: np.random.Generator) -> _Look:
         noise, k = self._noise, self._intrinsics
@@ -150,10 +151,10 @@ class SimulatedCamera:
         blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
         return np.asarray(
             blurred * (2.0 * np.sqrt(np.pi) * width)
-        )  # the factor restores the standard deviation after blurring
+        )  # the factor makes the standard deviation 1 again after the blur
 
     def capture(self, exposures: int = 1) -> CameraFrame:
-        """A picture whose depth is the mean of `exposures`. Raises DriverError(CAMERA_FAULT) while silent."""
+        """A picture whose depth is the mean of `exposures`. Raises DriverError(CAMERA_FAULT) if `silent`."""
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
@@ -178,7 +179,7 @@ class SimulatedCamera:
 
     @sequence.setter
     def sequence(self, value: int) -> None:
-        """Used to restore a world: the next picture gets the number `value` + 1."""
+        """Set the number when a world is restored. The next picture gets the number `value` + 1."""
         self._sequence, self._last = value, None
 
     def _sense_colour(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:

@@ -1,8 +1,9 @@
 """The render process: a PyBullet world that is used for pictures only.
 
-PyBullet's TinyRenderer leaks memory and may crash; in a process of its own this does not affect the cell. The
-garment is a puppet, a soft body without physics whose vertices are set before each picture. After that, one step
-of a microsecond is needed: otherwise the camera shows the old shape. Started by `cell.simulation.camera.camera`:
+PyBullet's TinyRenderer leaks memory and may crash. In a separate process this does not affect the cell. The
+garment is a puppet: a soft body without physics, whose vertices are set before each picture. Then the world must
+advance by one step (a microsecond), otherwise the camera shows the old shape. `cell.simulation.camera.camera`
+starts it with
 
     python -m cell.simulation.camera.render_server FD
 """
@@ -25,7 +26,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from robots.baxter.suppress_output import suppress_output
 from skills.vocabulary import Array, Table
 
-with suppress_output():  # it prints its build time
+with suppress_output():  # PyBullet prints its build time
     import pybullet as pb
 
 __all__ = ["Picture", "Scene", "Shot", "main"]
@@ -36,7 +37,7 @@ HIDDEN = -5.0  # height of hidden objects, below the floor [m]
 FLOOR = -0.924  # height of the floor, base frame [m]
 FLOOR_RGB = (112, 114, 118)
 FINE = 2
-"""Samples along each side of a pixel in pictures with the board, whose corners are found to a tenth of a pixel."""
+"""Samples along each side of a pixel in pictures with the board. Its corners are located to a tenth of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ class _Stage:
         self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
 
     def _load_board(self, folder: Path) -> int | None:
-        """A card centred at the origin, its front towards -z, x and y along the picture's rows and columns."""
+        """A card centred at the origin. Its front faces -z; x and y run along the picture's rows and columns."""
         if self._scene.board is None:
             return None
         image, (w, h) = self._scene.board
@@ -187,7 +188,7 @@ class _Stage:
         pb.stepSimulation(physicsClientId=self._client)
         n = 1 if shot.T_base_board is None else FINE
         shape = (n * scene.height, n * scene.width)
-        _, _, rgba, buffer, _ = pb.getCameraImage(  # the segmentation is discarded: no skill may use it
+        _, _, rgba, buffer, _ = pb.getCameraImage(  # discard the segmentation: no skill may use it
             shape[1], shape[0], _view(shot.T_base_camera), self._projection(n), renderer=pb.ER_TINY_RENDERER,
             shadow=1, lightDirection=scene.light, lightColor=(1.0, 1.0, 1.0), lightAmbientCoeff=scene.ambient,
             lightDiffuseCoeff=scene.diffuse, lightSpecularCoeff=0.0, physicsClientId=self._client,
@@ -201,11 +202,11 @@ class _Stage:
         return Picture(rgb, depth.astype(np.float32))
 
     def _projection(self, n: int) -> tuple[float, ...]:
-        """The projection matrix, shifted by half a pixel: TinyRenderer samples a pixel at its lower left corner,
-        while integer coordinates mean pixel centres everywhere else. n: samples along each side of a pixel."""
+        """The projection matrix, shifted by half a pixel. TinyRenderer samples a pixel at its lower left corner,
+        but everywhere else integer coordinates mean pixel centres. n: samples along each side of a pixel."""
         scene = self._scene
         x, y = NEAR / scene.focal[0], NEAR / scene.focal[1]
-        shift = 0.5 - 0.5 / n  # the samples of a pixel lie about its centre
+        shift = 0.5 - 0.5 / n  # the samples of a pixel are symmetric about its centre
         left, bottom = -scene.centre[0] - shift, scene.centre[1] + 1.0 - scene.height - shift
         right, top = left + scene.width, bottom + scene.height
         return tuple(pb.computeProjectionMatrix(left * x, right * x, bottom * y, top * y, NEAR, FAR))
@@ -214,9 +215,10 @@ class _Stage:
 def leading(triangles: NDArray[np.int32], n: int) -> NDArray[np.int32]:
     """The triangles (m, 3), with their corners rotated so that each of the n vertices is first in one of them.
 
-    When PyBullet loads the mesh, it attaches each drawn vertex to a face that contains it. Rounding can hide the
-    vertex's own faces from this search, except a face that begins with it. The vertex would then be attached to a
-    face of another layer above it and move with that. For the same reason no two faces may be coplanar then.
+    When PyBullet loads the mesh, it attaches each drawn vertex to a face that contains it. Because of rounding,
+    this search can miss the vertex's own faces, except a face that begins with the vertex. The vertex would then
+    be attached to a face of another layer above it and move with that face. For the same reason no two faces may
+    be coplanar while the mesh is loaded.
     """
     m = np.arange(len(triangles))
     touches = csr_matrix((np.ones(3 * len(m)), (triangles.T.ravel(), np.tile(m, 3))), shape=(n, len(m)))
@@ -240,9 +242,9 @@ def _view(T_base_camera: Array) -> tuple[float, ...]:
 
 
 def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32], upright: bool = False) -> str:
-    """An OBJ whose texture coordinates are numbered like its vertices, an order that PyBullet keeps.
+    """An OBJ file whose texture coordinates are numbered like its vertices. PyBullet keeps this order.
 
-    upright: all normals point up, as on flat cloth; PyBullet never updates the normals of a soft body.
+    upright: all normals point up, as on flat cloth, because PyBullet never updates the normals of a soft body.
     """
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
     lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv]
@@ -271,6 +273,6 @@ def main(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    from cell.simulation.camera.render_server import main as serve  # so that classes unpickle under one name
+    from cell.simulation.camera.render_server import main as serve  # so that pickled classes have one module name
 
     serve(int(sys.argv[1]))

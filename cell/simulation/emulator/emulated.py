@@ -33,7 +33,7 @@ __all__ = ["emulated_cell"]
 
 START_S = 60.0
 ANSWER_S = 120.0
-"""Wall time for one answer, e.g. until a laid garment has come to rest [s]."""
+"""Largest wall time for one answer [s]. Laying a garment takes longest, because it must come to rest."""
 ROOT = Path(__file__).resolve().parents[3]
 
 _master: subprocess.Popen[bytes] | None = None
@@ -44,9 +44,9 @@ _starting = threading.Lock()
 def emulated_cell(
     settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
 ) -> Iterator[SimulatedCell]:
-    """A simulated cell whose ports are those of the ROS driver. limits: for the driver's set-points.
+    """A simulated cell whose ports are those of the ROS driver. limits: limits of the driver's set-points.
 
-    Raises ConfigurationError if ROS is missing, and like `open_simulated_cell`.
+    Raises ConfigurationError if ROS is missing, and the errors of `open_simulated_cell`.
     """
     _start_master()
     with ExitStack() as closing:
@@ -96,7 +96,7 @@ class _World:
         return self.ask("truth")
 
     def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Does nothing: the truth of another process is read at the end of a run only."""
+        """Do nothing: the truth of another process is only read at the end of a run."""
 
     def checkpoint(self) -> bytes:
         return self.ask("checkpoint")
@@ -105,8 +105,8 @@ class _World:
         self.ask("restore", saved)
 
     def ask(self, name: str, *arguments: Any) -> Any:
-        """The answer of the world's process. Raises the exceptions raised there, and DriverError(HARDWARE_FAULT)
-        if the process has ended."""
+        """The answer of the world's process. Raises the exceptions that were raised in it, and
+        DriverError(HARDWARE_FAULT) if the process has ended."""
         with self._asking:
             try:
                 self._connection.send((name, *arguments))
@@ -151,7 +151,7 @@ class _Faults:
 
 
 def _start_master() -> None:
-    """Start one ROS master for the life of this process: with rospy a process can use one master only."""
+    """Start one ROS master for the life of this process, because rospy allows only one master per process."""
     global _master
     with _starting:
         if _master is not None and _master.poll() is None:

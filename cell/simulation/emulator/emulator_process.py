@@ -1,7 +1,7 @@
-"""The process of the emulated robot: the simulated cell behind ROS, like a real robot.
+"""The process of the emulated robot: it serves the simulated cell over ROS, like a real robot.
 
-Requests that do not belong to a robot (attendant, faults, truth, checkpoints) arrive over a pipe. The process ends
-when the pipe is closed.
+Requests that a real robot does not have (attendant, faults, truth, checkpoints) arrive over a pipe. The process
+ends when the pipe is closed.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ __all__ = ["main"]
 
 
 SWITCH_S = 5e-4
-"""Switch interval of Python's threads [s]: each topic has one, and 5 ms, the default, would exceed a tick."""
+"""Switch interval of Python's threads [s]. Each topic has a thread, and with the default of 5 ms two of them would
+take a whole tick."""
 
 
 PATIENCE_S = 0.3
-"""Longest time by which the emulator waits for commands; later ones are late, as with a real robot [s]."""
+"""Longest time for which the emulator waits for a command [s]. Later commands are late, as on a real robot."""
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
-"""A ROS master of this program's own, in a process that ends with the process that started it.
+"""A separate ROS master for this program. Its process ends together with the process that started it.
 
-python -m cell.simulation.emulator.ros_master PORT      until standard input ends
+python -m cell.simulation.emulator.ros_master PORT      runs until standard input ends
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The cloth of the simulated cell: one protocol for foldcell's own solver and MuJoCo's flex."""
+"""The cloth of the simulated cell: a common protocol for foldcell's own solver and MuJoCo's flex."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ FRAME_RATE = 60
 
 
 class ClothBody(Protocol):
-    """One garment's cloth on the table z = 0 of the table frame, advanced in frames of 1 / FRAME_RATE [s].
+    """The cloth of one garment, on the table z = 0 of the table frame. It advances in frames of 1 / FRAME_RATE
+    [s].
 
-    Hands are 0 and 1; a hand's pose is position (3,) [m] and rotation (3, 3) R_table_tool. A grip uses the value
-    that `pads` has when it begins.
+    The hands are 0 and 1. The pose of a hand is a position (3,) [m] and a rotation (3, 3) R_table_tool. A grip
+    uses the value that `pads` has at its beginning.
     """
 
     pads: PadGeometry
@@ -40,19 +41,19 @@ class ClothBody(Protocol):
     def advance_along(
         self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
     ) -> None:
-        """Advance along motions sampled at the bounds of the frames: position (frames + 1, 2, 3) and rotation
-        (frames + 1, 2, 3, 3) of both hands. capsules: bodies that push the cloth; both ends (frames + 1, k, 3) and
-        radius (k,) [m]."""
+        """Advance along motions of both hands, sampled at the bounds of the frames: position (frames + 1, 2, 3)
+        and rotation (frames + 1, 2, 3, 3). capsules: bodies that push the cloth, with both ends (frames + 1, k, 3)
+        and radius (k,) [m]."""
 
     def grip(self, hand: int, position: Array, rotation: Array, force: float) -> PinchReport:
-        """Close the pads of `hand` at a pose with `force` [N]. The cloth between them is held along a line, about
-        which it can turn, and follows the hand."""
+        """Close the pads of `hand` at a pose with `force` [N]. They hold the cloth between them along a line. The
+        cloth follows the hand and can turn about that line."""
 
     def release(self, hand: int) -> None:
         """Open the pads of `hand`."""
 
     def set_grip_force(self, hand: int, force: float) -> None:
-        """Change the grip force [N]; the cloth slips out if it pulls with more than 2 * pad friction * force."""
+        """Change the grip force [N]. The cloth slips out if it pulls with more than 2 * pad friction * force."""
 
     def held(self, hand: int) -> bool:
         """Whether `hand` still has cloth between its pads."""
@@ -71,9 +72,9 @@ class ClothBody(Protocol):
 class BodyTraits:
     """Properties of one piece of cloth that are not in the garment file.
 
-    anisotropy: stiffness along material y divided by that along x. damping: of stretch and bending, divided by the
-    default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's shell is isotropic and has
-    no bending friction.
+    anisotropy: stiffness along material y divided by the stiffness along x. damping: damping of stretch and
+    bending, divided by the default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's
+    shell is isotropic and has no bending friction.
     """
 
     anisotropy: float = 1.0
@@ -82,7 +83,7 @@ class BodyTraits:
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
-    """Raises ConfigurationError if `world` cannot simulate the garment, or is not installed."""
+    """Check the cloth model `world`. Raises ConfigurationError if it cannot simulate the garment or is missing."""
     if world != "mujoco":
         return
     if layers != 1:

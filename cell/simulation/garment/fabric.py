@@ -14,7 +14,7 @@ Texture = NDArray[np.uint8]
 
 SIZE = 512
 TABLE_HSV = {"bare_table": (16, 85, 168), "laminate": (20, 25, 190), "felt": (62, 90, 95)}
-"""OpenCV hue (0..179), saturation and value of table surfaces; other surfaces look like the bare table."""
+"""OpenCV hue (0..179), saturation and value of table surfaces. Other surfaces look like the bare table."""
 FABRIC_HUES = (0, 6, 58, 88, 105, 115, 125, 150, 170)
 """OpenCV hues (0..179) that differ clearly from the table's."""
 
@@ -31,7 +31,8 @@ def table_texture(rng: np.random.Generator, surface: str) -> Texture:
 def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture:
     """(SIZE, SIZE, 3) RGB: a plain or striped weave with hems.
 
-    look: 'contrast', a hue far from the table's, or 'table_hue', the table's hue, a little lighter or darker.
+    look: 'contrast' for a hue far from the table's, or 'table_hue' for the table's hue, slightly lighter or
+    darker.
     """
     hue: float
     saturation: float
@@ -54,7 +55,7 @@ def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture
 
 def garment_uv(rest: Array, layer: NDArray[np.int32]) -> Array:
     """(n, 2) texture coordinates of mesh vertices from their material coordinates (n, 2) and layers (n,). The
-    upper layer has the texture mirrored, so that front and back do not match by accident."""
+    texture is mirrored on the upper layer, so that front and back do not match by accident."""
     low, span = rest.min(axis=0), np.ptp(rest, axis=0)
     uv = (rest - low) / span
     uv[layer > 0, 0] = 1.0 - uv[layer > 0, 0]

@@ -21,7 +21,7 @@ __all__ = ["WorldGarment"]
 FINEST, COARSEST = 0.012, 0.024
 """Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
-"""Cloth that is further than this above a fingertip does not count as under it [m]."""
+"""Cloth up to this height above a fingertip counts as under it [m]."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class _Pose:
 
 
 class WorldGarment:
-    """One garment, which is not on the table until `lay`. All its properties are drawn from `rng` at the start.
+    """One garment. `lay` puts it on the table. All its properties are drawn from `rng` at the start.
 
     world: solver of its cloth. ideal: no errors. Raises ConfigurationError like `check_body`.
     """
@@ -60,7 +60,7 @@ class WorldGarment:
         anisotropy = 1.0 - share * noise.anisotropy * rng.uniform()
         self.pad_friction = PadGeometry().friction
         self._wrinkles = int(rng.integers(2**31))
-        # a generator of its own, so that the other random numbers of a seed stay as in older versions
+        # a separate generator, so that the other random numbers of a seed stay the same as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
         self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread))
         self._relief = self._draw_relief(rng)
@@ -102,7 +102,8 @@ class WorldGarment:
         return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
 
     def _wrinkled(self) -> Array:
-        """(n, 3) vertices with waves in random directions, shrunk so that the cloth keeps its length."""
+        """(n, 3) vertices with waves in random directions. The outline shrinks so that the cloth keeps its
+        length."""
         lying = self.mesh.lay_flat(self.material.thickness)
         if self._ideal:
             return np.column_stack((self.flat, lying[:, 2]))
@@ -120,7 +121,7 @@ class WorldGarment:
         return np.column_stack((self.pose.place(shrunk), lying[:, 2] + height))
 
     def _draw_relief(self, rng: np.random.Generator) -> Array:
-        """(n,) height of small creases in the fabric that only the camera sees [m]."""
+        """(n,) height of small creases in the fabric [m]. Only the camera sees them."""
         height = np.zeros(len(self.mesh.rest))
         for _ in range(6):
             angle, phase = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi)
@@ -139,7 +140,7 @@ class WorldGarment:
     # actions of the robot
 
     def grip(self, hand: int, position: Array, rotation: Array, stroke: float, force: float) -> PinchReport:
-        """Close the pads from `stroke` [m] apart with `force` [N], at a pose in the table frame."""
+        """Close the pads, which are `stroke` [m] apart, with `force` [N] at a pose in the table frame."""
         self._cloth.pads = replace(self._cloth.pads, stroke=stroke)
         return self._cloth.grip(hand, position, rotation, force)
 
@@ -158,15 +159,15 @@ class WorldGarment:
         return self._cloth.pinch_force(hand)
 
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
-        """Advance by one frame: position (2, 2, 3) and rotation (2, 2, 3, 3) of both hands at its start and its
-        end. capsules: both ends (2, k, 3) and radius (k,) [m]."""
+        """Advance by one frame. position (2, 2, 3), rotation (2, 2, 3, 3): of both hands at the start and the end
+        of the frame. capsules: both ends (2, k, 3) and radius (k,) [m]."""
         if self.laid:
             self._cloth.advance_along(position, rotation, capsules)
 
     # measurements
 
     def stack(self, point: Array) -> float:
-        """Thickness of all layers under a fingertip at `point` (3,), when pressed flat [m]."""
+        """Thickness of all layers under a fingertip at `point` (3,) if they are pressed flat [m]."""
         if not self.laid:
             return 0.0
         x = self._cloth.positions
@@ -208,7 +209,7 @@ class WorldGarment:
 
 
 def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:
-    """The true fabric: each property differs from the garment file by its share in the noise table at most."""
+    """The true fabric. Each property differs from the garment file by at most its share in the noise table."""
 
     def near(value: float, share: float) -> float:
         return value * (1.0 + share * rng.uniform(-1.0, 1.0))

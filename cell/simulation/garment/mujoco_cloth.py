@@ -1,12 +1,13 @@
 """MuJoCo's flex as the cloth of a garment of one layer (optional extra `peers`).
 
-Mesh, areal mass, membrane modulus Y, flexural rigidity B and friction are those of foldcell's own solver. MuJoCo's
-shell is a plate of Young modulus E and thickness t with Y = E t and B = E t^3 / (12 (1 - nu^2)), so
+Mesh, areal mass, membrane modulus Y, flexural rigidity B and friction are the same as in foldcell's own solver.
+MuJoCo's shell is a plate of Young modulus E and thickness t with Y = E t and B = E t^3 / (12 (1 - nu^2)), so
 t = sqrt(12 (1 - nu^2) B / Y). Contacts use another thickness.
 
-Pads hold material points. Each coordinate of such a point is a linear function of vertex coordinates, a fixed
-tendon in MuJoCo, and an equality ties it to the hand. Each grip therefore compiles a new model and copies the
-state of the old one. Hands are capsules without friction, because kinematic bodies of MuJoCo have no velocity.
+Pads hold material points. Each coordinate of such a point is a linear function of vertex coordinates. MuJoCo
+models this function as a fixed tendon, and an equality constraint ties the tendon to the hand. Each grip therefore
+compiles a new model and copies the state of the old model. Hands are capsules without friction, because kinematic
+bodies of MuJoCo have no velocity.
 """
 
 from __future__ import annotations
@@ -42,10 +43,10 @@ NEAR = 0.02  # distance to a capsule that wakes cloth at rest [m]
 class MujocoSettings:
     """Settings of the solver.
 
-    frame_rate [1/s]; steps: MuJoCo's steps in a frame. solref: time constant [s] of contacts (damping ratio 1);
-    with MuJoCo's default of 0.02 s cloth creeps by centimetres during a fold. iterations, tolerance: of the
+    frame_rate [1/s]; steps: MuJoCo's steps per frame. solref: time constant [s] of contacts (damping ratio 1).
+    With MuJoCo's default of 0.02 s, cloth creeps by centimetres during a fold. iterations, tolerance: of the
     solver. damping [s]: of the shell. gravity [m/s2]. selfcollide: whether cloth collides with itself. rest:
-    whether cloth at rest is not computed.
+    whether the solver skips cloth at rest.
     """
 
     frame_rate: int = 60
@@ -66,10 +67,10 @@ class MujocoSettings:
 
 @dataclass(eq=False)
 class _Hold:
-    """The cloth that one hand holds: m material points (vertex, bary (m, 3)), their positions in the tool frame
-    when the pads closed (offset (m, 3) [m]) and the heights at which they are held (height (m,) [m]). age: time
-    since the pads closed [s]; limit, force: largest and present force [N]; rows: the 3 m equalities in the
-    model."""
+    """The cloth that one hand holds. vertex, bary: (m, 3) vertices and barycentric weights of m material points;
+    offset: (m, 3) their positions in the tool frame when the pads closed [m]; height: (m,) the heights at which
+    the pads hold them [m]. age: time since the pads closed [s]; limit, force: largest and present force [N]; rows:
+    the 3 m equalities in the model."""
 
     vertex: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     bary: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -81,8 +82,8 @@ class _Hold:
     rows: slice = field(default_factory=lambda: slice(0, 0))
 
     def targets(self, x: Array, position: Array, rotation: Array) -> Array:
-        """(m, 3) target positions of the points, for vertices x (n, 3). Layers keep their distances, and the stack
-        is free to turn about the held line."""
+        """(m, 3) target positions of the points, for vertices x (n, 3). The layers keep their distances, and the
+        stack can turn freely about the held line."""
         mean = self.height.mean()
         r = self.height - mean
         at = (self._points(x) - position) @ rotation
@@ -101,7 +102,7 @@ class MujocoCloth:
     """One sheet of cloth on the table: a `ClothBody`.
 
     positions: (n, 3) at the start, at rest; fixed: vertices that stay at their flat positions; table: whether
-    there is one. Raises InternalError if MuJoCo's state becomes invalid.
+    there is a table. Raises InternalError if MuJoCo's state becomes invalid.
     """
 
     def __init__(
@@ -146,7 +147,7 @@ class MujocoCloth:
         return x
 
     def set_positions(self, positions: Array) -> None:
-        """Set the vertices (n, 3), at rest; releases both hands."""
+        """Set the vertices (n, 3), at rest. Releases both hands."""
         for hand in range(HANDS):
             self.release(hand)
         self._data.qpos[:] = (positions - self._flat)[self._free].ravel()
@@ -256,7 +257,7 @@ class MujocoCloth:
             quaternion = np.zeros(4)
             mujoco.mju_quatZ2Vec(quaternion, (p1 - p0) / length)
             self._data.mocap_pos[k], self._data.mocap_quat[k] = 0.5 * (p0 + p1), quaternion
-            # never larger than compiled, so that the bounds of the broad phase stay valid
+            # never larger than in the compiled model, so that the bounds of the broad phase stay valid
             self._model.geom_size[self._capsule[k], :2] = radius[k], min(0.5 * length, LONGEST)
 
     def _take_away(self, capsules: Sequence[int]) -> None:

@@ -1,4 +1,4 @@
-"""The true outline of a garment: an outline of outlines.yaml with random errors of size and shape."""
+"""The true outline of a garment: an outline from outlines.yaml with random errors of size and shape."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _file() -> Mapping[str, Any]:
 
 
 def draw_outline(garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool = False) -> Outline:
-    """Draw the outline of one piece of `garment`. ideal: nominal size and shape."""
+    """Draw the random outline of one piece of `garment`. ideal: nominal size and shape."""
     points = _points(garment)
     share = 0.0 if ideal else 1.0
     scale = 1.0 + share * noise.size * rng.uniform(-1.0, 1.0, 2)
@@ -68,13 +68,14 @@ def _points(garment: Garment) -> list[dict[str, Any]]:
 
 
 def _ships(garment: Garment) -> bool:
-    """Whether this is the shipped garment of its name: a user's file may have the same name."""
+    """Whether this is the shipped garment with this name. A user's file may have the same name."""
     shipped = load_garment(garment.name)
     return garment.keypoints == shipped.keypoints and np.array_equal(garment.template, shipped.template)
 
 
 def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
-    """(ARC_POINTS, 2): an arc of `radius` [m] that touches both edges; smaller if they are too short."""
+    """(ARC_POINTS, 2) points on an arc of `radius` [m] that touches both edges. Short edges make the arc
+    smaller."""
     a, b = before - corner, after - corner
     la, lb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     a, b = a / la, b / lb
@@ -90,7 +91,8 @@ def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
 
 
 def _bowed(start: Array, end: Array, bow: float) -> Array:
-    """(EDGE_POINTS, 2) between the ends, on a parabola whose middle is `bow` [m] to the right of the chord."""
+    """(EDGE_POINTS, 2) points between the ends, on a parabola whose middle is `bow` [m] to the right of the
+    chord."""
     s = np.linspace(0.0, 1.0, EDGE_POINTS + 2)[1:-1, None]
     chord = end - start
     outwards = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)

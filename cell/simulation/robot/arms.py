@@ -1,8 +1,8 @@
 """The simulated arms: the robot's controller, its tracking errors and its sensors, on top of the PyBullet body.
 
-Set-points arrive with a lag and are extrapolated by their velocity between commands. Without a command for the
-command timeout the arms hold. Jitter and sudden drops move an arm off its set-point, and encoder bias shifts its
-true position from the measured one. A stop brakes both arms with a bounded deceleration.
+Set-points arrive with a lag and are extrapolated by their velocity between commands. If no command arrives within
+the command timeout, the arms hold. Jitter and sudden drops move an arm off its set-point, and encoder bias shifts
+its true position from the measured one. A stop brakes both arms with a bounded deceleration.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from robots.setpoint import clip_setpoint
 __all__ = ["SimulatedRobot"]
 
 EXTRAPOLATION = 0.02
-"""A set-point is extrapolated for this time at most [s]."""
+"""Longest time for which a set-point is extrapolated [s]."""
 MOVING = 0.05
 """Joint speed at which jitter has its full size [rad/s]."""
 HEAD_SPEED = 0.6  # [rad/s]
@@ -99,8 +99,8 @@ class SimulatedRobot:
         self._enabled = True
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped one. Raises DriverError if the arms
-        are stopped or not enabled, or for invalid vectors."""
+        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped set-point. Raises DriverError if
+        the arms are stopped or not enabled, or for invalid vectors."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
             raise DriverError(
@@ -118,7 +118,7 @@ class SimulatedRobot:
         return last_command
 
     def state(self) -> JointState:
-        """The measured state. Its noise depends on the physics step only, so that a reading changes nothing."""
+        """The measured state. Its noise depends only on the physics step, so that readings change nothing."""
         q, qd, _, pan = self._body.read()
         q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
         if not self._ideal:
@@ -146,7 +146,7 @@ class SimulatedRobot:
         self._enabled = False
 
     def snapshot(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """The state from which the arms continue at rest: arrays, and plain values with the generator's state."""
+        """The state for a later `resume`: arrays, and plain values including the random generator's state."""
         q, _, _, pan = self._body.read()
         arrays = {"q": q, "target": self._target, "jitter": self._jitter}
         plain = {"pan": pan, "head": self._head, "goal": self._head_goal, "step": self._step, "t": self._t}
@@ -167,7 +167,7 @@ class SimulatedRobot:
     # called by the world
 
     def step(self, t: float, dt: float, opening: Mapping[Side, float]) -> None:
-        """Set the motor targets for the physics step that ends at time t [s]; the caller performs the step."""
+        """Set the motor targets for the physics step that ends at time t [s]. The caller performs the step."""
         self._t, self._step = t, self._step + 1
         follow = 1.0 - np.exp(-dt / self._noise.effort_time)
         self._effort += follow * (self._body.read()[2] - self._effort)

@@ -45,7 +45,7 @@ def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
     """Forces and lift. tips: (2, 3) commanded positions, table frame [m]; stack: (2,) thickness of the cloth [m].
 
     Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift). Cloth is a
-    softer spring above the table, which is flat at the table's height and does not lift the arm.
+    softer spring above the table. It is fully compressed at the table's height and does not lift the arm.
     """
     depth = np.maximum(-tips[:, 2], 0.0)
     both = stiffness.tip * depth.sum() / (stiffness.arm + 2.0 * stiffness.tip)
@@ -60,9 +60,9 @@ def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
 def finger_axes(
     position: Array, rotation: Array, opening: float, floor: Array, raised: float
 ) -> tuple[Array, Array]:
-    """Lower and upper ends (2, 3), (2, 3) of the fingers' capsules. floor: (2,) least height of their undersides
-    [m], because soft tips do not press the cloth through the table. raised: height above the tips at which the
-    capsules begin [m]."""
+    """Lower and upper ends (2, 3), (2, 3) of the fingers' capsules. floor: (2,) smallest height of their
+    undersides [m], because soft tips do not press the cloth through the table. raised: height above the tips at
+    which the capsules begin [m]."""
     back = -rotation[:, 2]
     tips = fingertips(position, rotation, opening)
     low = tips + (FINGER_RADIUS + raised) * back

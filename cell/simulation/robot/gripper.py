@@ -21,8 +21,8 @@ MOVING = 5e-4
 class SimulatedGripper:
     """One gripper. Without cloth the pads meet at opening 0 and do not press.
 
-    caught(stroke, force): called when the pads, having closed from `stroke` [m], reach the opening at which cloth
-    is caught; returns the thickness between them [m], 0 for nothing. opened(): called when they release the cloth.
+    caught(stroke, force): called when the pads, closing from `stroke` [m], reach the opening at which they catch
+    cloth. It returns the thickness between them [m], 0 for nothing. opened(): called when they release the cloth.
     """
 
     def __init__(
@@ -60,12 +60,12 @@ class SimulatedGripper:
         return self._force
 
     def calibrate(self) -> None:
-        """Close and open once, which takes cell time. A command given meanwhile is carried out after it."""
+        """Close and open once, which takes cell time. A command during the calibration is executed after it."""
         self._calibrating = self._noise.calibration_time
         self._release()
 
     def command(self, opening: float, force: float) -> None:
-        """Move to `opening` [m] with `force` [N]. Raises DriverError before calibration and for invalid values."""
+        """Move to `opening` [m] with `force` [N]. Raises DriverError if not calibrated and for invalid values."""
         if not (np.isfinite(opening) and np.isfinite(force)):
             raise DriverError(
                 FailureKind.GRIPPER_FAULT, f"the command is not finite: opening {opening} m, force {force} N"
@@ -108,7 +108,7 @@ class SimulatedGripper:
         self._calibrating = self._after = None
 
     def lost(self) -> None:
-        """The cloth has slipped out from between the pads, which continue to close."""
+        """Note that the cloth has slipped out from between the pads. The pads continue to close."""
         self._between = 0.0
 
     def step(self, t: float, dt: float) -> None:

@@ -17,7 +17,7 @@ HELD_DEPTH = 0.006  # height of the held line above the tips [m]
 
 
 class SimulatedTactile:
-    """Samples at its own rate: readings within one sample period are identical.
+    """The sensors sample at a fixed rate. Readings within one sample period are identical.
 
     pressing(): force on each pad [N]; tips(): forces on the two fingertips (2,) [N].
     """
@@ -66,5 +66,5 @@ class SimulatedTactile:
         return self._last
 
     def forget(self) -> None:
-        """Used to restore a world: the last sample belongs to another time."""
+        """Forget the last sample, which belongs to another time after a world was restored."""
         self._last = None

@@ -15,16 +15,16 @@ from skills.vocabulary import Array, FoldLine, frozen
 
 __all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
 
-ON_LINE = 1e-7  # a vertex this near a fold line counts as on it, which avoids slivers [m]
+ON_LINE = 1e-7  # a vertex closer than this counts as on the line, to avoid slivers [m]
 
 
 @dataclass(frozen=True, eq=False)
 class FoldedMesh:
     """A mesh cut along the fold lines and folded flat.
 
-    attributes: (n', k) of the cut mesh's vertices, interpolated from the given ones. triangles: (m', 3). target:
-    (n', 2) folded positions of the vertices. area: (m',) of the triangles in the rest shape [m2]. creases:
-    (c, 2, 2) end points of the creases' segments in the target.
+    attributes: (n', k) attributes of the cut mesh's vertices, interpolated from the given attributes. triangles:
+    (m', 3). target: (n', 2) folded positions of the vertices. area: (m',) of the triangles in the rest shape [m2].
+    creases: (c, 2, 2) end points of the creases' segments in the target.
     """
 
     attributes: Array
@@ -39,8 +39,8 @@ def fold_mesh(
 ) -> FoldedMesh:
     """Cut a flat mesh (n, 2) along fold lines, fold it, and interpolate `attributes` (n, k).
 
-    Each line is given for the garment as it lies at that step, so a later line also cuts cloth that an earlier
-    line has folded over.
+    Each line refers to the garment as it lies before that fold, so a later line also cuts cloth that an earlier
+    fold has moved.
     """
     rest_and_more = np.column_stack([material, attributes])
     y = np.array(material, dtype=float)
@@ -74,7 +74,7 @@ def _distance(line: FoldLine, xy: Array) -> Array:
 
 
 def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[Array, NDArray[np.int32]]:
-    """Split the triangles that `line` crosses; the last two columns are the vertices' present positions."""
+    """Split the triangles that `line` crosses. The last two columns are the vertices' present positions."""
     d = _distance(line, columns[:, -2:])
     side = np.sign(d[triangles])
     crossed = (side.min(axis=1) < 0) & (side.max(axis=1) > 0)
@@ -111,7 +111,7 @@ def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[
 
 
 def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]:
-    """(c, 2) edges on a fold line with moving cloth on one side and staying cloth on the other."""
+    """(c, 2) edges on a fold line that separate moving from staying cloth."""
     side = np.sign(distance[triangles].sum(axis=1))
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     on_line = (distance[edges] == 0.0).all(axis=1)

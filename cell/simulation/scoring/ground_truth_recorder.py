@@ -21,7 +21,7 @@ MAX_KEY_FRAMES = 2000
 
 
 class GroundTruthRecorder:
-    """Records one simulated cell from its opening on."""
+    """Records one simulated cell from the moment when it is opened."""
 
     def __init__(self, truth: TruthSource, recorder: Recorder, request: FoldRequest) -> None:
         self._truth, self._recorder, self._request = truth, recorder, request

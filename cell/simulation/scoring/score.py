@@ -1,12 +1,12 @@
-"""The score of a simulated run: the final garment compared with the target of its plan.
+"""The score of a simulated run: a comparison of the final garment with the target of its plan.
 
 The scorer reads the world's truth (final vertices, flat rest shape), which neither the executive nor any skill can
 see. Its result affects no decision of a run.
 
-The target is the plan applied to the world's true rest shape: the mesh is cut along the fold lines, so that every
-triangle lies on one side of each, and folded as a perfect isometry. One rigid alignment in the table plane
+The target is the plan applied to the world's true rest shape. The mesh is cut along the fold lines, so that every
+triangle lies on one side of each line, and is folded as a perfect isometry. One rigid alignment in the table plane
 (area-weighted least squares over corresponding triangles, no reflection, no scale: Kabsch 1976) moves the final
-shape onto the target. All shape figures are taken after it; the alignment is the drift.
+shape onto the target. All shape figures are computed after this alignment. The alignment itself is the drift.
 
 Lengths in metres, angles in radians, table frame.
 """
@@ -44,7 +44,7 @@ __all__ = [
     "ways_to_fold",
 ]
 
-EDGE_SPACING = 0.005  # between samples along a pair of edges [m]
+EDGE_SPACING = 0.005  # distance between samples along a pair of edges [m]
 LARGEST_EXTENT = 5.0  # a wider garment is an error of the simulation [m]
 
 
@@ -54,8 +54,8 @@ class FinalGarment:
 
     vertices: (n, 3) final positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in which
     it was laid. lines: the plan's fold lines in order, computed from the true key points of that rest shape.
-    thickness: of one layer. edge_pairs: pairs of polylines (k, 2), (l, 2) in material coordinates whose
-    corresponding points should meet.
+    thickness: of one layer. edge_pairs: pairs of polylines (k, 2), (l, 2) in material coordinates. The
+    corresponding points of a pair should meet.
     """
 
     vertices: Array
@@ -86,7 +86,7 @@ DEFAULT_LIMITS = ScoreLimits()
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure and its limit; `at_least`: larger is better."""
+    """One figure and its limit. at_least: larger is better."""
 
     value: float
     limit: float
@@ -99,7 +99,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures by name, and the verdict. layers: of the stack of the flat target."""
+    """The figures by name, and the verdict. layers: number of layers in the stack of the flat target."""
 
     figures: Mapping[str, Figure]
     layers: int
@@ -110,7 +110,7 @@ class Score:
 
     @property
     def failed(self) -> tuple[str, ...]:
-        """Names of the figures beyond their limit."""
+        """Names of the figures that do not pass their limit."""
         return tuple(name for name, f in self.figures.items() if not f.passed)
 
     @property
@@ -138,7 +138,7 @@ class Score:
         return self.figures["drift_rad"].value
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values: `passed`, each figure, `limits` with each limit, `layers`."""
+        """Plain values: `passed`, each figure, `limits` with the limit of each figure, and `layers`."""
         return {
             "passed": self.passed,
             **{name: f.value for name, f in self.figures.items()},
@@ -186,10 +186,11 @@ def score_plan(
     thickness: float,
     limits: ScoreLimits = DEFAULT_LIMITS,
 ) -> Score:
-    """Score a folded garment against its plan. keypoints: the true ones, name -> (2,) material coordinates.
+    """Score a folded garment against its plan. keypoints: the true key points, name -> (2,) material coordinates.
 
     A step of a plan may have several variants (either half onto the other). The garment is scored against the
-    variants to which its final shape is nearest, without alignment. Raises InternalError like `score`.
+    combination of variants whose target is nearest to its final shape, measured without alignment. Raises
+    InternalError like `score`.
     """
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     finals = [
@@ -223,7 +224,7 @@ def named_edge_pairs(
 
 
 def diagonal(material: Array) -> float:
-    """Largest distance between two points of the rest shape (n, 2) [m]; for a rectangle its diagonal."""
+    """Largest distance between two points of the rest shape (n, 2) [m]. For a rectangle it is the diagonal."""
     return float(pdist(material[ConvexHull(material).vertices]).max())
 
 
@@ -279,8 +280,8 @@ def _resample(polyline: Array, n: int) -> Array:
 
 
 def _where_now(garment: FinalGarment, material: Array) -> Array:
-    """Present positions (k, 2) of material points (k, 2). For a point off the cloth the nearest one is used: true
-    outlines have round corners, so key points are often just off the cloth.
+    """Present positions (k, 2) of material points (k, 2). A point beside the cloth is replaced by the nearest
+    point of the cloth, because true outlines have round corners and key points are often just beside the cloth.
     """
     return np.array([_interpolate(garment, p) for p in material])
 
@@ -306,6 +307,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], flat: NDArray[np.bool_]) -> float:
-    """95th percentile over the silhouette away from the creases, or over all of it if every pixel is near one."""
+    """95th percentile over the silhouette away from the creases, or over all of it if all pixels are near
+    creases."""
     where = silhouette & flat
     return float(np.percentile(image[where if where.any() else silhouette], 95.0))

@@ -21,7 +21,7 @@ PIXEL = 0.001  # [m]
 
 @dataclass(frozen=True, eq=False)
 class TableRaster:
-    """A raster over the table: pixel (row, column) has its centre at origin + PIXEL * (column, row)."""
+    """A raster over the table. The centre of pixel (row, column) is at origin + PIXEL * (column, row)."""
 
     origin: Array
     shape: tuple[int, int]
@@ -37,11 +37,11 @@ class TableRaster:
         return (xy - self.origin) / PIXEL
 
     def render(self, xyz: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-        """Height of the upper surface (-inf where there is none) and number of triangles at each pixel."""
+        """Height of the upper surface (-inf without cloth) and number of triangles at each pixel."""
         return rasterise(self.pixels(xyz[:, :2]), xyz[:, 2].copy(), triangles, *self.shape)
 
     def away_from(self, segments: Array, margin: float) -> NDArray[np.bool_]:
-        """Pixels further than `margin` from every segment (c, 2, 2)."""
+        """Mask of the pixels further than `margin` [m] from every segment (c, 2, 2)."""
         free = np.ones(self.shape, dtype=np.uint8)
         ends = np.rint(self.pixels(segments)).astype(np.int32)
         cv2.polylines(free, [*ends], False, (0.0,))
@@ -54,7 +54,7 @@ class TableRaster:
 def rasterise(
     xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
 ) -> tuple[Array, NDArray[np.int32]]:
-    """Highest z and number of triangles at each pixel centre; xy in pixels. Shared edges count once."""
+    """Highest z and number of triangles at each pixel centre. xy: in pixels. A shared edge counts once."""
     top = np.full((rows, columns), -np.inf)
     count = np.zeros((rows, columns), dtype=np.int32)
     for t in range(len(triangles)):

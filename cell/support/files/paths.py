@@ -1,4 +1,4 @@
-"""Folders of logs and caches, and a check before anything moves that the logs can be written."""
+"""Folders of logs and caches, and a check that the logs can be written, for use before anything moves."""
 
 from __future__ import annotations
 

@@ -16,13 +16,13 @@ MILLIMETRES = 1e-3
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB. Raises ConfigurationError for a file that is no picture."""
+    """Read a picture (H, W, 3) RGB. Raises ConfigurationError for a file that is not a picture."""
     return np.ascontiguousarray(_read_image(path, cv2.IMREAD_COLOR)[:, :, ::-1])
 
 
 def read_depth(path: Path) -> NDArray[np.float32]:
-    """(H, W) [m], NaN where nothing was measured: `.npy` in metres, otherwise a picture of 16 bits in millimetres.
-    Raises ConfigurationError for a file that is neither."""
+    """Read a depth image (H, W) [m], NaN where nothing was measured: `.npy` in metres, otherwise a 16-bit picture
+    in millimetres. Raises ConfigurationError for any other file."""
     if path.suffix == ".npy":
         try:
             raw = np.load(path, allow_pickle=False)
@@ -45,7 +45,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
 
 
 def known_depth(metres: NDArray) -> NDArray[np.float32]:
-    """(H, W) [m]: NaN in place of 0 and of what is negative."""
+    """Depth (H, W) [m], with NaN in place of zero and negative values."""
     return np.where(metres > 0, metres, np.nan).astype(np.float32)
 
 
@@ -56,7 +56,7 @@ def _read_image(path: Path, flags: int) -> NDArray:
         raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
     try:
         image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:  # claims to be a picture of an impossible size
+    except cv2.error:  # the file states an impossible picture size
         image = None
     if image is None:
         raise ConfigurationError(

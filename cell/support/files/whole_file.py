@@ -31,7 +31,7 @@ def write_whole(
                 os.replace(file.name, path)
                 _sync(path.absolute().parent)
             except BaseException:
-                with suppress(FileNotFoundError):  # already renamed: the failure came after that
+                with suppress(FileNotFoundError):  # already renamed: the failure came later
                     os.unlink(file.name)
                 raise
     except OSError as e:

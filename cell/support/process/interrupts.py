@@ -14,7 +14,7 @@ __all__ = ["Interrupts", "taking_signals"]
 
 
 class Interrupts:
-    """received: the signals that requested an end, in order."""
+    """Handles the signals of one run. received: the signals that requested an end, in order."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -23,17 +23,17 @@ class Interrupts:
 
     @contextmanager
     def stop(self, ports: Ports, asked: bool) -> Iterator[None]:
-        """Within the context SIGINT and SIGTERM trigger the stop of `ports`. After it they still do not interrupt
-        the end of the run, until `leave`.
+        """Within the context SIGINT and SIGTERM trigger the stop of `ports`. After the context, and until `leave`,
+        they do not interrupt the end of the run.
 
-        SIGHUP stops the cell too, unless an operator is asked during the run (`asked`): then the closed terminal
-        ends the run. SIGCONT stops a robot, because someone may have come near while the program was suspended.
-        Off the main thread this does nothing.
+        SIGHUP stops the cell too, unless the run asks an operator (`asked`). In that case SIGHUP is ignored, and
+        the closed terminal ends the run. SIGCONT stops a robot, because someone may have come near while the
+        program was suspended. Outside the main thread no signal is handled.
         """
         self._ports = ports
         self._install(signal.SIGINT, self._on_signal)
         self._install(signal.SIGTERM, self._on_signal)
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores it
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # it is ignored under nohup
             self._install(signal.SIGHUP, signal.SIG_IGN if asked else self._on_signal)
         if ports.driver != "sim":
             self._install(signal.SIGCONT, lambda *_: ports.stop.trigger("the program had been suspended"))

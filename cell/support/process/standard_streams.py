@@ -21,8 +21,8 @@ T = TypeVar("T")
 class LastingStream:
     """A text stream that accepts text even if it can no longer be written.
 
-    lost: why it can no longer be written. A KeyboardInterrupt while waiting for the reader counts too: otherwise
-    the end of the program would wait for the same reader again.
+    lost: the reason why the stream can no longer be written. A KeyboardInterrupt while waiting for the reader is
+    also such a reason; otherwise the program would wait for the same reader again when it ends.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -51,7 +51,7 @@ class LastingStream:
         """Whether a write would not block."""
         try:
             return bool(select.select([], [self._stream.fileno()], [], 0.0)[1])
-        except (OSError, ValueError):  # the stream is no file
+        except (OSError, ValueError):  # the stream is not a file
             return True
 
     def __getattr__(self, name: str) -> Any:
@@ -59,7 +59,7 @@ class LastingStream:
 
     def _lose(self, error: OSError | KeyboardInterrupt) -> None:
         self.lost = error
-        with suppress(OSError, ValueError):  # else Python writes the buffer again at its end
+        with suppress(OSError, ValueError):  # else Python writes the buffer again when it exits
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
@@ -67,11 +67,11 @@ class LastingStream:
 
 @contextmanager
 def lasting_streams() -> Iterator[LastingStream]:
-    """Replace sys.stdout and sys.stderr by lasting streams within the context; yields that of standard output.
+    """Replace sys.stdout and sys.stderr by lasting streams within the context; yields the one for standard output.
 
     Characters that the encoding lacks are written as escapes. Closed file descriptors 0 to 2 are opened on the
-    null device: otherwise a file that is opened later would get such a number, and with it the output of C
-    libraries, in child processes too.
+    null device. Otherwise a file that is opened later could get one of these numbers, and C libraries would write
+    their output into that file, in child processes too.
     """
     for number in range(3):
         try:

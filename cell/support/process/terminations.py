@@ -14,7 +14,7 @@ BY_SIGNAL = 128
 
 
 class Terminated(KeyboardInterrupt):
-    """A termination signal arrived. Handlers of KeyboardInterrupt handle it too. number: the signal's number."""
+    """A termination signal arrived. Handlers of KeyboardInterrupt also catch it. number: the signal's number."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -26,7 +26,7 @@ def unwinding() -> Iterator[None]:
     """Within the context the first SIGTERM and SIGHUP raise Terminated; a second one kills the process.
 
     A signal that is ignored (nohup) stays ignored. While a cell is open, cell/support/process/interrupts.py
-    handles these signals. Off the main thread this does nothing.
+    handles these signals. Outside the main thread this does nothing.
     """
 
     def end(number: int, _: Any) -> None:

@@ -30,8 +30,8 @@ T = TypeVar("T")
 def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executor]:
     """A pool of `workers` processes. tasks_each: a process is replaced after this number of tasks.
 
-    An exception within the context, KeyboardInterrupt included, ends the running tasks (a run is stopped and its
-    end is written) and the processes.
+    An exception within the context, KeyboardInterrupt included, ends the running tasks and the processes. A task
+    that performs a run stops it and still writes its end.
     """
     with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
@@ -43,7 +43,7 @@ def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executo
 
 
 class RenewedWorkers(Executor):
-    """Parallel processes, each replaced after `tasks_each` tasks. A process that dies fails its own task only
+    """Parallel processes, each replaced after `tasks_each` tasks. If a process dies, only its own task fails
     (BrokenExecutor), and the next task gets a new process.
 
     `max_tasks_per_child` of the standard library cannot be used: with more waiting tasks than processes it stops
@@ -95,8 +95,8 @@ def _processes(number: int) -> ProcessPoolExecutor:
 
 
 def _end_children() -> None:
-    """Terminate the children, repeatedly: the first signal may stop a run, whose end is then written; later ones
-    end tasks that were already handed over, as soon as they begin."""
+    """Terminate the children, repeatedly. The first signal may stop a run, whose end is then written. Later
+    signals end the tasks that were already handed over to a process, as soon as they begin."""
     while children := active_children():
         for child in children:
             child.terminate()
@@ -106,8 +106,8 @@ def _end_children() -> None:
 
 
 def _initialise() -> None:
-    """Ignore Ctrl-C, which reaches every process of a terminal: the parent ends the work. If the parent is gone,
-    the worker ends itself."""
+    """Set up a worker. It ignores Ctrl-C, which reaches every process of a terminal, because the parent ends the
+    work. If the parent is gone, the worker ends itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, name="follow-parent", daemon=True).start()
 

@@ -1,7 +1,7 @@
 """The loop that serves a cell's ports as a Baxter. Each tick advances the cell's time, executes the commands from
 the topics, and publishes the state of the ports.
 
-The ports belong to one thread. Messages therefore wait for the next tick, except for the stop.
+The ports belong to one thread. Messages therefore wait for the next tick. Only a stop is executed immediately.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ GRIPPER_PERIOD = 0.05
 CALIBRATION_S = 5.0
 """Longest time that a gripper takes to calibrate [s]."""
 MAX_LAG = 2 * TICK
-"""Lag behind the wall clock above which the loop does not catch up [s]."""
+"""Largest lag behind the wall clock [s]. With a larger lag, the loop does not catch up."""
 TURNING = 0.01
-"""Speed above which the head counts as turning [rad/s]."""
+"""Smallest speed at which the head counts as turning [rad/s]."""
 QUEUE = 100
-"""Queue length of topics on which every message matters."""
+"""Queue length of topics on which no message may be lost."""
 ROUNDING = 1e-6  # of a tick
 
 T = TypeVar("T")
@@ -57,10 +57,10 @@ class Emulator:
     """A cell's ports as a Baxter on ROS, with the cell's clock on /clock.
 
     pace: largest ratio of cell time to wall time; None: no limit. patience: wall time for which the loop waits for
-    the next command after a command [s], so that a program on a busy machine is not late; a real robot does not
-    wait. tell: called once for each kind of message that is not obeyed. past: state that an earlier program left;
-    the ports' time advances until it is reached, before the topics open. `perform`, `press_button` and
-    `release_button` may be called from any thread.
+    the next command after a command [s], so that a program on a busy machine is not late. A real robot does not
+    wait. tell: called once for each kind of message that is not executed. past: the initial state, as an earlier
+    program left it. Before the topics open, the ports' time advances until they have reached this state.
+    `perform`, `press_button` and `release_button` may be called from any thread.
     """
 
     def __init__(
@@ -94,8 +94,8 @@ class Emulator:
         node.set_parameter(VERSION, EMULATED)
 
     def run(self, until: Event) -> None:
-        """Serve in this thread until `until` is set, then end the simulated time. The topics belong to the node
-        and stay open."""
+        """Serve in this thread until `until` is set, then end the simulated time. The topics stay open, because
+        they belong to the node."""
         try:
             self._set_initial_state()
             self._open_topics()
@@ -108,12 +108,12 @@ class Emulator:
                 self._keep_pace(until)
         finally:
             self._tasks.end()
-            with contextlib.suppress(OSError):  # the master and its parameters are gone
+            with contextlib.suppress(OSError):  # the master has ended, and its parameters with it
                 self._node.delete_parameter(USE_SIM_TIME)
 
     def perform(self, work: Callable[[], T]) -> Future[T]:
-        """Run `work` with the ports between two ticks. The future is resolved once the topics show its effect. It
-        is cancelled if the loop ends before that."""
+        """Run `work` with the ports between two ticks. The future is resolved when the topics show the effect of
+        `work`. It is cancelled if the loop ends without running `work`."""
         return self._tasks.ask(work)
 
     def press_button(self) -> None:
@@ -145,7 +145,7 @@ class Emulator:
     # subscriptions -----------------------------------------------------------------------------------
 
     def _open_topics(self) -> None:
-        """Publishers open first, so that the robot's state is available when a command topic has a subscriber."""
+        """Open the publishers first, so that the robot publishes its state before it accepts commands."""
         m = self._messages
         published = {
             topics.JOINT_STATES: m.joint_state,
@@ -169,7 +169,7 @@ class Emulator:
             self._hear_gripper(side, gripper)
 
     def _hear(self, topic: str, kind: Any, obey: Callable[[Any], None], queue: int = 1) -> None:
-        """Call `obey` with each message in the next tick."""
+        """Subscribe, and call `obey` with each message in the next tick."""
         self._node.subscribe(topic, kind, lambda message: self._heard.append(lambda: obey(message)), queue)
 
     def _hear_limb(self, side: Side, limb: Limb) -> None:
@@ -179,7 +179,7 @@ class Emulator:
             self._say(topic, limb.hear(message.mode, message.names, message.command, at, self._now))
 
         def heard(message: Any) -> None:
-            at = self._now  # time of arrival; the message ages while the loop is busy
+            at = self._now  # time of arrival; the message may wait while the loop is busy
             self._heard.append(lambda: obey(message, at))
             with self._command_came:
                 self._commanded[side] = at, time.monotonic()
@@ -202,7 +202,7 @@ class Emulator:
         self._hear(topics.gripper_command(side), self._messages.end_effector_command, heard, QUEUE)
 
     def _stop(self, _: Any) -> None:
-        """Stop at once, on the topic's thread."""
+        """Stop immediately, on the topic's thread."""
         self._motors.stop(f"told so on {topics.STOP}")
 
     def _hear_reset(self, _: Any) -> None:
@@ -282,7 +282,7 @@ class Emulator:
     # publications ------------------------------------------------------------------------------------
 
     def _publish(self) -> None:
-        """Publish the states, then the clock, so that a program that waits for the clock has the states of its
+        """Publish the states, then the clock. A program that waits for the clock then has the states of that
         time."""
         m, tell, ports = self._messages, self._publishers, self._ports
         joints = ports.arms.state()

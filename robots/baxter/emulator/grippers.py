@@ -1,4 +1,4 @@
-"""Emulation of an electric gripper that receives EndEffectorCommands, on top of any gripper port."""
+"""Emulation of an electric gripper that receives EndEffectorCommands. It uses any gripper port."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ __all__ = ["ElectricGripper", "GripperReport"]
 
 NO_OP = "no_op"
 GRIPPING = 3.0
-"""Force between resting pads above which the gripper reports a grip [%]."""
+"""If the pads rest and press with more than this force, the gripper reports a grip [%]."""
 
 
 @dataclass(frozen=True)
 class GripperReport:
-    """Values of an EndEffectorState. stamp: cell time [s]; position, force [%]; refusal: reason why the last
-    command was refused, or the error until a reset, otherwise empty; command, sender, sequence: of the last
-    handled command."""
+    """Values of an EndEffectorState. stamp: cell time [s]; position, force [%]; refusal: why the last command was
+    refused, or else the error that needs a reset, or else empty; command, sender, sequence: of the last handled
+    command."""
 
     stamp: float
     calibrated: bool
@@ -59,8 +59,8 @@ class _RefusedError(Exception):
 
 
 class ElectricGripper:
-    """One gripper. A command with the sender and the sequence of the last one is a repetition and is not executed
-    again. past: initial state; `Emulator` calibrates the port."""
+    """One gripper. A command with the same sender and sequence as the last command is a repetition and is not
+    executed again. past: initial state. If it is calibrated, `Emulator` calibrates the port."""
 
     def __init__(self, port: Gripper, past: InitialState = NEW) -> None:
         self._port = port
@@ -85,7 +85,7 @@ class ElectricGripper:
         }
 
     def hear(self, hardware: int, command: str, arguments: str, sender: str, sequence: int) -> None:
-        """Handle a command. One for another hardware id is ignored; a refused one counts as handled."""
+        """Handle a command. A command for another hardware id is ignored. A refused command counts as handled."""
         if hardware != HARDWARE_ID or (sender, sequence) == self._last:
             return
         self._last, self._command, self._refusal = (sender, sequence), command, ""

@@ -12,12 +12,12 @@ __all__ = ["NEW", "USED", "InitialState"]
 
 @dataclass(frozen=True)
 class InitialState:
-    """Grippers: calibrated; error: their error until a reset, empty for none; parameters [%]; echo: sender and
-    sequence of the last command that each has handled, if any.
+    """Both grippers: calibrated; error: their error until a reset, empty for none; parameters [%]; echo: sender
+    and sequence of the last command that each gripper has handled, if any.
 
     enabled: the motors are on. stopped: the red button was pressed and released, and the robot was not reset.
-    head_pan: angle of the head [rad], if it was moved. timeout: validity of a joint command [s]. speed_ratio: of
-    moves in position mode.
+    head_pan: angle of the head [rad], if it was moved. timeout: validity of a joint command [s]. speed_ratio:
+    fraction of full speed of moves in position mode.
     """
 
     calibrated: bool = False

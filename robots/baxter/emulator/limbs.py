@@ -21,7 +21,7 @@ TICK = 0.01
 MAX_INTERVAL = 0.05
 """Largest interval between commands from which a velocity is computed [s]."""
 MAX_DELAY = 2 * TICK
-"""Delay of the next command up to which the last one is extrapolated [s]."""
+"""Largest delay of the next command for which the last command is extrapolated [s]."""
 ROUNDING = 1e-6
 
 
@@ -45,7 +45,7 @@ class Limb:
         self.forget()
 
     def forget(self) -> None:
-        """Forget all commands, after the motors were off."""
+        """Forget all commands. Needed after the motors were off."""
         self._heard = -math.inf
         self._held: Array | None = None
         self._newest: _Command | None = None
@@ -54,10 +54,10 @@ class Limb:
         """Time [s] and value of the last set-point."""
 
     def hear(self, mode: int, names: Sequence[str], values: Sequence[float], at: float, now: float) -> str | None:
-        """Take a JointCommand that arrived at time `at`. Returns the reason why it is not obeyed, or None.
+        """Take a JointCommand that arrived at time `at`. Returns the reason if it is not executed, otherwise None.
 
-        A command in an unsupported mode makes the arm hold. A malformed command and one that expired before it was
-        read change nothing.
+        A command in an unsupported mode makes the arm hold. A malformed command changes nothing, and neither does
+        a command that expired before it was read.
         """
         if len(names) != len(values) or sorted(names) != sorted(self._names):
             return f"a command of {len(values)} values for {', '.join(names) or 'no joints'}"
@@ -78,30 +78,30 @@ class Limb:
         return None
 
     def hear_timeout(self, seconds: float) -> str | None:
-        """Returns the reason why the message is not obeyed, or None."""
+        """Set the timeout. Returns the reason if the message is not accepted, otherwise None."""
         if not (math.isfinite(seconds) and seconds > 0.0):
             return f"a command timeout of {seconds} s"
         self.timeout = seconds
         return None
 
     def hear_speed_ratio(self, ratio: float) -> str | None:
-        """Returns the reason why the message is not obeyed, or None."""
+        """Set the speed ratio. Returns the reason if the message is not accepted, otherwise None."""
         if not 0.0 < ratio <= 1.0:
             return f"a speed ratio of {ratio}"
         self.speed_ratio = ratio
         return None
 
     def fresh(self, now: float) -> bool:
-        """Whether a command is valid."""
+        """Whether the last command is still valid."""
         return now - self._heard <= self.timeout + ROUNDING
 
     def set_point(self, now: float, standing: Array) -> tuple[Array, Array]:
         """Position and velocity (7,), (7,) of the set-point [rad], [rad/s]. standing: (7,) measured position, used
         if there is no command.
 
-        If the next command is late by a tick or two, the last one is extrapolated with its velocity; after that
-        the arm holds. In position mode the arm moves to the command at no more than its speed ratio, and stops
-        when the command expires.
+        If the next command is late by one or two ticks, the last command is extrapolated with its velocity. After
+        that the arm holds. In position mode the arm moves to the commanded position with at most the speed ratio,
+        and stops when the command expires.
         """
         q, qd = self._wanted(now, standing)
         if self._newest is not None and self._newest.mode == POSITION:

@@ -1,4 +1,4 @@
-"""Tasks of other threads that run on the loop's thread, between two ticks."""
+"""Tasks from other threads, executed on the loop's thread between two ticks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 __all__ = ["SETTLE", "LoopTasks"]
 
 SETTLE = 5
-"""Ticks between a task and the resolution of its future. By then every topic shows its effect."""
+"""Number of ticks between a task and the resolution of its future. By then every topic shows the task's effect."""
 
 T = TypeVar("T")
 
 
 class LoopTasks:
-    """`ask` may be called from any thread; all other methods belong to the loop's thread."""
+    """`ask` may be called from any thread. All other methods belong to the loop's thread."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -27,7 +27,7 @@ class LoopTasks:
         self._ended = False
 
     def ask(self, work: Callable[[], T]) -> Future[T]:
-        """Queue a task. Its future is cancelled at once if the loop has ended."""
+        """Queue a task. If the loop has ended, its future is cancelled immediately."""
         future: Future[T] = Future()
         with self._lock:
             if self._ended:

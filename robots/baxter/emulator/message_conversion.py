@@ -17,7 +17,7 @@ __all__ = ["assembly_state", "gripper_state", "header", "joint_state", "picture"
 
 NOD, PAN = "head_nod", "head_pan"
 PUBLISHED = (NOD, PAN, *(f"{side}_{joint}" for side in Side for joint in sorted(ARM_JOINTS)))
-"""Baxter orders the names alphabetically."""
+"""Joint names in Baxter's order, which is alphabetical."""
 INDEX = [JOINT_NAMES.index(name) for name in PUBLISHED[2:]]
 OPTICAL_FRAME = "camera_rgb_optical_frame"
 

@@ -13,7 +13,7 @@ __all__ = ["Button", "MotorState", "Motors"]
 
 
 class Button(Enum):
-    """The emergency button. RELEASED: it was pressed, and the robot has not been reset since."""
+    """The emergency button. RELEASED: it was pressed and released, and the robot has not been reset since then."""
 
     UNPRESSED = auto()
     PRESSED = auto()
@@ -29,7 +29,7 @@ class MotorState:
 
 class Motors:
     """The arms' motors and the stop circuit. `stop`, `press` and `release` may be called from any thread. The lock
-    is never held for long."""
+    is only held for short times."""
 
     def __init__(self, arms: Arms, stop: Stop) -> None:
         self._arms, self._stop = arms, stop
@@ -56,7 +56,7 @@ class Motors:
 
     @property
     def stops(self) -> int:
-        """Number of stops. A reset that arrived before the last stop must not lift it."""
+        """Number of stops. A reset that arrived before the last stop must not lift that stop."""
         return self._stops
 
     def state(self) -> MotorState:
@@ -69,7 +69,7 @@ class Motors:
         return MotorState(self._enabled, stopped, self._button)
 
     def enable(self) -> bool:
-        """Switch the motors on. Returns whether this call did so; a stopped robot refuses."""
+        """Switch the motors on. Returns False if they were already on, or if the robot refuses or is stopped."""
         with self._lock:
             state = self._state()
             if state.enabled or state.stopped:

@@ -1,4 +1,4 @@
-"""Connection to the ports of a real Baxter: connect, check that every device answers, disconnect."""
+"""Connection to the ports of a Baxter over ROS: connect, check that every device answers, disconnect."""
 
 from __future__ import annotations
 
@@ -45,10 +45,11 @@ def connected(
     simulated: bool,
 ) -> Iterator[Ports]:  # fmt: skip
     """The ports of the robot at ROS_MASTER_URI. limits: set-points are clipped to them. attendant: creates the
-    attendant from the stop, which ends its waiting. simulated: the robot is simulated; results are marked so.
+    attendant from the stop port, because a stop ends the attendant's waiting. simulated: whether the robot is
+    simulated; results are marked accordingly.
 
-    Raises ConfigurationError: no ROS, no master, a device that does not answer, more than one robot, or another
-    program that commands the arms.
+    Raises ConfigurationError if there is no ROS or no master, if a device does not answer, if there is more than
+    one robot, or if another program commands the arms.
     """
     node = open_node("foldcell")
     with ExitStack() as closing:
@@ -97,8 +98,8 @@ def connected(
 
 @contextmanager
 def connected_stop() -> Iterator[RosStop]:
-    """The robot's stop circuit alone. Raises ConfigurationError: no ROS, no master, a robot that does not
-    answer."""
+    """Connect only to the robot's stop circuit. Raises ConfigurationError if there is no ROS or no master, or if
+    the robot does not answer."""
     node = open_node("foldcell")
     with ExitStack() as closing:
         closing.callback(node.close)
@@ -115,7 +116,7 @@ def connected_stop() -> Iterator[RosStop]:
 
 
 def _refuse_others(node: Node) -> None:
-    """Refuse to connect if another program commands the arms, before anything is published."""
+    """Refuse to connect if another program commands the arms. Called before this program publishes anything."""
     others = {name for side in Side for name in node.publishers(joint_command(side))} - {node.name}
     if others:
         raise ConfigurationError(
@@ -125,7 +126,7 @@ def _refuse_others(node: Node) -> None:
 
 
 def _clock_topics(clock: WallClock | TopicClock) -> list[TopicClock]:
-    """The clock's topic, if the time comes from one."""
+    """The clock, if its time comes from a topic; else empty."""
     return [clock] if isinstance(clock, TopicClock) else []
 
 

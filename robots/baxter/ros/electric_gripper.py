@@ -27,7 +27,7 @@ CONFIGURE = "configure"
 PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
 """Parameters with the SDK's defaults [%]."""
 GO = "go"
-"""args: JSON {"position": 0-100}, 0 is closed. Refused until the gripper is calibrated."""
+"""args: JSON {"position": 0-100}, where 0 is closed. The gripper refuses it until it is calibrated."""
 STOP = "stop"
 RESET = "reset"
 """Clears an error."""

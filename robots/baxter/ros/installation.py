@@ -1,4 +1,4 @@
-"""Import of ROS 1's Python modules. They are on no package index; a distribution installs them for the system
+"""Import of ROS 1's Python modules. No package index has them. A distribution installs them for the system
 Python."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from robots.errors import ConfigurationError
 __all__ = ["PACKAGES", "find_ros", "import_ros"]
 
 FOLDERS = (Path("/opt/ros/noetic/lib/python3/dist-packages"), Path("/usr/lib/python3/dist-packages"))
-"""Folders of the installations: ROS's own distribution, then the packages of Debian and Ubuntu."""
+"""Possible folders of the installation: ROS's own distribution, then the packages of Debian and Ubuntu."""
 
 PACKAGES = "python3-rospy python3-rosmaster python3-sensor-msgs python3-rosgraph-msgs python3-trajectory-msgs"
 """The required packages of Debian and Ubuntu."""
@@ -28,7 +28,7 @@ def find_ros() -> Path | None:
 def import_ros(name: str = "rospy") -> ModuleType:
     """Import a module of ROS. Raises ConfigurationError if it is not installed.
 
-    Its folder is added at the end of sys.path, so that it never replaces this program's own packages.
+    Its folder is added at the end of sys.path, so that its modules never replace this program's own packages.
     """
     folder = find_ros()
     if folder is not None and str(folder) not in sys.path:

@@ -9,4 +9,4 @@ POSITION = 1
 VELOCITY = 2
 TORQUE = 3
 RAW_POSITION = 4
-"""Joint angles, without collision avoidance, speed limit and filter of the robot."""
+"""Joint angles, without the robot's own collision avoidance, speed limit and filter."""

@@ -1,7 +1,7 @@
 """Message classes of Baxter, its camera and its pads.
 
 Baxter's own messages come only with its SDK, so they are defined here. The names and types of fields and constants
-are the wire format, which ROS checks by a hash when two nodes connect. genpy generates the classes.
+define the wire format. ROS checks it with a hash when two nodes connect. genpy generates the classes.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class Messages:
 
 @cache
 def load_messages() -> Messages:
-    """Raises ConfigurationError if ROS is not installed."""
+    """Load the message classes. Raises ConfigurationError if ROS is not installed."""
     sensor, std = import_ros("sensor_msgs.msg"), import_ros("std_msgs.msg")
     tactile = _made("tactile_msgs/TactileState", TACTILE_STATE)
     return Messages(

@@ -1,7 +1,7 @@
 """This process's ROS node.
 
-rospy allows one node per process, for the life of the process. A cell opens and closes its topics on that node;
-the node stays.
+rospy allows one node per process, for the life of the process. A cell opens and closes its topics on that node,
+and the node stays open.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from robots.errors import ConfigurationError
 __all__ = ["Node", "Publisher", "master_address", "open_node"]
 
 MASTER = "http://localhost:11311"
-"""Default address of the ROS master, without ROS_MASTER_URI."""
+"""Address of the ROS master if ROS_MASTER_URI is not set."""
 ANSWER_S = 3.0
 CLOSE_S = 3.0
 
@@ -86,7 +86,7 @@ class Node:
         return str(self._rospy.get_name())
 
     def publishers(self, topic: str) -> list[str]:
-        """The live nodes that publish a topic. The master also lists nodes that died; they are left out."""
+        """The live nodes that publish a topic. The master also lists nodes that died. They are left out."""
         known = self._rospy.get_master().getSystemState()[2][0]
         nodes: list[str] = next((nodes for name, nodes in known if name == topic), [])
         return [node for node in nodes if node == self.name or self._is_alive(node)]
@@ -100,7 +100,7 @@ class Node:
             socket.create_connection((address.hostname, address.port), ANSWER_S).close()
         except ConnectionError:
             return False
-        except OSError:  # an unknown host name or no answer: assume that it is alive
+        except OSError:  # unknown host name or no answer: assume that the node is alive
             return True
         return True
 
@@ -112,8 +112,8 @@ class Node:
 
 
 def open_node(name: str) -> Node:
-    """Open this process's node. Raises ConfigurationError: ROS is not installed, no master answers, or this
-    process is a node of another master."""
+    """Open this process's node. Raises ConfigurationError if ROS is not installed, no master answers, or this
+    process is already a node of another master."""
     global _opened
     rospy = import_ros()
     uri, host, port = master_address()

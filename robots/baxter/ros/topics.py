@@ -32,9 +32,9 @@ JOINT_STATES = "/robot/joint_states"
 ROBOT_STATE = "/robot/state"
 """AssemblyState."""
 ENABLE = "/robot/set_super_enable"
-"""std_msgs/Bool, published until the state agrees."""
+"""std_msgs/Bool: true switches the motors on. Published repeatedly until the robot's state agrees."""
 RESET = "/robot/set_super_reset"
-"""std_msgs/Empty: clears the stop and disables the motors."""
+"""std_msgs/Empty: clears the stop. The motors are then off."""
 STOP = "/robot/set_super_stop"
 """std_msgs/Empty."""
 HEAD_COMMAND = "/robot/head/command_head_pan"
@@ -54,7 +54,7 @@ def command_timeout(side: Side) -> str:
 
 
 def inverse_dynamics(side: Side) -> str:
-    """trajectory_msgs/JointTrajectoryPoint: feed-forward beside raw positions."""
+    """trajectory_msgs/JointTrajectoryPoint: feed-forward in addition to raw positions."""
     return f"/robot/limb/{side}/inverse_dynamics_command"
 
 
@@ -75,14 +75,15 @@ def gripper_state(side: Side) -> str:
 
 def tactile(side: Side) -> str:
     """tactile_msgs/TactileState of a hand: channels `pad_0`, `pad_1` (cells row by row, row 0 at the tips, [N])
-    and `tips` (two, [N]), 100 Hz. The reader of the pads publishes it, not Baxter."""
+    and `tips` (two, [N]), 100 Hz. The pads' reader publishes it, not Baxter itself."""
     return f"/tactile/{side}_gripper"
 
 
 @dataclass(frozen=True)
 class CameraTopics:
-    """Topics of the camera: sensor_msgs/Image (rgb8 or bgr8), Image of the depth registered to it (32FC1 [m] or
-    16UC1 [mm]), CameraInfo. The defaults are the names of openni2_launch with depth_registration."""
+    """Topics of the camera: the colour picture as sensor_msgs/Image (rgb8 or bgr8), the depth registered to it as
+    Image (32FC1 [m] or 16UC1 [mm]), and CameraInfo. The defaults are the names of openni2_launch with
+    depth_registration."""
 
     rgb: str = "/camera/rgb/image_raw"
     depth: str = "/camera/depth_registered/image_raw"

@@ -33,7 +33,7 @@ __all__ = ["fit_clusters", "fit_ridges"]
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
-TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # in place of 0: for points and lines, for a sum of normals
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # added to squares that may be 0; FLAT: of a sum of normals
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
@@ -81,8 +81,8 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 @njit(nogil=True, forceinline=True)
 def _at(a, d, rows, at, later):
-    """a[d, at] of an array (3, rows, LANES): from the first of the `rows` or, where the bit is set, from the
-    second."""
+    """Elements `at` of a[d], an array (3, rows, LANES): from the first of two `rows` or, where the bit of `later`
+    is set, from the second."""
     return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
@@ -94,8 +94,8 @@ def _three_at(a, rows, at, later):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
-    """Velocity of the triangles' middles along axis d. -> squared differences of the corners' velocities from
-    it."""
+    """Store the velocity of the triangles' middles along axis d. -> squared differences of the corners' velocities
+    from this velocity."""
     mean = (p + q + r) * splat_f32x16(THIRD)
     store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean
@@ -104,8 +104,8 @@ def _fit_speeds(k, d, p, q, r, geo):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
-    """Geometry of the triangles of cluster k, whose corners are in two `rows` of place and course (3, rows,
-    LANES)."""
+    """Store the geometry of the triangles of cluster k, whose corners are in two `rows` of place and course (3,
+    rows, LANES)."""
     p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
     end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
     in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
@@ -140,7 +140,7 @@ def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edge(i, j, place, course, slack, geo, row, a):
-    """An edge between corners i and j into lane a of a row."""
+    """Store the geometry of the edge between corners i and j in lane a of a row."""
     length2 = differs = ZERO
     for d in range(3):
         along = place[d, j] - place[d, i]
@@ -166,10 +166,11 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy")
 def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
-    """Geometry with the corners predicted for `horizon` [s] after the substep `now`: base + course x time since
-    the substep `born`, each substep of `span` [s]. Clusters that neither move nor are stale stay as they were.
-    Normals are updated in stale clusters and those beside them, where the search reads them. Bent edges are
-    updated in the fitted clusters and those beside them. flat: cosine of a ridge (ridges.py)."""
+    """Update the geometry for the corners predicted for `horizon` [s] after the substep `now`: base + course x
+    time since the substep `born`, where a substep lasts `span` [s]. Clusters that neither move nor are stale are
+    not updated, unless `everything` is set. Bounds of normals are updated in stale clusters and their neighbours,
+    where the search reads them. Bent edges are updated in the fitted clusters and their neighbours. flat: cosine
+    of the angle from which an edge is a ridge (ridges.py)."""
     place, box, corner_start, stale = clusters.place, clusters.box, clusters.corner_start, clusters.stale
     tri, tri_at, tri_geo, slab = clusters.tri, clusters.tri_at.view(np.uint32), clusters.tri_geo, clusters.slab
     edge = clusters.edge
@@ -218,8 +219,8 @@ def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon
 
 @njit(nogil=True, error_model="numpy")
 def fit_ridges(clusters, course, slack):
-    """Geometry of the edges that are ridges, side by side in the rows of their cluster, of clusters that were
-    fitted (`fit_clusters`) or whose ridges changed."""
+    """Update the geometry of the ridges, packed in the rows of their cluster, for clusters that were fitted
+    (`fit_clusters`) or whose ridges changed."""
     edge, edge_at, start = clusters.edge, clusters.edge_at.view(np.uint32), clusters.edge_start
     ridge, before, place, fitted = clusters.ridge, clusters.ridge_before, clusters.place, clusters.fitted
     ridges, ridge_edge, geo, corner = clusters.ridges, clusters.ridge_edge, clusters.edge_geo, clusters.corner
@@ -250,7 +251,7 @@ def fit_ridges(clusters, course, slack):
 
 @njit(nogil=True, forceinline=True)
 def _differ(first, last, a, b):
-    """Whether two arrays differ from first to last."""
+    """Whether two arrays differ in the rows first to last - 1."""
     found = False
     for row in range(first, last):
         found = found or a[row] != b[row]
@@ -259,7 +260,7 @@ def _differ(first, last, a, b):
 
 @njit(nogil=True, forceinline=True)
 def _beside_some(beside, start, which, k):
-    """Whether `which` is set for cluster k or one beside it."""
+    """Whether `which` is set for cluster k or a cluster beside it."""
     found = False
     for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
         found |= which[np.uint64(beside[row])]

@@ -1,14 +1,16 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Search for pairs that may touch: clusters against clusters, sixteen of their primitives at a time.
 
-All bounds are compared in the frame that moves with one of the two, along axes on which they may be separated.
-Layers that travel together or slide past each other thus do not seem to meet everything on their way. The geometry
-is that in the middle of the horizon, so that half of the horizon lies ahead and half behind.
+Two bounds are compared in the frame that moves with one of them, along axes that may separate them. Layers that
+travel together or slide past each other are thus not paired with everything on their path. The geometry is
+predicted for the middle of the horizon, so that one half of the horizon lies after this time and one half before
+it.
 
 A smooth region of cloth cannot touch itself: a cluster is not searched against itself or a neighbour when all
 their normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that face each other
-cost anything. In a notch cloth meets itself edge to edge, however flat it is: clusters with borders on both sides
-of one are always searched (their test of the contour, made once for each mesh: clusters.py).
+cost anything. In a notch cloth meets itself edge to edge, however flat it is. Clusters with borders on the two
+sides of a notch are therefore always searched (the contour test of the same paper, made once per mesh in
+clusters.py).
 """
 
 from __future__ import annotations
@@ -46,9 +48,9 @@ from skills.cloth.simd.i32x16 import (
 __all__ = ["search_pairs"]
 
 ROOM = 3 * LEAF  # most tests of two clusters: each vertex or edge of one against the other
-# size of a batch: tests are collected, then made, so that loop lengths are known in advance
+# size of a batch: tests are first collected and then evaluated, so that loop lengths are known in advance
 TESTS = 16 * ROOM
-SMOOTH = 0.15  # least lean of a smooth region's normals in a common direction
+SMOOTH = 0.15  # least component of a smooth region's normals along a common direction
 ROUNDING = 2e-5  # [m] error of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 TINY = np.float32(1e-20)  # in place of 0: for points and lines
@@ -105,7 +107,7 @@ def _points_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
-    """Distances of places x with speeds u beyond a box, along axis d, within +-sweep."""
+    """Least distances along axis d, within +-sweep [s], by which points at x with speeds u are outside a box."""
     away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
     return away - splat_f32x16(box[g, d + 3, c] + near)
 
@@ -176,8 +178,9 @@ def _edges_near(geo, r, c, other, near, horizon):
     t = vmin(vmax((h * s + f) * load_f32x16(geo, other, 12), zero), one)
     s = vmin(vmax((h * t - g) * splat_f32x16(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-    # The line between the closest points has length d; motion across it leaves the edges d apart. They are within
-    # reach when d^2 <= reach d + along. With 2 reach d <= reach^2 + d^2, nearly an equality, no root is needed.
+    # The line between the closest points has length d; motion across this line leaves the edges d apart. The edges
+    # are within reach if d^2 <= reach d + along. Since 2 reach d <= reach^2 + d^2, nearly with equality, the test
+    # below needs no square root.
     du = splat_f32x16(geo[r, 7, c]) - load_f32x16(geo, other, 7)
     dv = splat_f32x16(geo[r, 8, c]) - load_f32x16(geo, other, 8)
     dw = splat_f32x16(geo[r, 9, c]) - load_f32x16(geo, other, 9)
@@ -189,10 +192,10 @@ def _edges_near(geo, r, c, other, near, horizon):
 
 @njit(nogil=True)
 def search_pairs(clusters, thick, horizon, vt, ee):
-    """All pairs with a stale cluster that can come within release distance within +-horizon [s] of the fitted
-    state, provided that no corner strays from its course by more than its slack. -> counts, which exceed the
-    lengths of the lists if these are too short. vt, ee: (k, 2), k at least LANES: LANES rows are written at once,
-    and the last ones stay unused."""
+    """Find all pairs with a stale cluster that can come within the release distance in the time from -horizon to
+    +horizon [s] around the fitted state, provided that no corner strays from its course by more than its slack. ->
+    numbers of pairs; a number greater than the length of its list means that the list is too short. vt, ee: (k,
+    2), k at least LANES: every write covers LANES rows, so the last LANES rows stay unused."""
     near = RELEASE * thick
     n_vt = n_ee = NONE
     stale, box, hit, slab, group = clusters.stale, clusters.box, clusters.hit, clusters.slab, clusters.group
@@ -255,8 +258,8 @@ def search_pairs(clusters, thick, horizon, vt, ee):
 
 @njit(nogil=True, forceinline=True)
 def _counted(n, pairs):
-    """n, or a number above the length of the list if it is too short: LANES are written at once, so its last rows
-    stay unused."""
+    """n, or a number above the length of the list if the list is too short. Every write covers LANES rows, so the
+    last LANES rows stay unused."""
     return np.int64(n) if np.int64(n) <= len(pairs) - LANES else len(pairs) + 1
 
 
@@ -270,11 +273,11 @@ def _leave_out_smooth(a, smooth, start, normal, left_out):
 
 @njit(nogil=True, forceinline=True)
 def _meeting(box, group, own, left_out, near, horizon, hit):
-    """Clusters that one with the bounds `own` can meet into `hit`, except those in `left_out` (a bit for each). ->
-    their number."""
+    """Write to `hit` the clusters that a cluster with the bounds `own` can meet, except those whose bit in
+    `left_out` is set. -> their number."""
     n = NONE
     for h in range(len(group)):
-        # a whole row of boxes at once
+        # first the common bounds of a whole row of boxes
         apart = False
         for d in range(3):
             sweep = horizon * abs(group[h, d + 6] - own[d + 6])
@@ -289,7 +292,8 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
-    """Append from index m on the tests of the set bits of row r against cluster b. -> the index behind them."""
+    """Append the tests of row r against cluster b, one for each set bit, from index m on. -> the index after
+    them."""
     store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
     store_i32x16(of, m, splat_i32x16(int32(b)))
     return m + popcount(bits)
@@ -299,7 +303,8 @@ def _put_down(which, of, m, r, bits, b):
 def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
-    """Pairs of vertices of cluster a with triangles of clusters hit[:met], and the other way round."""
+    """Append pairs of vertices of cluster a with triangles of clusters hit[:met], and of triangles of a with
+    vertices of these clusters. -> the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
     none = splat_i32x16(int32(-1))
     for turn in range(2 * met):
@@ -333,7 +338,7 @@ def _rows(n):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
-    """Pairs of edges of cluster a and edges of clusters hit[:met], ridges alone."""
+    """Append pairs of ridges of cluster a with ridges of clusters hit[:met]. -> the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
     own, own_rows = np.uint64(start[a]), _rows(ridges[a])
     own_end = splat_i32x16(int32(start[a] * LANES + ridges[a]))

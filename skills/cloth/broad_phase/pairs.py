@@ -1,6 +1,6 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Lists of pairs that may touch: when clusters are searched again, and what pairs keep from one search to the
-next."""
+"""Lists of pairs that may touch: decides when clusters are searched again, and transfers sides and impulses from
+old pairs to new ones."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from skills.cloth.simd.vec3 import load, store
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 
 SLACK = 0.001  # [m] that a corner may stray from its course before its cluster is searched again
-# x thickness: the slack of a cluster at rest. Edges of layers that lie on each other are then no pairs, in cloth
-# of more than some 1.8 mm (edge_distance in contacts.py)
+# x thickness: the slack of a cluster at rest. With it, edges of layers that lie on each other are no pairs in
+# cloth thicker than about 1.8 mm (edge_distance in contacts.py)
 CALM_SLACK = 0.15
-STALE_SHARE = 0.4  # of the slack: a cluster that strayed by more is searched along with those that must be
-HORIZON = 6  # phases that a search looks ahead
+STALE_SHARE = 0.4  # x slack: a cluster that strayed farther is included when another cluster must be searched
+HORIZON = 6  # phases that a search covers
 NONE, ONE = np.uint64(0), np.uint64(1)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
 ROOMY = 8  # places of the table for each pair, so that few collide
-RENEW = 4  # phases after which a cluster is searched along with others
+RENEW = 4  # phases after which a moving cluster is included in a search of others
 
 
 @njit(nogil=True)
@@ -74,8 +74,8 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
 
 @njit(nogil=True)
 def search(body, parameters, state, pairs):
-    """Search the pairs of stale clusters again; near pairs keep their side. -> False, with no pair changed, when a
-    list is too small."""
+    """Search the pairs of stale clusters again; near pairs keep their side. -> False if a list is too small; no
+    pair has changed then."""
     count, clusters = state.counts, body.clusters
     now, ahead = count[NOW], 0.5 * HORIZON * parameters.phase * parameters.h
     _foresee(
@@ -128,7 +128,8 @@ def search(body, parameters, state, pairs):
 
 @njit(nogil=True)
 def _have_room(n_new, n, pair, stale, of_first, of_second):
-    """Whether n_new pairs fit once those of stale clusters have left the first n."""
+    """Whether n_new pairs fit into the list after removal of the pairs of stale clusters from its first n
+    pairs."""
     room = len(pair) - n
     if n_new > room:
         for c in range(n):
@@ -140,8 +141,8 @@ def _have_room(n_new, n, pair, stale, of_first, of_second):
 def _foresee(
     now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
 ):  # fmt: skip
-    """New courses for the clusters that expired, have a corner that woke, or move and have a corner that fell
-    asleep. These clusters become stale."""
+    """Set new courses for the clusters that expired, that have a corner that woke, or that move and have a corner
+    that fell asleep. These clusters become stale."""
     for k in range(len(stale)):
         for c in range(np.uint64(start[k]), np.uint64(start[k + 1])):
             i = np.uint64(corner[c])
@@ -162,8 +163,8 @@ def _foresee(
 
 @njit(nogil=True)
 def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
-    """Replace the pairs of stale clusters by the new ones, which inherit the sides of equal old pairs. Sleeping
-    pairs without a side leave too."""
+    """Replace the pairs of stale clusters by the new pairs. A new pair inherits the side and the impulse of an
+    equal old pair. Sleeping pairs without a side are removed as well."""
     vt, side, due, new, scratch = (
         pairs.vt.view(np.uint32),
         pairs.side,
@@ -204,7 +205,8 @@ def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _renew_edge_edge(clusters, width, pairs, count, n_new):
-    """The same for edges, which inherit the normals of near pairs."""
+    """The same for pairs of edges; a new pair inherits the normal and the impulse of an equal old pair that was
+    near."""
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
     scratch, borne, memory, kept_normal = pairs.contact_vertices, pairs.ee_j, pairs.kept, pairs.kept_normal
     stale, of_edge = clusters.stale, clusters.of_edge.view(np.uint32)
@@ -241,8 +243,8 @@ def _renew_edge_edge(clusters, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _note(pair, n, width, key, row):
-    """Hash table (linear probing) of the rows of n pairs by first * width + second. -> the shift of its keys. In
-    places without a key, row is 0."""
+    """Build a hash table (linear probing) that maps first * width + second of n pairs to their rows. -> the shift
+    of its hash function. In places without a key, row is 0."""
     bits = 6
     while (1 << bits) < ROOMY * n and (2 << bits) <= len(key):
         bits += 1

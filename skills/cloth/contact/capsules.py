@@ -42,8 +42,8 @@ def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
 @njit(nogil=True)
 def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, wa):
     """Kinematic capsules push edges (and so vertices) that come nearer than `near` [m]. busy: (m, 2) capsule and
-    edge. The ends move from p0, q0 to p1, q1 (k, 3); they are at the share a0 of the way when the substep begins
-    and at a when it ends."""
+    edge. The ends of the capsules move from p0, q0 to p1, q1 (k, 3) during the frame. a0, a: time as a share of
+    the frame, at the beginning and at the end of the substep."""
     p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(len(busy)):
         k, e = busy[row, 0], busy[row, 1]

@@ -1,8 +1,9 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Orders of contacts in which successive contacts, or those solved at once, have no common vertex.
+"""Orders of contacts in which successive contacts, or contacts that are solved together, have no common vertex.
 
-Neighbours in the list of contacts often share vertices, and each would wait for the writes of the one before.
-Contacts that share a vertex keep their order, so the result is that of solving them one by one.
+Neighbours in the list of contacts often share vertices; in list order, each contact would wait for the writes of
+the contact before it. Contacts that share a vertex keep their order, so the result is the same as for solving the
+contacts one by one.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ PARTS = 4
 
 @njit(nogil=True)
 def take_turns(n, contact_vertices, taken, turn, level, first):
-    """An order in which successive contacts seldom share a vertex, so that one need not wait for the writes of
-    another; those that do share one keep their order. turn: (n,) the contacts in this order: first all that depend
-    on no other, then all that depend on one of these, and so on. taken: (vertices,), level: (n,) and first: (n +
-    1,) scratch."""
+    """Find an order in which successive contacts seldom share a vertex, so that a contact need not wait for the
+    writes of another contact. Contacts that share a vertex keep their order. turn: (n,) the contacts in the new
+    order: first all contacts that depend on no other, then those that depend on the first ones, and so on. taken:
+    (vertices,), level: (n,) and first: (n + 1,) scratch."""
     one, count, levels = np.uint64(1), np.uint64(n), np.uint64(0)
     taken[:] = 0  # first free level of each vertex
     first[: n + 1] = 0
@@ -47,12 +48,13 @@ def take_turns(n, contact_vertices, taken, turn, level, first):
 
 @njit(nogil=True)
 def group_contacts(n, contact_vertices, taken, order, filled):
-    """Put the contacts into groups of up to EIGHT without a common vertex, which a sweep solves at once. Contacts
-    that share a vertex keep the order of the interleaved list, which takes one contact of each of its PARTS parts
-    in turn; a sweep thus gives the result of solving them one by one in that order. -> number of groups.
+    """Put the contacts into groups of up to EIGHT without a common vertex; a sweep solves a group together.
+    Contacts that share a vertex keep the order of the interleaved list, which takes one contact from each of the
+    PARTS parts of the list in turn. A sweep thus gives the same result as solving the contacts one by one in the
+    interleaved order. -> number of groups.
 
-    order: (m, EIGHT) the contacts of each group, filled: (m,) how many they are (the rest repeats the first).
-    taken: (vertices,) scratch.
+    order: (m, EIGHT) the contacts of each group, filled: (m,) number of contacts in each group (the remaining
+    places repeat its first contact). taken: (vertices,) scratch.
     """
     one, parts, count, full = np.uint64(1), np.uint64(PARTS), np.uint64(n), np.uint64(EIGHT)
     taken[:] = 0  # first free group of each vertex

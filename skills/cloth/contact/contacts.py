@@ -2,27 +2,28 @@
 """Self-contact of cloth: the contacts, and the sweeps over them.
 
 The search for pairs is in cluster_search.py. The narrow phase runs every few substeps (vertex_triangle.py,
-edge_edge.py). It finds the near pairs, their sides and weights; each is a linear constraint n . sum(b_i x_i) >=
-thickness until the next narrow phase. The side of a pair follows the geometry while the pair is apart and is kept
-while it is near: a pair that was pressed through is pushed back to its side. Where a pair is fast enough to pass
-through before the next narrow phase, that comes earlier; where none is, later.
+edge_edge.py). It finds the near pairs, their sides and weights; each near pair is a linear constraint n . sum(b_i
+x_i) >= thickness until the next narrow phase. While a pair is apart, its side follows the geometry; while it is
+near, its side is fixed: a pair that was pressed through is pushed back to its side. The next narrow phase comes
+earlier if a pair is fast enough to pass through before it, and later if no pair is fast.
 
-A substep sweeps over the contacts until a sweep moves none by much: twice where they rest on each other, up to six
-times where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
+A substep repeats its sweep over the contacts until a sweep moves no contact by much: two sweeps where layers rest
+on each other, up to six where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
 
-Overlap from before the substep is released gradually, as a shift of present and old positions alike. It thus
-causes no velocity, which would throw layers apart. Friction is Coulomb's at position level, bounded by the total
-normal impulse of a contact in the substep.
+Overlap that exists before the substep is released gradually, by the same shift of present and old positions. The
+release thus causes no velocity, which would throw layers apart. Coulomb friction acts at position level and is
+bounded by the total normal impulse of a contact in the substep.
 
-The contacts of a narrow phase are stored in a list, and in two other orders (contact_order.py): in turns, which
-release overlap and apply the first impulses, and in groups of EIGHT, which the sweeps solve at once. `lay_out`
-copies the data of the sweeps group by group into registers, where the impulses stay for the whole phase. After
-each substep `average_impulses` puts the mean impulses back into the list; the next substep begins with them.
+The contacts of a narrow phase are stored in a list. Two other orders are computed (contact_order.py): the order of
+`take_turns`, in which overlap is released and initial impulses are applied, and groups of EIGHT, which the sweeps
+solve together. `lay_out` copies the data for the sweeps, group by group, into registers, where the impulses stay
+for the whole phase. After each substep `average_impulses` writes the mean impulses back to the list; the next
+substep begins with them.
 
-Every contact keeps a mean of its impulses over some substeps, and begins with it (warm starting, as in sequential
-impulses: Catto 2005). A few sweeps then carry a stack of layers without creep and with true masses: the table
-bears the weight of all of them. It is the mean, not the last impulse, because impulses and velocities would
-otherwise be two integrators in a loop, which oscillate.
+Every contact stores the mean of its impulses over some substeps and begins each substep with it (warm starting, as
+in sequential impulses: Catto 2005). A few sweeps then carry a stack of layers without creep and with true masses:
+the table bears the weight of all layers. The mean is used because the last impulse and the velocities would form a
+loop of two integrators, which oscillates.
 """
 
 from __future__ import annotations
@@ -51,28 +52,28 @@ from skills.cloth.simd.f64x8 import (
 )  # fmt: skip
 from skills.cloth.simd.vec3 import dot, load, members, spread, store
 
-# A phase is the time from one narrow phase to the next: 1 / PHASES [s], but no less than PHASE substeps.
+# A phase is the time from one narrow phase to the next: at most 1 / PHASES [s], but at least PHASE substeps.
 PHASE, PHASES = 4, 240
-HASTE_WAY = (
-    2.0  # x thickness: if a contact may go farther in a phase, the next narrow phase comes after half of it
-)
-LEISURE_WAY = 1.0  # x thickness: if none may go farther in two phases, it comes after two
-RELEASE = 1.25  # x contact distance: beyond it a pair is apart and its side follows the geometry
+# x thickness: if a contact may move farther in a phase, the next narrow phase comes after half a phase
+HASTE_WAY = 2.0
+LEISURE_WAY = 1.0  # x thickness: if no contact may move farther in two phases, it comes after two phases
+RELEASE = 1.25  # x contact distance: above it a pair is apart and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is dropped
-# edge-edge contact distance: EDGE_SHARE of the thickness; in thin cloth, which a snag could pull through in a
-# substep, EDGE_DISTANCE [m], at most MOST_EDGE_SHARE: layers lie a thickness apart, and their edges must not push
+# Contact distance of edges: EDGE_SHARE x thickness, but in thin cloth, which a snag could pull through in a
+# substep, EDGE_DISTANCE [m], limited to MOST_EDGE_SHARE x thickness: layers lie a thickness apart, and their edges
+# must not push each other
 EDGE_SHARE, EDGE_DISTANCE, MOST_EDGE_SHARE = 0.5, 0.001, 0.8
-# lower bound of the inverse mass of a contact few of whose vertices can move, as a share of the largest among its
-# vertices: a vertex with a small weight would be flung
+# lower bound of a contact's inverse mass, as a share of the largest inverse mass of its vertices. It matters if
+# few of the vertices can move: without it, a vertex with a small weight would be flung away
 LEAST_SHARE = 0.25
 STRAY = 2.5e-4  # [m] motion between two narrow phases beyond the prediction from relative speed
-PARKED = 2**30  # due date of a pair that sleeps
-MAX_WAIT = 12  # x pace: longest time for which a distant pair is left out
+PARKED = 2**30  # due substep of a sleeping pair
+MAX_WAIT = 12  # x pace: longest time for which a distant pair is not examined
 MEMORY = 0.05  # weight of a substep's impulse in a contact's mean: with 1 stacks oscillate
 LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
-TOLERANCE = 0.03  # x thickness: from LEAST_SWEEPS on, a sweep that moved no contact by more is the last
-OVERLAP_SHARE = 0.4  # share of an older overlap that is released in a substep
-OVERLAP_SPEED = 0.4  # [m/s] most speed of that release
+TOLERANCE = 0.03  # x thickness: after LEAST_SWEEPS, a sweep that moved no contact by more than this is the last
+OVERLAP_SHARE = 0.4  # share of an existing overlap that is released in a substep
+OVERLAP_SPEED = 0.4  # [m/s] greatest speed of this release
 # places in a group's block: normals of its contacts (three registers), contact distances, effective masses;
 # separation at the beginning of the substep, impulse in this substep, and mean impulse (three registers each)
 NORMAL, GAP, INVERSE, APART, BORNE, OF_LATE, PLACES = 0, 3, 4, 5, 8, 11, 14
@@ -87,7 +88,7 @@ def expect_places(block):
 
 @njit(nogil=True, forceinline=True)
 def load_three(block, g, place):
-    """Coordinates of a vector of each contact of a group."""
+    """Load the coordinates of a vector for each contact of a group."""
     return load_f64x8(block, g, place), load_f64x8(block, g, place + 1), load_f64x8(block, g, place + 2)
 
 
@@ -113,8 +114,8 @@ def phase_length(h: float, substeps: int) -> int:
 
 @njit(nogil=True)
 def next_narrow_phase(s, substeps, phase, pace, way):
-    """The substep of the narrow phase after that of substep s, whose contacts serve for `pace` substeps, and the
-    pace of that next one. way: the most that a pair that may touch can approach in a substep, x thickness."""
+    """The substep of the next narrow phase, and its pace. The contacts of the present narrow phase, in substep s,
+    are valid for `pace` substeps. way: largest approach in a substep of a pair that may touch, x thickness."""
     step = phase // 2 if way * phase > HASTE_WAY else phase if 2 * way * phase > LEISURE_WAY else 2 * phase
     on_grid = s - s % phase + max(phase, min(step, pace))
     return min(s + step, on_grid, substeps), max(step, phase)
@@ -122,14 +123,14 @@ def next_narrow_phase(s, substeps, phase, pace, way):
 
 @njit(nogil=True, forceinline=True)
 def is_due(due, now, pace):
-    """Whether a pair is to be examined now, because the next time would be too late."""
+    """Whether a pair has to be examined in this narrow phase, because the next one would be too late."""
     return due < now + pace
 
 
 @njit(nogil=True)
 def later(now, pace, free, reach):
-    """When to examine a pair again that has to approach by `free` to touch, and can approach by `reach` in `pace`
-    substeps."""
+    """The substep in which a pair is to be examined again. The pair has to approach by `free` [m] to touch, and
+    can approach by `reach` [m] in `pace` substeps."""
     return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
@@ -147,7 +148,7 @@ def release_overlaps(
     xp,
     h,
 ):
-    """Shift overlapping contacts apart, in old and present positions alike."""
+    """Move overlapping contacts apart, by the same shift of old and present positions."""
     most_way = OVERLAP_SPEED * h
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
@@ -156,7 +157,7 @@ def release_overlaps(
         pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
         normal = load(contact_normals, c)
         overlap = contact_distances[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
-        # no shift if it is apart: half of them are, and a branch would be mispredicted too often
+        # zero for a contact that is apart: half of the contacts are, and a branch would be mispredicted too often
         apart = (max(min(OVERLAP_SHARE * overlap, most_way), 0.0) * contact_masses[c]) * normal
         si, sj, sk, sm = spread(load(contact_mobilities, c))
         si, sj, sk, sm = si * apart, sj * apart, sk * apart, sm * apart
@@ -172,7 +173,7 @@ def release_overlaps(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def apply_impulses(n, turn, contact_vertices, contact_mobilities, contact_impulses, x):
-    """Begin a substep with the mean impulses of the contacts. Branch-free."""
+    """Apply the mean impulses of the contacts at the beginning of a substep. Branch-free."""
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
         i, j, k, m = members(contact_vertices, c)
@@ -208,9 +209,9 @@ def lay_out(
     share,
     block,
 ):
-    """Copy the data of the sweeps in the order in which they read it. member, weight, share: (m * EIGHT, 4)
-    contact_vertices, contact_weights, contact_mobilities; block: (m, PLACES, EIGHT) registers of each group, all
-    places but APART."""
+    """Copy the data for the sweeps in the order in which the sweeps read it. member, weight, share: (m * EIGHT, 4)
+    copies of contact_vertices, contact_weights and contact_mobilities; block: (m, PLACES, EIGHT) registers of each
+    group, filled except for APART."""
     expect_places(block)
     end, full = np.uint64(groups), np.uint64(EIGHT)
     for row in range(end * full):
@@ -230,7 +231,7 @@ def lay_out(
 
 @njit(nogil=True)
 def measure_sides(groups, member, weight, block, xp):
-    """The separation of the two sides of each contact at the beginning of the substep."""
+    """Store the separation of the two sides of each contact at the beginning of the substep in APART."""
     expect_places(block)
     for g in range(np.uint64(groups)):
         store_three(block, g, APART, gather(xp, member, weight, g))
@@ -238,11 +239,11 @@ def measure_sides(groups, member, weight, block, xp):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_contacts(groups, order, filled, member, weight, share, block, x, friction, back, tolerance, work):
-    """One sweep through the groups of contacts, or `back` from their end. No contact comes nearer than the contact
-    distance, or than its distance at the beginning of the substep where that was less; Coulomb friction. BORNE:
-    the impulse of each contact in this substep so far [kg m]; the sweep may reduce it, but no contact pulls. ->
-    whether the sweep moved the sides of a contact by more than `tolerance` [m]. work: (n, 4) scratch, a row for
-    each of n contacts."""
+    """One sweep over the groups of contacts, in reverse order with `back`, with Coulomb friction. The two sides of
+    a contact come no nearer than the contact distance, or than their distance at the beginning of the substep if
+    this was less. BORNE: the impulse of each contact in this substep so far [kg m]; the sweep may reduce it, but
+    no contact pulls. -> whether the sweep moved the sides of a contact by more than `tolerance` [m]. work: (n, 4)
+    scratch, a row for each of n contacts."""
     one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, splat_f64x8(0.0), splat_f64x8(1.0)
     mu, most_way, full = splat_f64x8(friction), splat_f64x8(tolerance), np.uint8(EIGHT)
     expect_places(block)
@@ -263,7 +264,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
         hold = vsqrt(dots(ax, ay, az, ax, ay, az))
         slide = where_above(hold, nothing, vmin(unit, vdiv(mu * press, hold)), nothing)
         jx, jy, jz = press * nx + slide * ax, press * ny + slide * ay, press * nz + slide * az
-        # no change for a contact that is apart and bears nothing
+        # no change for a contact that is apart and bears no load
         jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))
         jy = where_above(borne, nothing, jy, where_above(least_gap, d, jy, by))
         jz = where_above(borne, nothing, jz, where_above(least_gap, d, jz, bz))
@@ -288,7 +289,8 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
 
 @njit(nogil=True)
 def average_impulses(groups, order, block, contact_impulses):
-    """Update each contact's mean impulse with that of this substep; the next one begins with it."""
+    """Update each contact's mean impulse with its impulse in this substep; the next substep begins with the
+    mean."""
     expect_places(block)
     little = splat_f64x8(MEMORY)
     for g in range(np.uint64(groups)):
@@ -302,6 +304,6 @@ def average_impulses(groups, order, block, contact_impulses):
 
 @njit(nogil=True)
 def remember_impulses(n_vt, n, contact_pairs, contact_impulses, vt_j, ee_j):
-    """Give what the contacts bear back to their pairs, until the next narrow phase."""
+    """Store the impulses of the contacts with their pairs, for the next narrow phase."""
     for c in range(n):
         store(vt_j if c < n_vt else ee_j, contact_pairs[c], load(contact_impulses, c))

@@ -10,7 +10,7 @@ from skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE,
 from skills.cloth.contact.vertex_triangle import find_due
 from skills.cloth.simd.vec3 import cross, dot, load, store, vector
 
-NEAR_PARALLEL = 0.02  # sin^2 of the angle between two edges below which their pair is left to the vertices
+NEAR_PARALLEL = 0.02  # sin^2 of the angle of two edges below which vertex-triangle contacts replace theirs
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -48,10 +48,10 @@ def _sided(c, n, d, near, normal, release, give_up):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
-    from row n on. -> number of rows, and the farthest that one of them may move in this time [m].
+    from row n on. -> number of rows, and the largest distance that one of these pairs may move in this time [m].
 
-    rim: (e,) True for edges of hems and seams. Two of these that meet edge-on, as sheets do that slide towards
-    each other on the table, have no other normal than the shortest line between them.
+    rim: (e,) True for edges of hems and seams. Two rim edges that meet edge-on, as when two sheets slide towards
+    each other on the table, have no normal except the shortest line between them.
     """
     pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
     due, memory = pairs.ee_due, pairs.ee_j

@@ -1,16 +1,16 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Edges that can touch other edges: rims, and ridges, where the cloth is bent.
 
-An edge between two nearly coplanar triangles is no feature of the surface. Contacts of vertices and triangles keep
-the ends of a crossing edge a thickness above these triangles, and the straight line between the ends is about as
-far away. With an angle a between the triangles and a crossing edge of length l, it can come nearer by a l / 4 (a
-roof's ridge over the middle of its eaves). Up to a = 4 (thickness - d) / l the two stay apart by the contact
-distance d of edges. So both edges of a pair have to be ridges or rims; with a flat one the contact can bear
-nothing. A third of the pairs of a folded shirt remain.
+An edge between two nearly coplanar triangles needs no contacts with other edges. Vertex-triangle contacts hold the
+ends of a crossing edge a thickness above these triangles, so the straight line between the ends is about as far
+away. With an angle a between the triangles and a crossing edge of length l, the line can come nearer by a l / 4
+(as the ridge of a roof rises above the middle of its eaves). Up to a = 4 (thickness - d) / l, the two edges stay
+apart by the contact distance d of edges. A contact with such a flat edge would bear no load, so only pairs of
+ridges or rims are searched. A third of the pairs of a folded shirt remain.
 
-Edges are classified in the middle of the time that a search looks ahead. A cluster with new ridges since its last
-search goes along with the next one. An edge that bends faster than the margin allows counts from then on, a frame
-late; vertices and triangles keep it apart meanwhile.
+Edges are classified in the state predicted for the middle of the search horizon. A cluster with new ridges since
+its last search is included in the next search. An edge that bends faster than the margin allows becomes a ridge a
+frame late, in this next search; before that, vertex-triangle contacts keep it apart from other edges.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # of the allowed angle: beyond it an edge is a ridge; the angle can grow until the next search
-MOST_ANGLE = 0.5  # [rad] beyond it an edge is always a ridge, however thick the cloth
+SHARE = 0.5  # x allowed angle: above it an edge is a ridge, since the angle may grow until the next search
+MOST_ANGLE = 0.5  # [rad] above it an edge is always a ridge, however thick the cloth is
 EVERY_EDGE = np.float32(2.0)  # a cosine with which every edge is a ridge
 WIDE = np.uint32(LANES)
 
@@ -50,7 +50,7 @@ def find_ridges(row, edges, beside, geo, flat):
 
 @njit(nogil=True)
 def stay_ridges(n, pair, near, at, ridge):
-    """Edges of near pairs stay ridges, so that their pairs keep their memory."""
+    """Mark the edges of near pairs as ridges, so that these pairs keep their normals and impulses."""
     for c in range(n):
         if near[c]:
             for m in range(2):
@@ -60,9 +60,9 @@ def stay_ridges(n, pair, near, at, ridge):
 
 @njit(nogil=True)
 def note_ridges(stale, start, ridge, searched, expired):
-    """Record the ridges with which stale clusters were searched (rows,), and mark the other clusters that have
-    more ridges than recorded: they go along with the next search. An edge that is no longer a ridge is removed
-    from the record, so that it counts as new when it bends again."""
+    """Record the ridges with which stale clusters were searched, in `searched` (rows,). Mark the other clusters
+    that have ridges not yet recorded as `expired`: they are included in the next search. An edge that is no longer
+    a ridge is removed from the record, so that it counts as new when it bends again."""
     for k in range(len(stale)):
         expired[k] = False
         for row in range(start[k], start[k + 1]):

@@ -8,9 +8,9 @@ from numba import njit
 
 from skills.cloth.simd.vec3 import load, store, vector
 
-LOW = 0.004  # [m] vertices higher above their rest on the table are not pressed onto it before the next substep
-# vertices inside the table are pushed out by this share a substep, at most so fast [m/s]. They are not shifted as
-# overlapping layers are: more folded piles came to rest so
+LOW = 0.004  # [m] vertices higher than this above their rest height do not reach the table within a substep
+# vertices inside the table are pushed out by SUNK_SHARE of their depth per substep, at most at SUNK_SPEED [m/s].
+# Old positions are not shifted, unlike those of overlapping layers: with this push more folded piles came to rest
 SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
 SLIDING = 0.02  # [m/s] from which friction with the table is dynamic
 
@@ -18,9 +18,9 @@ SLIDING = 0.02  # [m/s] from which friction with the table is dynamic
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
     """List the vertices of awake[:count] that contacts of this substep may press onto the table, their lowest
-    heights `floor`, and the table's friction coefficient for each. The coefficient depends on the vertex's speed;
-    otherwise a vertex that yields a little while loads settle would keep sliding. Resets `press`. -> their
-    number."""
+    heights `floor`, and the table's friction coefficient for each. The coefficient changes gradually with the
+    speed of the vertex: with an abrupt change, a vertex that yields a little while loads settle would keep
+    sliding. Resets `press`. -> their number."""
     nothing = vector(0.0, 0.0, 0.0)
     rest = 0.5 * thickness
     n = 0
@@ -40,9 +40,9 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def press_on_table(count, low, rest, floor, friction, x, xp, press):
-    """The table (the plane z = 0) with Coulomb friction; vertices of one layer rest at z = `rest`. It is solved
-    before the contacts, so that layers rest on what it holds, and after them, with the sum of its displacements in
-    this substep, `press`."""
+    """Push vertices onto the table (the plane z = 0), with Coulomb friction; vertices of a single layer rest at z
+    = `rest`. It is called before each sweep over the contacts, so that layers rest on the vertices that the table
+    holds, and once after the sweeps. press: the sum of its displacements in this substep."""
     for c in range(count):
         i = low[c]
         borne = press[i, 2]

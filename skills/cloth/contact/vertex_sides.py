@@ -1,16 +1,17 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Positions of vertices relative to triangles: side, distance, nearest point, and the distance to keep. LANES
-pairs at once, in single precision, relative to a corner of the triangle.
+"""Positions of vertices relative to triangles: side, distance, nearest point, and the distance to maintain. LANES
+pairs are evaluated together, in single precision, relative to a corner of the triangle.
 
-The side of a pair follows the geometry while the pair is apart and is kept while it is near. A vertex beside the
-triangle meets the nearest point of its border, from its remembered side or from the side it is clearly on:
-otherwise it could slip through over a corner that points at it. While it is farther from the border than the
-thickness, it may slide on over the triangle, but not sink towards its plane. A vertex that has slid past the
-border goes down around it, as around a rounded edge. If it were dropped at once, the load on it would throw it
-past the border before the next examination, and the edge contacts that take over would remember the wrong side.
+While a pair is apart, its side follows the geometry; while it is near, its side is fixed. A vertex beside the
+triangle has contact with the nearest point of the border, on the remembered side or, without one, on the side on
+which it clearly is. Without this contact it could slip through at a corner that points towards it. While the
+vertex is farther from the border than the thickness, it may slide parallel to the triangle, but not sink towards
+its plane. A vertex that has slid past the border sinks gradually around it, as around a rounded edge. If its
+contact ended suddenly, the load on the vertex would throw it past the border before the next examination, and the
+edge contacts that take over would remember the wrong side.
 
-All quantities are rows of LANES in one flat array. Only for constant offsets in one array does the compiler know
-that no two rows overlap, and it then vectorises the loop.
+All quantities are rows of LANES numbers in one flat array. With constant offsets in one array, the compiler can
+tell that no two rows overlap, and vectorises the loop.
 """
 
 from __future__ import annotations
@@ -26,21 +27,22 @@ __all__ = [
     "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
 ]  # fmt: skip
 
-BORDER = 0.05  # barycentric: a vertex nearer to an edge is over the border of two triangles
-# A vertex goes down around a border once it is so far past it that, at the height of a thickness, its distance
-# exceeds a thickness by SLIP [m]; it sinks by SINK x thickness an examination at most.
+BORDER = 0.05  # barycentric coordinate: a vertex nearer to an edge is over the border of two triangles
+# A vertex begins to sink around a border when it is so far past the border that, at the height of a thickness, its
+# distance from the border would exceed a thickness by SLIP [m]. It sinks by at most SINK x thickness per
+# examination.
 SLIP, SINK = 0.5 * STRAY, 0.1
-LEAN = 0.5  # sine of the least elevation at which a vertex beside a triangle is on a side of it
+LEAN = 0.5  # sine of the least elevation at which a vertex beside a triangle clearly is on one side of it
 
-# Input rows: from a corner of the triangle to the two others and to the vertex; the vertex's velocity less the
-# corner's; the remembered side.
+# Input rows: vectors from a corner of the triangle to the two other corners and to the vertex; velocity of the
+# vertex relative to this corner; remembered side.
 TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
-# Output rows, besides SIDE. VERDICT: AWAY, TOUCHES or neither; WAIT: for a pair that is away, the number of
-# examinations until the next one (rounded down, `later` in contacts.py), else 0; REACH: distance that it may move
-# until the next one. The contact: NORMAL; SECOND, THIRD: weights of these corners; WITHIN: the least barycentric
-# coordinate, always below -BORDER where the vertex goes down around the border; LEAST: the distance that can be
-# kept without a push from a triangle that the vertex does not touch; GAP: the distance, negative over the triangle
-# on the wrong side.
+# Output rows, besides SIDE. VERDICT: AWAY, TOUCHES or neither; WAIT: for a pair that is away, the time until its
+# next examination in units of the pace (rounded down, `later` in contacts.py), else 0; REACH: distance that the
+# pair may move within the span. Of the contact: NORMAL; SECOND, THIRD: weights of the second and third corner;
+# WITHIN: the least barycentric coordinate, always below -BORDER where the vertex sinks around the border; LEAST:
+# the distance that can be maintained without a push from a triangle that the vertex does not touch; GAP: the
+# distance, negative over the triangle on the wrong side.
 VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
 ROWS = 24
 AWAY, TOUCHES = 1.0, 2.0
@@ -52,7 +54,7 @@ NO_AREA = np.float32(1e-20)  # [m4] square of twice the area below which a trian
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def judge_sides(work, thick, span):
     """Evaluate LANES pairs, given and returned in the rows of `work`, (ROWS * LANES,) float32. thick [m]: the
-    contact distance; span [s]: until the next examination."""
+    contact distance; span [s]: time until the next examination."""
     release, give_up = np.float32(RELEASE) * thick, np.float32(GIVE_UP) * thick
     for k in range(LANES):
         ax, ay, az = work[k], work[LANES + k], work[2 * LANES + k]
@@ -83,16 +85,17 @@ def judge_sides(work, thick, span):
         from_b = rx * rx + ry * ry + rz * rz
         rx, ry, rz = qx - u * cx, qy - u * cy, qz - u * cz
         from_c = rx * rx + ry * ry + rz * rz
-        # the nearest point of the border, as weights of the second and third corner, and the way from there
+        # the nearest point of the border, as weights of the second and third corner, and the vector from it to the
+        # vertex
         on_a = (from_a <= from_c) & (from_a <= from_b)
         on_c = (not on_a) & (from_c <= from_b)
         e1 = s if on_a else (ONE - u if on_c else ZERO)
         e2 = ZERO if on_a else (u if on_c else t)
         wx, wy, wz = px - e1 * ax - e2 * bx, py - e1 * ay - e2 * by, pz - e1 * az - e2 * bz
         away = np.sqrt(wx * wx + wy * wy + wz * wz)
-        out = away * away - d * d  # past the border, squared
+        out = away * away - d * d  # squared distance past the border
         slips = beside & (remembered != ZERO) & (out > np.float32(SLIP) * (thick + thick + np.float32(SLIP)))
-        # the gap cannot close within the span: the pair is apart, whichever side
+        # the gap cannot close within the span: the pair is apart, on whichever side
         far = (abs(d) > release + reach) | (beside & (away > thick + reach))
         gap = away if beside else abs(d)
         released = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
@@ -103,7 +106,7 @@ def judge_sides(work, thick, span):
         touches = (side * d > ZERO if beside else side * d <= thick + reach) & (not far) & (nn > NO_AREA)
         stops = beside & (away < thick)
         inverse = ONE / (away + TINY)
-        # what comes fast may be through by the next look: it has its side from now on
+        # a fast vertex may have passed through at the next examination, so its side is fixed from now on
         work[SIDE * LANES + k] = side if touches else (ZERO if far & (gap > release) else kept)
         work[VERDICT * LANES + k] = np.float32(AWAY) if far else (np.float32(TOUCHES) if touches else ZERO)
         wait = ONE + min(max(gap - release - reach, ZERO) / reach, np.float32(MAX_WAIT))

@@ -2,9 +2,9 @@
 """Narrow phase of vertices against triangles: which pairs touch, reduced to one contact where a vertex is near
 several triangles of one sheet.
 
-Nearly all of the time goes into fetching the data of pairs and into mispredicted branches. So LANES pairs are
-evaluated at once (vertex_sides.py), those that touch are stored in short rows, and only the rows that remain when
-each vertex meets each sheet once become contacts.
+Fetching the data of pairs and mispredicted branches take nearly all of the time. Therefore LANES pairs are
+evaluated together (vertex_sides.py), and those that touch are stored in short rows. The rows are then reduced
+until each vertex meets each sheet once; only the remaining rows become contacts.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.simd.f64x8 import blocks
 from skills.cloth.simd.vec3 import load, store, store_singles, vector
 
-AT_BEND = -2  # in place of a better row
+AT_BEND = -2  # entry of `better` for a row at a bend without a better row
 ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)
-OVER = np.nextafter(np.float32(BORDER), ZERO)  # the largest single below BORDER
+OVER = np.nextafter(np.float32(BORDER), ZERO)  # the largest float32 below BORDER
 # least cosine between the normals of neighbouring triangles that a vertex over their border meets as one
 ALIKE = np.float32(0.9)
-NEARLY = 0.5  # x thickness: a row nearer by more is kept, as where layers are joined at a hem
+NEARLY = 0.5  # x thickness: a row that is nearer by more than this stays, as where layers are joined at a hem
 NEVER = np.float32(2.0)  # more than any cosine
 # A row, one cache line: indices of the triangle, its corners and the vertex, then the contact (vertex_sides.py):
 # normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
@@ -54,8 +54,8 @@ DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 @njit(nogil=True)
 def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
-    from row 0 on. -> number of rows, and the farthest that one of them may move in this time [m]. top: (n,)
-    scratch, -1."""
+    from row 0 on. -> number of contacts, and the largest distance that a near pair may move in this time [m]. top:
+    (n,) scratch, filled with -1."""
     near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
     n, bearing, farthest = _find_near(
         count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
@@ -79,8 +79,9 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Sides of the pairs that are due, and rows of those that can touch. -> number of rows, number of rows with an
-    impulse, and the farthest that one may move. asked: scratch, the pairs examined now."""
+    """Update the sides of the pairs that are due, and store rows for the pairs that can touch. -> number of rows,
+    number of rows with an impulse, and the largest distance that such a pair may move [m]. asked: scratch, the
+    pairs examined now."""
     work, of, hit = (
         blocks(ROWS, 1).view(np.float32).reshape(ROWS * LANES),
         np.zeros(LANES, np.uint64),
@@ -128,8 +129,8 @@ def _find_near(
 def _put_down(
     hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Append the touching pairs as rows from n on, except those that nothing can move. hit[:hits]: lanes in `work`
-    and `of`. borne: the bits of `memory`."""
+    """Append the touching pairs as rows from n on, except pairs in which nothing can move. hit[:hits]: lanes in
+    `work` and `of`. borne: the bits of `memory`."""
     for m in range(hits):
         k = hit[m]
         o = of[k]
@@ -163,7 +164,7 @@ def _inverse_mass(i, p, q, r, b1, b2, w):
 
 @njit(nogil=True, forceinline=True)
 def find_due(count, now, pace, due, asked):
-    """The pairs to be examined now, into `asked`. -> their number."""
+    """Write the pairs to be examined now to `asked`. -> their number."""
     n = np.uint64(0)
     for c in range(np.uint64(count)):
         asked[n] = c
@@ -194,14 +195,16 @@ def _ordered(a):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
-    """Of neighbouring, nearly coplanar triangles, a vertex over their border meets only the one that it is most
-    inside of, and no border of those beside it. The rows of the others get a `better` row, except that where the
-    vertex is over both triangles a row does not give way to one that is farther by more than `nearly` [m]. On the
-    border itself they are the same contact, so no contact jumps, and the choice depends on positions alone. Rows
-    beside a triangle that is joined to another one at an angle are AT_BEND.
+    """Reduce the rows so that each vertex meets each sheet once. Among neighbouring, nearly coplanar triangles, a
+    vertex over their common border meets only the triangle that it is farthest inside, and no border of the
+    triangles beside it. The rows of these other triangles get a `better` row. There is one exception: if the
+    vertex is over both triangles, a row is not replaced by a row that is farther away by more than `nearly` [m].
+    On the border itself both rows describe the same contact, so no contact jumps, and the choice depends on
+    positions alone. A row is AT_BEND if its vertex is beside its triangle and the triangle is joined to another
+    one at an angle.
 
-    The better row is mostly the top row or the `second` one, of a layer on the other side; all rows of the vertex
-    are compared only where it is neither. Branch-free. asked, second: scratch.
+    The better row is mostly the top row or, for a layer on the other side, the `second` row. All rows of the
+    vertex are compared only if neither of them is the better row. Branch-free. asked, second: scratch.
     """
     end, left = np.uint64(0), np.uint64(0)
     for c in range(n):
@@ -241,7 +244,8 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _stands_for(o, c, nearly, near, ids):
-    """Whether a vertex that is further inside row o's triangle need not meet the triangle of row c."""
+    """Whether row o replaces row c. The vertex, which is farther inside the triangle of row o, then need not meet
+    the triangle of row c."""
     return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
 
 
@@ -257,9 +261,9 @@ def _alike(o, c, near):
 
 @njit(nogil=True, forceinline=True)
 def _least_alike(o, c, nearly, near):
-    """Cosine above which row o stands for row c. Where the vertex is over one of the triangles, the other's border
-    must not block it, whichever is nearer. Where it is over both, o must not hide c if o is of a layer behind
-    c."""
+    """Cosine above which row o replaces row c. If the vertex is over one of the triangles only, the border of the
+    other triangle must not block it, whichever of the two is nearer. If it is over both, o must not replace c when
+    o belongs to a layer behind c."""
     over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
     over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
     return ZERO if over_one else over_both
@@ -267,7 +271,7 @@ def _least_alike(o, c, nearly, near):
 
 @njit(nogil=True, forceinline=True)
 def _pass_on(n, bearing, better, near_c, memory):
-    """Add the impulses of rows with a better one to that one."""
+    """Add the impulse of each row that has a better row to that better row."""
     for m in range(n):
         c = np.uint64(bearing[m])
         if better[c] >= 0:
@@ -284,11 +288,11 @@ def _enter(
     count, thick, w, better, left, memory, near, ids, near_c, contact_vertices, contact_weights,
     contact_mobilities, contact_normals, contact_impulses, contact_pairs, contact_distances, contact_masses
 ):  # fmt: skip
-    """Contacts of the rows without a better one. -> their number. left: scratch, these rows.
+    """Write the contacts of the rows without a better row. -> their number. left: scratch, these rows.
 
-    Beside a border a vertex is held up as if over the triangle, so that hems rest on hems. At a bend, however, the
-    plane of one triangle passes nearer than the thickness to a vertex that lies over the other one. The contact
-    must not push there: vertices were thrown up, fell back and hopped for ever.
+    Beside a border, a vertex is held up as if it were over the triangle, so that hems rest on hems. At a bend,
+    however, the plane of one triangle passes nearer than the thickness to a vertex that lies over the other
+    triangle. The contact must not push there: vertices would be thrown up, fall back and hop for ever.
     """
     nothing, n = vector(0.0, 0.0, 0.0), np.uint64(0)
     for c in range(count):

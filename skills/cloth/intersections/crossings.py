@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Edges of a cloth that pass through its triangles: none in a physically possible state."""
+"""Edges of a cloth that pass through its triangles. A physically possible state has none."""
 
 from __future__ import annotations
 

@@ -2,16 +2,16 @@
 """Resolving lasting intersections by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
 Surface Collisions through Intersection Contour Minimization).
 
-Contacts keep every pair on its remembered side. Where neighbours remember different sides, the cloth is locked in
-an intersection that no contact undoes. Two sheets that intersect do so along a contour. For each edge that passes
-through a triangle there is a direction, relative to the triangle, in which the contour gets shorter; neighbouring
-crossings agree on a common direction. The sides of the pairs involved are set accordingly, and the contacts do the
-rest. The edge and the triangle are also moved a little in this direction, since they need not be a pair. No inside
-or outside of the cloth has to be known.
+Contacts hold every pair on its remembered side. Where neighbours remember different sides, the cloth is locked in
+an intersection that no contact undoes. Two sheets intersect along a contour. For each edge that passes through a
+triangle there is a direction, relative to the triangle, in which the contour gets shorter; neighbouring crossings
+are given a common direction. The sides of the pairs involved are set according to this direction, and the contacts
+then separate the sheets. The edge and the triangle are also moved a little in this direction, since there may be
+no pair between them. The method does not need to know an inside or outside of the cloth.
 
-Cloth without intersections is not touched. Crossings that contacts undo within some frames, as most in a fast
-pinch, are left to them, since contacts know more. Cloth that fell asleep in an intersection stays so until it
-wakes.
+Cloth without intersections is not changed. Crossings that contacts undo within some frames, like most crossings of
+a fast pinch, are left to the contacts, which have more information. Cloth that fell asleep with an intersection
+keeps it until the cloth wakes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from robots.ports import Array
 from skills.cloth.intersections.crossings import crosses
 from skills.cloth.simd.vec3 import cross, dot, load
 
-STEP = 0.1  # in cloth thicknesses per examination: how far each crossing moves its edge and triangle
+STEP = 0.1  # x thickness: how far an examination moves the edge and the triangle of a crossing apart
 PATIENCE = 3  # examinations for which a crossing is left to the contacts
 SLANT = 0.2  # lower bound of the sine of an edge's angle with its triangle, in the gradient
 GLANCE = 4  # frames between examinations while nothing crosses; else every frame
-REACH = 1.5  # x thickness: edges of vertices nearer to a triangle are examined
-FAINT = 0.05  # shorter directions are ignored: two flat parts that cross have none
-MOST = 512  # crossings that are resolved at once; others wait
+REACH = 1.5  # x thickness: the edges of a vertex that is nearer to a triangle are examined
+FAINT = 0.05  # directions of smaller length are ignored: flat parts that cross have no direction
+MOST = 512  # most crossings that are resolved together; others wait
 
 
 class Intersections(NamedTuple):
@@ -93,7 +93,8 @@ def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, th
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _agree(n, cross, edge, tri, way, wish):
-    """Give neighbouring crossings one direction: the sum over those that share a vertex on the same side."""
+    """Give neighbouring crossings a common direction: the sum of the directions of all crossings that share a
+    vertex on the same side."""
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
         for d in range(3):
@@ -121,8 +122,8 @@ def _agree(n, cross, edge, tri, way, wish):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
-    """Crossings of the edges of a vertex with a near triangle, and of near edges with the triangles beside each
-    other. -> their number."""
+    """Find crossings: of the edges at a vertex with a triangle near the vertex, and of each edge of a near pair
+    with the triangles beside the other edge. -> their number."""
     n, one = 0, np.uint64(1)
     for c in range(np.uint64(n_vt)):
         if vt_due[c] > soon:
@@ -196,7 +197,7 @@ def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _pull(x, w, edge, tri, step, way):
     """Move the middles of the edge (2,) and the triangle (3,) apart by `step` [m]. Velocities and the centre of
-    mass stay."""
+    mass do not change."""
     total, size = 0.0, 0.0
     for m in range(2):
         total += 0.25 * w[edge[m]]
@@ -215,7 +216,8 @@ def _pull(x, w, edge, tri, step, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _put_edges(n, pair, near, normal, memory, e, sides, way):
-    """Set the side of the edge against the triangle's edges, `sides` (3,), towards which it should move."""
+    """In the pairs of edge e with the triangle's edges, `sides` (3,), set the side to the one towards which e
+    should move."""
     for c in range(n):
         if not near[c]:
             continue
@@ -233,9 +235,9 @@ def _put_edges(n, pair, near, normal, memory, e, sides, way):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def shorten(x, edge, beside, tri, t, way):
     """Direction in which an edge (2,) has to move against triangle t to shorten the contour, into `way` (3,): the
-    sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the steepest descent of the
-    length for this crossing's own point. As published, the part along the normal, which separates the two, counts
-    twice."""
+    sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the direction of steepest descent
+    of the contour's length for the point of this crossing. As in the publication, the part along the normal, which
+    separates edge and triangle, counts twice."""
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
     normal, along, inward, out = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _normal(x, p, q, r, normal)
@@ -260,7 +262,7 @@ def shorten(x, edge, beside, tri, t, way):
         size = np.sqrt(rx * rx + ry * ry + rz * rz)
         if size < 1e-6:
             continue
-        depth = 0.0  # of the third corner, across the edge
+        depth = 0.0  # position of the third corner along the edge
         for m in range(3):
             out[m] = x[third, m] - x[edge[0], m]
             depth += out[m] * along[m]

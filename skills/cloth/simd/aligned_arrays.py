@@ -1,7 +1,7 @@
 """Arrays that begin at a cache line.
 
-A register is as long as a cache line or half of one. In an array that begins elsewhere, every second register or
-every register spans two lines, and reading it takes twice as long.
+A register is as long as a cache line or half of one. In an array that does not begin at a line, every register or
+every second register spans two lines, and reading it takes twice as long.
 """
 
 from __future__ import annotations

@@ -2,11 +2,12 @@
 """LANES single precision numbers in one register, for compiled code.
 
 `load_f32x16(a, i, j)` reads a[i, j] of a float32 array (m, k, LANES) and `store_f32x16` writes it.
-`splat_f32x16(s)` has s in every lane. a + b, a - b, a * b, a / b, `vabs`, `vsqrt`, `vmin` and `vmax` work lane by
-lane. `permute(a, i)` has a[i] in each lane, for integers i (i32x16.py). `mask_less_equal(a, b)` has a bit for each
-lane where a <= b; `where(bits, a, b)` selects by such bits and `ctz` gives the position of the lowest one. The
-same code written as loops compiles to instructions half as wide that collect the bits one by one. Products and
-sums may be contracted, as everywhere in the solver.
+`splat_f32x16(s)` returns a register with s in every lane. a + b, a - b, a * b, a / b, `vabs`, `vsqrt`, `vmin` and
+`vmax` work lane by lane. `permute(a, i)` returns a[i] in each lane, for integers i (i32x16.py).
+`mask_less_equal(a, b)` returns integer bits, with bit k set where a <= b in lane k; `where(bits, a, b)` selects by
+such bits and `ctz` gives the position of the lowest set bit. The same code written as loops compiles to
+instructions half as wide that collect the bits one by one. Products and sums may be contracted, as everywhere in
+the solver.
 
 Nothing checks that the last axis of an array has LANES elements.
 """
@@ -46,7 +47,7 @@ __all__ = [
 _REGISTER = ir.VectorType(ir.FloatType(), LANES)
 _FLAGS = ("contract", "nnan", "nsz")
 
-# position of the lowest bit that is set; an intrinsic of numba, used by its own sets
+# position of the lowest bit that is set; an intrinsic that numba uses for sets
 ctz: Any = trailing_zeros
 
 
@@ -144,7 +145,7 @@ def permute(typingctx, a, i):
     """a[i] in each lane, i modulo LANES."""
 
     def generate(context, builder, signature, arguments):
-        # written so that the compiler emits one instruction where the machine has it
+        # written so that the compiler emits a single instruction where the processor has one
         a, i = arguments
         i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
         made = ir.Constant(_REGISTER, ir.Undefined)

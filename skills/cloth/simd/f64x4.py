@@ -1,11 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """FOUR double precision numbers in one register, one for each of four edges or vertices, for compiled code.
 
-`load_f64x4` reads consecutive numbers, `gather_f64x4` reads numbers at four indices, `splat_f64x4(s)` has s in
-every lane, and `dots` computes the products of four pairs of vectors (vec3.py). `spread` (vec3.py) turns a
-register into four weights of vectors. a + b, a - b, a * b, s * a (s a float), -a, `vdiv` and `where_above` work
-lane by lane. `ends` reads the vertices of four edges. Products and sums may be contracted, except those of `dots`,
-which rounds as `dot` of vectors does (test_f64x4.py). Indices are not checked.
+`load_f64x4` reads consecutive numbers, `gather_f64x4` reads numbers at four indices, `splat_f64x4(s)` returns a
+register with s in every lane, and `dots` computes the products of four pairs of vectors (vec3.py). `spread`
+(vec3.py) turns a register into four weights of vectors. a + b, a - b, a * b, s * a (s a float), -a, `vdiv` and
+`where_above` work lane by lane. `ends` reads the vertices of four edges. Products and sums may be contracted,
+except those of `dots`, which rounds as `dot` of vectors does (test_f64x4.py). Indices are not checked.
 
 These registers have the compiler's type of a vector, but their fourth number is not zero: never store one in an
 array of vectors.

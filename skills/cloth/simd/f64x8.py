@@ -129,7 +129,7 @@ def _read(builder: Any, row: Any) -> Any:
 
 
 def _who(context: Any, builder: Any, kind: Any, order: Any, group: Any) -> list[Any]:
-    """The eight numbers in row `group` of an array (k, EIGHT) of them."""
+    """The eight indices in row `group` of an array (k, EIGHT)."""
     data = context.make_array(kind)(context, builder, order).data
     first = builder.mul(group, ir.Constant(group.type, EIGHT))
     places = (builder.add(first, ir.Constant(group.type, k)) for k in range(EIGHT))
@@ -144,8 +144,8 @@ def _each(builder: Any, data: Any, at: Any) -> Any:
 def _four(
     context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, group: Any
 ) -> Callable[[int], list[Any]]:
-    """A function of a contact's index in a group -> four pairs: pointer to the row of x of a member, and the
-    contact's share of it in every lane of a register."""
+    """A function that maps the index of a contact in a group to four pairs, one per member: a pointer to the
+    member's row of x, and a register with the member's share in every lane."""
     rows, shares = _data(context, builder, kinds[0], x, _ROW), _data(context, builder, kinds[2], share, _DOUBLE)
     first = builder.mul(group, ir.Constant(group.type, EIGHT * _WIDTH))
     member = builder.gep(context.make_array(kinds[1])(context, builder, members).data, [first])
@@ -164,8 +164,8 @@ def _four(
 
 @operation
 def gather(typingctx, x, members, share, group):
-    """For each contact of a group, the sum of the rows of x of its four `members` (m, 4), weighted by `share` (m,
-    4), as coordinates. Both arrays have EIGHT rows for each group."""
+    """For each contact of a group, the weighted sum of the rows of x of its four `members` (m, 4), with the
+    weights `share` (m, 4). The sums are returned as coordinates. Both arrays have EIGHT rows for each group."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)
@@ -187,7 +187,8 @@ def gather(typingctx, x, members, share, group):
 
 @operation
 def add_shares(typingctx, x, members, share, group, ax, ay, az):
-    """Add to each member's row of x its share of its contact's vector. All members must differ."""
+    """Add the vector (ax, ay, az) of each contact, times the share of each of its members, to the rows of x of
+    these members. All members of the group must differ."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)

@@ -1,11 +1,12 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """LANES 32-bit integers in one register, for compiled code.
 
-`load_i32x16(a, i, j)` reads a[i, j] of an array (m, k, LANES). `splat_i32x16(s)` has s in every lane, `iota(s)`
-has s, s + 1, ... `vmin_i32x16` and `vmax_i32x16` work lane by lane; `mask_greater` and `mask_not_equal` compare
-and return a bit for each lane. `compress(a, bits)` moves the lanes whose bit is set to the front. `store_i32x16`
-and `store_interleaved` then write all LANES at once, of which the first `popcount(bits)` are valid. Selected
-values are thus written without a branch, which the processor would often predict wrongly.
+`load_i32x16(a, i, j)` reads a[i, j] of an array (m, k, LANES). `splat_i32x16(s)` returns a register with s in
+every lane, `iota(s)` one with s, s + 1, ... `vmin_i32x16` and `vmax_i32x16` work lane by lane; `mask_greater` and
+`mask_not_equal` compare and return a bit for each lane. `compress(a, bits)` moves the lanes whose bit is set to
+the front. `store_i32x16` and `store_interleaved` then write all LANES together, of which the first
+`popcount(bits)` are valid. Selected values are thus written without a branch, which the processor would often
+predict wrongly.
 
 Nothing checks that the last axis of an array has LANES elements, nor that there is room for all that is written.
 """

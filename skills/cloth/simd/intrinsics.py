@@ -23,7 +23,7 @@ __all__ = [
 
 
 def operation(definition: Callable[..., Any]) -> Any:
-    """An intrinsic: compiled code calls it without the typing context."""
+    """Make a definition an intrinsic. Compiled code calls it without the typing context."""
     return intrinsic(definition)
 
 
@@ -80,7 +80,7 @@ def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> An
 
 
 def store_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
-    """The reverse: an operation that stores a register as row [i, j] of an array of three axes."""
+    """An operation that stores a register as row [i, j] of an array of three axes."""
 
     def apply(typingctx: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
         check(array)

@@ -147,7 +147,7 @@ _plus, _minus, _times = (elementwise(_vector, name, _FLAGS) for name in ("fadd",
 
 @operation
 def spread(typingctx, v):
-    """Four registers: each number of v in all lanes of one."""
+    """Four registers: register k has number k of v in all lanes."""
 
     def generate(context, builder, signature, arguments):
         def repeated(k: int) -> Any:

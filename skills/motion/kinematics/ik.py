@@ -273,7 +273,7 @@ def jacobian(chain: ArmChain, q: Array) -> Array:
 def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, gain: float = 0.1) -> Array | None:
     """Joints (7,) that bring one tool to T_base_tool (4, 4), near q0 (7,); None when the iteration fails.
 
-    The solution keeps the planning position limits. gain: null-space gain towards q0, 0..1.
+    The solution stays within the planning position limits. gain: null-space gain towards q0, 0..1.
     """
     chain, joints = model.chains[side], arm_slice(side)
     q = np.array(q0, dtype=float)
@@ -318,8 +318,8 @@ def follow_path(
     """Joints along tool poses rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0 (7,).
 
     Stops at the first pose that is out of reach, or that needs a joint step above max_step [rad] (a jump to
-    another branch). Joints keep `margin` [rad] from the planning position limits, because the spline through the
-    samples overshoots. If the start is beyond the margin, its own position is the limit.
+    another branch). Joints stay `margin` [rad] inside the planning position limits, because the spline through the
+    samples overshoots. A joint that starts beyond the margin has its start as the limit.
     """
     chain, joints = model.chains[side], arm_slice(side)
     out = np.empty((position.shape[0], 7))

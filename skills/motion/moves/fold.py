@@ -1,7 +1,7 @@
 """The arm motion of one fold: approach, descent, arc, retreat and return to the parked pose.
 
-`plan_fold_motion` plans the whole motion before anything moves. The guarded descent ends where the hand meets
-something. `arc.plan_arc` is therefore called again from the configuration actually reached, and
+`plan_fold_motion` plans the whole motion before anything moves. The height at which the guarded descent ends is
+known only afterwards. `arc.plan_arc` is therefore called again from the configuration actually reached, and
 `grasp.plan_grasp` when a grasp is tried again elsewhere.
 """
 
@@ -158,7 +158,7 @@ def plan_hands_motion(
         tried += [choice.postures for choice in choices]
     failure = first_failure or ranked.failure
     assert failure is not None
-    if first_failure or avoid:  # a recovery asks for another choice: no shift is suggested
+    if first_failure or avoid:  # A recovery asks for another choice of postures: no shift is suggested.
         return Outcome(failure=failure)
     with_suggestion = with_shift_suggestion(
         model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT

@@ -56,7 +56,8 @@ def plan_free_motion(
 
 
 def _time_parameterized(points: Array, limits: JointLimits) -> Iterator[ArmTrajectory]:
-    """Trajectories through points (n, 14): with blended corners where that is faster, then with a stop at each."""
+    """Yield trajectories through points (n, 14): first with blended corners if that is faster, then with a stop at
+    each."""
     stopping = join([free_motion(a, b, limits) for a, b in pairwise(points)])
     for share in CORNERS if len(points) > 2 else ():
         blended = time_path(blend_corners(points, share), limits)

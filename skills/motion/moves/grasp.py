@@ -1,4 +1,4 @@
-"""The approach to above the grasps, and straight descents to the grasps and a little beyond."""
+"""The approach to poses above the grasps, and straight descents to the grasps and a little beyond."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 APPROACH_HEIGHT = 0.08
 """Height above a grasp at which the straight descent begins [m]."""
 OVERTRAVEL = 0.015
-"""Depth below the planned grasp that a descent may reach without having met anything [m]."""
+"""Depth below the planned grasp down to which a descent continues without a contact [m]."""
 STEP = 0.002
 """Distance between the joint samples of a descent [m]."""
 

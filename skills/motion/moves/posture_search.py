@@ -31,7 +31,7 @@ PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
 """Changes of pitch during the fold, tried only if no constant lean is feasible."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
-"""Leans that cost 1. Roll lifts one end of the held line, so it costs more than pitch."""
+"""Pitch and roll that cost 1. Roll lifts one end of the held line, so it costs more than pitch."""
 TRAVEL_WEIGHT = 0.3
 """Cost per second of joint motion at full speed, during the fold and on the approach to it."""
 MARGIN_WEIGHT = 0.01
@@ -175,7 +175,7 @@ def rank_postures(
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
         for changing in (False, True):
             if changing and (found or not all(tally.started[arm] for arm in arms)):
-                break  # a changing lean starts like a constant one, so it has no start either
+                break  # A changing lean starts like a constant one, so it has no start either.
             for arm, i in arms.items():
                 candidates[arm] += _candidates(
                     model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally
@@ -274,7 +274,8 @@ def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
 def _first_contact(
     model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, arms_used: Sequence[Side]
 ) -> Contact | None:
-    """The first contact of one arm on its path. The other arm is parked if it is used too, else where it is."""
+    """The first contact of one arm on its path. The other arm is parked if it is used too, else at its present
+    position."""
     q_both = np.tile(model.q_park if arm.other in arms_used else q_now, (len(q), 1))
     q_both[:, arm_slice(arm)] = q
     return checker.first_collision(q_both, allow_fingertips=True)
@@ -288,7 +289,7 @@ def _collision_free_combinations(
     avoid: Sequence[Mapping[Side, Posture]],
     tally: _Tally,
 ) -> list[PostureChoice]:
-    """The cheapest few combinations without a contact, the arms moving simultaneously."""
+    """The cheapest few combinations without a contact while the arms move simultaneously."""
     arms = list(candidates)
     found: list[PostureChoice] = []
     for combination in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
@@ -318,7 +319,8 @@ def _detours(checker: CollisionChecker, q_now: Array, q_both: Array) -> int:
 
 
 def _failure(tallies: Sequence[_Tally], grasp_ids: Sequence[GraspId]) -> Failure:
-    """The binding constraint of the assignment of arms that came furthest; the other one's in its values."""
+    """Failure with the binding constraint of the assignment of arms that passed the most stages. Its values also
+    contain the other assignment's constraint."""
     bindings = [(tally, tally.binding([_arm_for(i, tally.swapped) for i in grasp_ids])) for tally in tallies]
     tally, first = max(bindings, key=lambda pair: (pair[1].stage, not pair[0].swapped))
     others = [str(b) for t, b in bindings if t is not tally]

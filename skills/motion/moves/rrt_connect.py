@@ -34,8 +34,8 @@ def candidate_paths(
 ) -> Iterator[tuple[str, Array]]:
     """Yield (method, way-points (n, 14)) of paths from q0 (14,) to q1 (14,), the best first.
 
-    A path is straight in joint space between its way-points. method: "straight", "via" or "rrt". All paths are
-    checked for collision at the coarse spacing, only the last one at the fine spacing.
+    A path is straight in joint space between its way-points. method: "straight", "via" or "rrt". The last path is
+    checked for collision at the fine spacing, all others at the coarse spacing.
     """
     for via in _fixed_waypoints(model, q0, q1):
         points = np.array([q0, *via, q1])
@@ -94,7 +94,7 @@ def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
 
 
 def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Intermediate way-points that mostly suffice: none; one arm leads the other; through the parked pose."""
+    """Intermediate way-points that usually suffice: none; one arm leads the other; through the parked pose."""
     left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
 
     def at_progress(left_share: float, right_share: float) -> Array:

@@ -1,7 +1,7 @@
 """Time parameterization of both arms' paths within velocity, acceleration and jerk limits.
 
-Free motions are straight lines in joint space, timed by Ruckig along the line. For a path that must be kept, only
-the parameter is timed, q(s(t)), so the arms never leave the path:
+Free motions are straight lines in joint space, timed by Ruckig along the line. On a path that must be followed
+exactly, only the parameter is timed, q(s(t)), so the arms never leave the path:
 
 1. TOPP-RA (Pham and Pham, IEEE T-RO 34(3), 2018) gives the fastest ds/dt under velocity and acceleration
    limits and the caps on the tools' speed; or the caller gives the law s(t), as for a fold.
@@ -73,7 +73,7 @@ class Peaks:
 
     @property
     def stretch(self) -> float:
-        """Factor on time that brings all of them within their limits."""
+        """Factor on time that brings velocity, acceleration and jerk within their limits."""
         return max(self.velocity, self.acceleration**0.5, self.jerk ** (1.0 / 3.0))
 
 
@@ -271,7 +271,8 @@ def _path_parameter(path: Array, limits: JointLimits) -> Array:
 
 
 def _kernel_width(limits: JointLimits) -> float:
-    """Width of the averaging window of ds/dt [s]: half the time 2 a / j of a reversal suffices for most paths."""
+    """Width of the averaging window of ds/dt [s]: a / j. A reversal takes 2 a / j; half of this suffices for most
+    paths."""
     return float((limits.acceleration / limits.jerk).max())
 
 

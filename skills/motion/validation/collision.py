@@ -140,7 +140,8 @@ class CollisionChecker:
         return None
 
     def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
-        """Smallest distance of any pair at q (14,) [m]. allow_fingertips leaves out fingers and table."""
+        """Smallest distance of any pair at q (14,) [m]. allow_fingertips: leave out the pairs of fingers and
+        table."""
         data = self._grasp if allow_fingertips else self._free
         pin.updateGeometryPlacements(
             self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)

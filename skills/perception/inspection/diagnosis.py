@@ -97,7 +97,7 @@ def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[
     if seen.edge is None:
         return None
     corner, sag = seen.edge.corner / settings.edge_corner, seen.edge.sag / settings.edge_sag
-    if not max(corner, sag) > 1.0:  # also if neither is visible
+    if not max(corner, sag) > 1.0:  # also true if both are NaN, not visible
         return None
     kind = FailureKind.DROPPED_CORNER if corner > sag else FailureKind.SAG
     return kind, _confidence(max(corner, sag), 1.0)

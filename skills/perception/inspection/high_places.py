@@ -76,7 +76,8 @@ def _clear_of_edges(
     median_height = float(np.median(heights)) if len(heights) else 0.0
 
     def inside(place: Array) -> bool:
-        """Looks up where the cloth at this place appears: first at the median height, then at the measured one."""
+        """Looks up where the cloth at this place appears in the view: first with the median height, then with the
+        measured one."""
         cloth_height = median_height
         for _ in range(LOOKUPS):
             column, row = np.round(view.to_pixel(view.shadow_on_table(np.array([*place, cloth_height])))).astype(

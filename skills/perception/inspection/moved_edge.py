@@ -41,8 +41,8 @@ class EdgeSettings:
     rim: float = 0.010
     """Length ignored at the two ends of the edge, where depth is missing."""
     loop: float = 0.006
-    """Height above the median of the stack before the fold from which cloth is the loop of an earlier crease. New
-    layers press it down, so no rise is measured there."""
+    """Cloth that was higher than the median of the stack by this much before the fold is the loop of an earlier
+    crease. New layers press it down, so no rise is measured there."""
     min_rise: float = 0.0010
     """Minimum rise: depth cannot resolve thinner moved layers."""
     sample: float = 0.002
@@ -126,8 +126,9 @@ def moved_edge(
     along, reach = expected
     line = step.line
     depth = np.arange(-settings.outside, settings.inside, settings.sample)
-    # From the predicted edge back towards the fold line. The line's normal points to the side that is folded over.
-    across = -(reach[:, None] - depth[None, :])  # the moved part is on the other side of the line
+    # Samples run from the predicted edge back towards the fold line. The line's normal points to the side that is
+    # folded over, so the moved part now lies at negative distances.
+    across = -(reach[:, None] - depth[None, :])
     places = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
     rise = _sampled(height, view, places @ R.T + t) - _sampled(before, view, places)
     height_before = _sampled(smooth_height(before), view, places)
@@ -135,7 +136,7 @@ def moved_edge(
     rise[across > -settings.crease] = np.nan
     profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
     inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
-    # A low quantile, not the median: next to a pile a single layer would be missed.
+    # A low quantile: with the median, a single layer next to a pile would be missed.
     layer = float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
     if layer < settings.min_rise:
         return None

@@ -38,7 +38,7 @@ class InspectionSettings:
     sag: float = 0.020
     """A middle of the fold that lies behind both ends by more than this sagged."""
     strip: float = 0.06
-    """Half width of the strips at each grasp and between them in which this is measured."""
+    """Half width of the strips, at each grasp and between them, in which `left_behind` and `sag` are measured."""
     missing_share: float = 0.45
     """Maximum missing share of the upper layers' predicted height at a target."""
     layer_height: float = 0.0018

@@ -27,8 +27,9 @@ class RefinementSettings:
     prior_position: float = 0.005
     prior_angle: float = 0.005
     plane_tilt: float = 0.0008
-    """Tilt of the measured plane. Depth sensors tilt little, but have a scale error of one per cent:"""
+    """Standard deviation of the measured plane's tilt."""
     plane_height: float = 0.004
+    """Standard deviation of the measured plane's height. Depth sensors have a scale error of one per cent."""
     edge_place: float = 0.0015
     """Standard deviation of the table's edges in the table frame."""
     search: float = 0.04
@@ -44,8 +45,8 @@ def refine_calibration(
 ) -> Outcome[CameraCalibration]:
     """Correct the calibration by a picture of the empty table.
 
-    Failures: CAMERA_FAULT when the depth picture shows no plane, or when the correction exceeds a bracket's
-    tolerance, because the calibration then belongs to another set-up. notes: the correction and the number of
+    Failures: CAMERA_FAULT when the depth picture shows no plane. CAMERA_FAULT also when the correction exceeds a
+    bracket's tolerance: the calibration then belongs to another set-up. notes: the correction and the number of
     visible edges.
     """
     settings = settings or RefinementSettings()

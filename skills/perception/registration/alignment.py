@@ -14,8 +14,8 @@ __all__ = ["align", "edge_deviation"]
 def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array, Array]:
     """The rigid motion p -> R p + t, R (2, 2), t (2,) [m], that aligns a boundary (n, 2) with another (m, 2).
 
-    Point-to-line distances in both directions, with Tukey's weights, so that a protruding corner does not rotate
-    the whole. The scale of the weights decreases from the initial misfit to 10 mm.
+    It minimises point-to-line distances in both directions with Tukey's weights, so that a protruding corner does
+    not rotate the whole. The scale of the weights decreases from the initial misfit to 10 mm.
     """
     if polygon_area(outline) < 0:
         outline = outline[::-1]
@@ -47,7 +47,8 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
 
 
 def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
-    """Largest distance between two boundaries that persists over 3 cm [m], positive outside; its place (2,)."""
+    """Largest distance between two boundaries that persists over 3 cm [m], positive outside; and its place
+    (2,)."""
     if polygon_area(outline) < 0:
         outline = outline[::-1]
     observed_boundary = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)

@@ -1,10 +1,10 @@
 """Pose of the stiff part of a garment, its body, for any pose of the sleeves or legs.
 
-A blunt corner, such as a shoulder or the end of a collar, hardly shows in the outline, but its distance from the
-body's edges does. The template is placed on the boundary by a rotation, a translation and a scale along each of
-its axes. The corners of the body are found by consensus (Fischler and Bolles, Random sample consensus, 1981), but
-deterministically, over all pairs of corners. The pose is then fitted to the whole boundary by point-to-line
-distances with Tukey's weights, which exclude the limbs.
+A blunt corner, such as a shoulder or the end of a collar, is hardly visible in the outline. Its place follows from
+its distance to the body's edges. The template is placed on the boundary by a rotation, a translation and a scale
+along each of its axes. The corners of the body are found by consensus (Fischler and Bolles, Random sample
+consensus, 1981), but deterministically, over all pairs of corners. The pose is then fitted to the whole boundary
+by point-to-line distances with Tukey's weights, which exclude the limbs.
 """
 
 from __future__ import annotations

@@ -96,7 +96,8 @@ def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> t
 
 
 def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Offset (n,) nearest to the mask's boundary where each profile falls through 1/2; whether it does (n,)."""
+    """Offset (n,) nearest to the mask's boundary where each profile falls through 1/2, and whether it does so
+    (n,)."""
     falls = (opacity[:, :-1] >= 0.5) & (opacity[:, 1:] < 0.5)
     drop = np.maximum(opacity[:, :-1] - opacity[:, 1:], 1e-9)
     where = offsets[:-1] + (opacity[:, :-1] - 0.5) / drop * (offsets[1] - offsets[0])

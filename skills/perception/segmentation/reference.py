@@ -114,7 +114,7 @@ def segment_plain(
 def _changed_box(
     difference: Field, noise: Field, spread: tuple[float, float], valid: Mask, settings: SegmentationSettings
 ) -> tuple[slice, slice] | None:
-    """Bounding box of all that differs from the lit table [px]. difference: every `_STRIDE`-th pixel."""
+    """Bounding box of all pixels that differ from the lit table [px]. difference: every `_STRIDE`-th pixel."""
     light, chroma = difference[..., 0], np.hypot(difference[..., 1], difference[..., 2])
     darker = np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
     changed = (chroma > 4.0 * spread[1] * noise) | (np.abs(light) > darker)

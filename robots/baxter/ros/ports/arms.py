@@ -33,11 +33,11 @@ COMMAND_TIMEOUT = 0.2
 ENABLE_S = 2.0
 TICK_S = 0.05
 SILENT_S = 1.0
-"""Largest age of the robot's state. Beyond it the state of the motors is unknown."""
+"""Largest age of the robot's state [s]. If it is older, the state of the motors is unknown."""
 
 
 class RosArms:
-    """Baxter's arms. limits: every set-point is clipped to them. raw: use RAW_POSITION, with velocity and
+    """Baxter's arms. limits: every set-point is clipped to them. raw: use RAW_POSITION, and also send velocity and
     acceleration of each set-point for the robot's inverse dynamics. watch: called with each joint state."""
 
     def __init__(
@@ -66,12 +66,12 @@ class RosArms:
             )
 
     def state(self) -> JointState:
-        """The latest joint state. Before the first message: NaN with stamp -inf."""
+        """The latest joint state. Before the first message its values are NaN and its stamp is -inf."""
         unknown = frozen(np.full(14, np.nan))
         return self.joints.newest or JointState(-np.inf, unknown, unknown, unknown, np.nan)
 
     def enable(self) -> None:
-        """Switch the motors on. Raises DriverError: STOPPED, or HARDWARE_FAULT if the motors stay off."""
+        """Switch the motors on. Raises DriverError: STOPPED; HARDWARE_FAULT if the motors stay off."""
         self._refuse_stopped("the arms stay disabled")
         self._sent = None
         begun = self._clock.now()
@@ -90,7 +90,7 @@ class RosArms:
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
         """Send a set-point. Raises DriverError: STOPPED; STALE_STATE if the joint state is too old; HARDWARE_FAULT
-        if the motors are off, if the robot's state is too old, and for an invalid joint vector."""
+        if the motors are off, the robot's state is too old, or a joint vector is invalid."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
             what = f"a set-point needs two finite vectors of 14; the shapes are {q.shape} and {qd.shape}"
@@ -103,7 +103,7 @@ class RosArms:
             )
         if not robot.enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the motors are off", "enable them first")
-        if now - self.state().stamp > COMMAND_TIMEOUT:  # the command might arrive too late as well
+        if now - self.state().stamp > COMMAND_TIMEOUT:  # then a command might also arrive too late
             raise DriverError(
                 FailureKind.STALE_STATE, "the positions of the arms are unknown", "check the network to the robot"
             )
@@ -146,8 +146,8 @@ class RosArms:
 
 
 def _joint_state(message: Any, stamp: float) -> JointState | None:
-    """Read a message by joint names. None for messages without all joints (the grippers publish on the topic too)
-    and for values that are not finite."""
+    """Read a message by joint names. Returns None if joints are missing (the grippers also publish on this topic)
+    or values are not finite."""
     position = {name: k for k, name in enumerate(message.name)}
     if "head_pan" not in position or any(name not in position for name in JOINT_NAMES):
         return None

@@ -1,6 +1,6 @@
 """The RGB-D camera over ROS, as published by openni2_launch with the depth registered to the colour picture.
 
-The topics are subscribed only while a picture is needed. openni2 publishes only to subscribers.
+The driver subscribes to the topics only while it needs a picture. openni2 publishes only to subscribers.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ ANSWER_S = 4.0
 """Wall time within which the camera has to answer [s]."""
 POLL_S = 0.02
 GRACE_S = 1.0
-"""Additional wall time after which the fetching thread counts as stuck [s]."""
+"""Additional wall time after which the thread that fetches a picture counts as stuck [s]."""
 EXPOSED_S = 0.42
-"""Cell time after which a still picture is made of the exposures so far [s]. A camera may be slow, and the caller
-accepts no picture older than half a second."""
+"""Cell time after which a still picture uses only the exposures that have arrived [s]. A camera may be slow, and
+the caller accepts no picture older than half a second."""
 LAST_S = 0.3
-"""Cell time to wait for a further exposure [s]."""
+"""Cell time to wait for one more exposure [s]."""
 GLIMPSE_AGE_S = 0.5
 """Largest age of a glimpse, in cell time [s]."""
 TOGETHER_S = 0.025
@@ -53,10 +53,10 @@ class _Shots:
     depth: dict[float, Any] = field(default_factory=dict)
     info: Any = None
     pairs: list[tuple[float, float, Any, Any]] = field(default_factory=list)
-    """(stamp of the colour, cell time of arrival, colour, depth), one for each stamp."""
+    """(stamp of the colour image, cell time of arrival, colour, depth), one per colour image."""
 
     def pair(self, now: float) -> None:
-        """Match colour and depth images, once no closer depth image can arrive."""
+        """Match each colour image with its closest depth image, once no closer depth image can arrive."""
         for t, colour in sorted(self.colour.items()):
             if any(t == seen for seen, *_ in self.pairs):
                 continue
@@ -65,7 +65,7 @@ class _Shots:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
     def chosen(self, wanted: _Wanted, now: float, last: bool = False) -> list[tuple[float, float, Any, Any]]:
-        """The pairs for the picture; empty if more have to arrive. last: do not wait for more."""
+        """The pairs for the picture; empty while more pairs must arrive. last: do not wait for more pairs."""
         if self.info is None:
             return []
         late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
@@ -76,8 +76,8 @@ class _Shots:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """Requested pairs. first: number of the first pair to use; settle: smallest time between the first pair that
-    arrived and the first pair to use [s]; exposures: number of pairs."""
+    """Requested pairs. first: number of the first pair to use, from 1; settle: smallest time from the arrival of
+    the first pair to the arrival of the first pair to use [s]; exposures: number of pairs."""
 
     first: int
     settle: float
@@ -86,8 +86,8 @@ class _Wanted:
 
 class RosCamera:
     """The camera. settle: streaming time before a picture is used, so that the exposure settles [s]. exposures:
-    number of exposures in the mean depth of a still picture. stopped: whether the robot is stopped, which ends the
-    waiting. A thread of its own fetches each picture, so that a missing master blocks nothing else."""
+    number of exposures in the mean depth of a still picture. stopped: returns whether the robot is stopped, which
+    ends the waiting. A separate thread fetches each picture, so that a missing master blocks nothing else."""
 
     def __init__(
         self,
@@ -100,13 +100,13 @@ class RosCamera:
     ) -> None:
         self._node, self._clock, self._topics, self._exposures = node, clock, topics, exposures
         self._settle, self._stopped = settle, stopped
-        # the numbers differ between processes, so that a repeated picture is recognised
+        # the numbers differ between processes, so that the executive recognises a repeated picture
         self._numbers = itertools.count(time.time_ns() // 1_000_000)
         self._glimpse: Future[CameraFrame] | None = None
 
     def capture(self) -> CameraFrame:
         """A still picture taken after the request. The first picture that arrives is skipped, because it may be
-        older. Raises DriverError: CAMERA_FAULT for no picture, a frozen one or an unreadable one; STOPPED."""
+        older. Raises DriverError: CAMERA_FAULT if the picture is missing, frozen or unreadable; STOPPED."""
         picture = self._fetch(_Wanted(2, self._settle, self._exposures))
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
@@ -116,7 +116,7 @@ class RosCamera:
         return picture.result()
 
     def glimpse(self) -> CameraFrame | None:
-        """The latest requested picture, or None until it has arrived. A thread fetches it."""
+        """The latest requested picture, or None while it has not arrived. A thread fetches it."""
         if self._glimpse is not None and self._glimpse.done():
             taken, self._glimpse = self._glimpse, None
             frame = taken.result()
@@ -140,7 +140,7 @@ class RosCamera:
         return picture
 
     def _picture(self, wanted: _Wanted) -> CameraFrame:
-        """A picture from the coming messages: the colours of the last exposure and the mean depth."""
+        """Wait for messages and return a picture: the colours of the last exposure and the mean depth."""
         shots, messages = _Shots(), load_messages()
 
         def colour(message: Any) -> None:
@@ -205,8 +205,8 @@ def read_colour(message: Any) -> NDArray[np.uint8]:
 
 
 def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
-    """(H, W) depth [m], NaN where there is no value. Raises DriverError(CAMERA_FAULT) for another encoding and for
-    depth that is not registered to the colour picture."""
+    """(H, W) depth [m], NaN where there is no value. Raises DriverError(CAMERA_FAULT) for another encoding, or if
+    the depth is not registered to the colour picture."""
     if (message.height, message.width) != (colour.height, colour.width):
         raise DriverError(
             FailureKind.CAMERA_FAULT,

@@ -1,6 +1,6 @@
 """The cell's time over ROS: this machine's clock, or the topic /clock if the robot is simulated.
 
-Stamps of other machines are not used. Messages are stamped by this clock on arrival.
+Stamps of other machines are not used. Each message gets a stamp of this clock when it arrives.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from robots.errors import DriverError, FailureKind
 __all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
 
 SILENCE_S = 20.0
-"""Wall time after which the clock of a simulated robot that stands still counts as dead [s]."""
+"""If the clock of a simulated robot does not advance for this wall time, it counts as dead [s]."""
 ROUNDING = 1e-6
 WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 """The boot-time clock, because Linux's monotonic clock stops while the machine is suspended."""
@@ -32,8 +32,8 @@ class RosClock(Protocol):
 
 
 class WallClock:
-    """Seconds since its creation. It never runs backwards. Time in suspend counts, so that values from before it
-    are old."""
+    """Seconds since the creation of this clock. It never runs backwards. It also counts while the machine is
+    suspended, so that values from before the suspension are old."""
 
     def __init__(self) -> None:
         self._start = time.clock_gettime(WALL)
@@ -48,7 +48,7 @@ class WallClock:
 
 
 class TopicClock:
-    """The time of /clock. It may stand still and may run slower or faster than the wall clock."""
+    """The time of /clock. It may stop, and it may run slower or faster than the wall clock."""
 
     topic = CLOCK
 
@@ -63,7 +63,7 @@ class TopicClock:
             self._told.notify_all()
 
     def wait(self, seconds: float) -> bool:
-        """Wait up to `seconds` of wall time for a message. Returns whether any has arrived."""
+        """Wait up to `seconds` of wall time for the first message. Returns whether a message has arrived."""
         with self._told:
             return self._told.wait_for(lambda: self._heard, seconds)
 
@@ -71,7 +71,7 @@ class TopicClock:
         return self._now
 
     def sleep_until(self, t: float) -> None:
-        """Raises DriverError(HARDWARE_FAULT) if the clock stands still for SILENCE_S."""
+        """Wait until time t. Raises DriverError(HARDWARE_FAULT) if the clock does not advance for SILENCE_S."""
         with self._told:
             while self._now < t - ROUNDING:
                 before = self._now

@@ -1,8 +1,8 @@
 """Baxter's electric gripper over ROS.
 
-The robot handles one command at a time and reports the last one that it handled. Each command is repeated until
-the robot has handled it; then the next one follows. A newer command replaces those that wait, but never a
-calibration. A command after a calibration is executed when the calibration has ended.
+The robot handles one command at a time and reports the last command that it handled. The driver repeats each
+command until the robot has handled it, and then sends the next one. A newer command replaces the waiting commands,
+but never a calibration. A command after a calibration is executed when the calibration has ended.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ __all__ = ["RosGripper"]
 
 REPEAT_S = 0.05
 DEAF_S = 2.0
-"""Time without an answer after which the next command raises an error [s]."""
+"""If the robot does not answer for this time, the next command raises an error [s]."""
 CALIBRATION_S = 10.0
-"""Time after which a calibration, or any other unanswered command, is given up [s]."""
+"""Time after which the driver gives up a calibration or any other unanswered command [s]."""
 VELOCITY = 100.0
 """Velocity of the pads [%]."""
 DEAD_ZONE = 2.0
@@ -61,8 +61,8 @@ class _Order:
 
 
 class RosGripper:
-    """The gripper of one side. max_opening [m]. stopped: whether the robot is stopped, which voids waiting
-    orders."""
+    """The gripper of one side. max_opening [m]. stopped: returns whether the robot is stopped. A stop cancels the
+    waiting orders."""
 
     def __init__(
         self, node: Node, clock: RosClock, side: Side, stopped: Callable[[], bool] = lambda: False
@@ -71,12 +71,13 @@ class RosGripper:
         self.side, self.max_opening = side, FULL_OPENING
         self._stopped = stopped
         self._clock, self._kind = clock, messages.end_effector_command
-        # the robot still echoes the last command of an earlier program; a unique sender avoids confusion
+        # the robot may still report the last command of an earlier program; a unique sender avoids confusion
         self._sender, self._sequence = f"foldcell_{side}_{uuid4().hex[:12]}", 0
         self._publisher = node.publisher(gripper_command(side), messages.end_effector_command)
         self._lock = Lock()
         self._waiting: tuple[_Order, ...] = ()
-        """The first order is being handled. The tuple is replaced as a whole, so `state` needs no lock."""
+        """Orders that are not finished. The robot handles the first one. The tuple is replaced as a whole, so
+        `state` needs no lock."""
         self._begun = self._told = -math.inf
         self._calibrating = False
         self._uncalibrated = False
@@ -106,7 +107,7 @@ class RosGripper:
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
-        """Move the pads. Raises DriverError: STOPPED; GRIPPER_FAULT for values that are not finite, and if the
+        """Move the pads. Raises DriverError: STOPPED; GRIPPER_FAULT for values that are not finite, or if the
         gripper is not calibrated, does not answer or refused an earlier command."""
         self._refuse_stopped()
         if not (math.isfinite(opening) and math.isfinite(force)):
@@ -120,7 +121,7 @@ class RosGripper:
             heard = self.hearing.newest
             calibrated = heard is not None and self._calibrated(heard[0])
             if not (calibrated or _calibrates(self._waiting)):
-                self._refuse_stopped()  # a stop in the meantime has voided the calibration
+                self._refuse_stopped()  # the calibration may have been cancelled by a stop
                 raise self._error("is not calibrated", "calibrate it first")
             if self._last == (opening, force):
                 return
@@ -134,8 +135,8 @@ class RosGripper:
             self._add(GO, json.dumps({"position": _percent(opening, FULL_OPENING)}))
 
     def state(self) -> GripperState:
-        """The latest state, with its time of arrival. Before the first message: NaN with stamp -inf. An unhandled
-        command counts as a motion."""
+        """The latest state, with its time of arrival. Before the first message its values are NaN and its stamp is
+        -inf. While a command is unhandled, the pads count as moving."""
         waiting = self._waiting  # read before the latest message, which may empty the queue
         heard = self.hearing.newest
         if heard is None:
@@ -158,16 +159,16 @@ class RosGripper:
             )
 
     def _waited(self) -> float:
-        """Time since the first order was sent for the first time [s]."""
+        """Time since the first waiting order was sent for the first time [s]."""
         return self._clock.now() - self._begun
 
     def _forget(self) -> None:
-        """Void the waiting orders and forget the values that the robot was sent."""
+        """Cancel the waiting orders and forget the values that were sent to the robot."""
         self._waiting = ()
         self._calibrating, self._force, self._last = False, None, None
 
     def _give_up(self) -> None:
-        """Void the waiting orders. The next command raises the fault."""
+        """Cancel the waiting orders. The next command raises the fault."""
         self._uncalibrated = self._uncalibrated or _calibrates(self._waiting)
         self._fault = self._error(f"does not do what it is told ({self._waiting[0].what})", DEAF)
         self._forget()
@@ -190,7 +191,7 @@ class RosGripper:
             self._publisher.tell(self._waiting[0].message)
 
     def _heard(self, heard: tuple[Any, float]) -> None:
-        """After each state of the gripper: send the next order, or repeat the first one."""
+        """Called with each state of the gripper. Sends the next order, or repeats the first one."""
         message, _ = heard
         with self._lock:
             if self._stopped():
@@ -236,18 +237,19 @@ def _calibrates(waiting: Sequence[_Order]) -> bool:
 
 
 def _kept(waiting: tuple[_Order, ...]) -> tuple[_Order, ...]:
-    """The orders that a new command does not replace: the first, and all up to the last calibration."""
+    """The orders that a new command does not replace: the first order, and all orders up to the last
+    calibration."""
     last = max((k for k, order in enumerate(waiting) if order.what == CALIBRATE), default=0)
     return waiting[: last + 1]
 
 
 def _echoes(message: Any, order: Any) -> bool:
-    """Whether the robot reports that it has handled the order. Sequence 0 counts too, as in the SDK."""
+    """Whether the robot reports that it has handled the order. It may report sequence 0 instead, as in the SDK."""
     return message.command_sender == order.sender and message.command_sequence in (order.sequence, 0)
 
 
 def _done(what: str, message: Any) -> bool:
-    """Whether a handled order has finished. For a calibration and its clearing the state must show the result."""
+    """Whether a handled order has finished. The state must show the result of CALIBRATE and CLEAR_CALIBRATION."""
     if what == CALIBRATE:
         return bool(message.calibrated == 1 and message.moving != 1 and message.ready != 0)
     return what != CLEAR_CALIBRATION or bool(message.calibrated != 1)

@@ -1,4 +1,4 @@
-"""Baxter's head over ROS. It carries the camera."""
+"""Baxter's head over ROS. The camera is mounted on the head."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ SPEED = 0.5  # fraction of full speed
 REPEAT_S = 0.05
 GIVE_UP_S = 5.0
 THERE = 0.005
-"""Largest error of a reached angle [rad]."""
+"""Largest error with which an angle counts as reached [rad]."""
 
 
 class RosHead:
-    """The head. A command is repeated until the head has arrived or the robot is stopped, for at most
+    """The head. A command is repeated until the head has reached the angle or the robot is stopped, for at most
     GIVE_UP_S."""
 
     def __init__(self, node: Node, clock: RosClock, stopped: Callable[[], bool] = lambda: False) -> None:
@@ -34,7 +34,7 @@ class RosHead:
         self._asked = self._told = -math.inf
 
     def command_pan(self, angle: float) -> None:
-        """Turn the head to `angle` [rad]. Raises DriverError: STOPPED; HARDWARE_FAULT for an angle that is not
+        """Turn the head to `angle` [rad]. Raises DriverError: STOPPED; HARDWARE_FAULT if the angle is not
         finite."""
         if self._stopped():
             raise DriverError(FailureKind.STOPPED, "the head does not move: stopped", "reset the stop first")

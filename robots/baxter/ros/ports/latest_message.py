@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 class LatestMessage(Generic[T]):
     """Holds the latest valid message of a topic. read: (message, time of arrival [s]) -> value, or None for an
-    invalid message, which is ignored. then: called with each value, on the topic's thread."""
+    invalid message, which is then ignored. then: called with each value, on the topic's thread."""
 
     def __init__(
         self,
@@ -35,11 +35,11 @@ class LatestMessage(Generic[T]):
 
     @property
     def newest(self) -> T | None:
-        """The latest value; None before the first one."""
+        """The latest value; None before the first valid message."""
         return self._newest
 
     def wait(self, seconds: float) -> bool:
-        """Wait up to `seconds` of wall time for a value. Returns whether any has arrived."""
+        """Wait up to `seconds` of wall time for the first value. Returns whether a value has arrived."""
         with self._arrived:
             return self._arrived.wait_for(lambda: self._newest is not None, seconds)
 

@@ -1,6 +1,7 @@
 """Baxter's stop over ROS: the robot's own stop, and the stop that this program requests.
 
-A stop that was observed or requested stays until it is reset, even if the robot reports otherwise in the meantime.
+An observed or requested stop remains until it is reset, even if the robot meanwhile reports that it is not
+stopped.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ __all__ = ["AssemblyState", "RosStop"]
 
 REPEAT_S = 0.02
 CLOSE_S = 0.5
-"""Wall time for which `close` repeats a stop that the robot has not confirmed [s]."""
+"""Longest wall time for which `close` repeats a stop that the robot has not confirmed [s]."""
 RESET_S = 3.0
 TICK_S = 0.05
 PRESSED = 1
@@ -59,12 +60,12 @@ class RosStop:
         self._observed: StopState | None = None
         self._requested: StopState | None = None
         self._resetting: StopState | None = None
-        """The requested stop that is being reset; it is no longer sent to the robot."""
+        """The requested stop that is being reset. It is no longer sent to the robot."""
         self._lifted: StopState | None = None
         """The requested stop that has been reset."""
         self.robot = LatestMessage(node, clock, ROBOT_STATE, messages.assembly_state, _assembly, self._watch)
         self._wake, self._wakener = os.pipe()
-        os.set_blocking(self._wakener, False)  # the first of many triggers already woke the thread
+        os.set_blocking(self._wakener, False)  # if the pipe is full, earlier triggers wake the thread
         self._until = math.inf
         self._thread = threading.Thread(target=self._insist, name="stop", daemon=True)
         self._thread.start()
@@ -76,16 +77,16 @@ class RosStop:
         self._wake_thread(b"s")
 
     def state(self) -> StopState:
-        """The state. Its stamp is the time of the request or observation of a stop, otherwise of the last
-        message."""
+        """The state of the stop. Its stamp is the time at which the stop was requested or observed. Without a stop
+        it is the time of the last message."""
         requested, robot = self._requested, self.robot.newest
         if requested is not None and requested is not self._lifted:
             return requested
         return self._observed or StopState(-math.inf if robot is None else robot.stamp, False)
 
     def reset(self) -> None:
-        """Leave the stop. Raises DriverError(STOPPED), and stays stopped, if the button is still pressed, the
-        robot does not leave its stop, or another stop occurs in the meantime."""
+        """Leave the stop. Raises DriverError(STOPPED) and stays stopped if the button is still pressed, the robot
+        does not leave its stop, or another stop occurs in the meantime."""
         robot = self.robot.newest
         if robot is not None and robot.button == PRESSED:
             raise DriverError(
@@ -97,10 +98,10 @@ class RosStop:
             self._lifted, self._observed = resetting, None
         finally:
             self._resetting = self._lifted
-            self._wake_thread(b"s")  # there may be a new stop to send
+            self._wake_thread(b"s")  # send a new stop, if there is one
 
     def close(self) -> None:
-        """Close. A stop that the robot has not confirmed is repeated for up to CLOSE_S."""
+        """Close, after repeating a stop that the robot has not confirmed for up to CLOSE_S."""
         if self._until == math.inf:
             self._until = time.monotonic() + CLOSE_S
             self._wake_thread(b"c")
@@ -128,13 +129,13 @@ class RosStop:
                 return
         robot = self.robot.newest
         if robot is not None and robot.stamp > begun and not (robot.stopped or robot.enabled):
-            return  # the remaining error does not belong to the stop and does not prevent enabling
+            return  # the remaining error is not part of the stop and does not prevent enabling
         raise DriverError(
             FailureKind.STOPPED, "the robot does not leave its stop", "check the robot's display, then reset again"
         )
 
     def _wake_thread(self, what: bytes) -> None:
-        with contextlib.suppress(OSError):  # the pipe is full, or closed with the cell
+        with contextlib.suppress(OSError):  # the pipe is full, or was closed together with the cell
             os.write(self._wakener, what)
 
     def _watch(self, robot: AssemblyState) -> None:

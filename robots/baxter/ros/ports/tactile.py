@@ -26,13 +26,13 @@ class RosTactile:
         self.hearing = LatestMessage(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
-        """The latest reading, with its time of arrival. Before the first message: NaN with stamp -inf."""
+        """The latest reading, with its time of arrival. Before the first message it is NaN with stamp -inf."""
         unknown = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
         return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unknown))
 
     def _read(self, message: Any, stamp: float) -> TactileReading | None:
-        """Read a message. None if a channel is missing, a value is not finite, or the shape differs from the first
-        message, because a tare and a reading need the same cells."""
+        """Read a message. Returns None if a channel is missing, a value is not finite, or the shape differs from
+        the first message. The shape must not change, because a tare and a reading need the same cells."""
         channels = {c.name: np.asarray(c.values, dtype=np.float64) for c in message.sensors}
         try:
             pads = np.stack([channels["pad_0"], channels["pad_1"]]).reshape(2, self._rows, -1)

@@ -1,6 +1,7 @@
 """`foldcell doctor` finds faults, gives a hint for each, and never crashes."""
 
 import json
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 from cell.commands.installation import checks as doctor
 from cell.commands.installation.checks import Check, Verdict, examine, pinned_versions, required_packages
 from cell.commands.main import main
+from cell.recording.journal import Journal
 from robots.errors import ConfigurationError
 
 
@@ -86,6 +88,18 @@ def test_a_broken_journal_is_bad(tmp_path: Path) -> None:
     (tmp_path / "journal.db").write_bytes(b"x" * 5000)
     checks = [c for c in examine(tmp_path) if c.verdict is Verdict.BAD]
     assert len(checks) == 1 and "journal.db" in checks[0].found + checks[0].hint
+
+
+def test_every_damaged_page_of_the_journal_is_reported_with_its_file(tmp_path: Path) -> None:
+    journal_file = tmp_path / "journal.db"
+    with Journal.open(journal_file) as journal:
+        for seed in range(300):
+            journal.begin_run(garment="towel", seed=seed, driver="sim")
+    content, page = journal_file.read_bytes(), 4096
+    for start in range(page, len(content), page):
+        journal_file.write_bytes(content[:start] + b"\0" * 64 + content[start + 64 :])
+        (bad,) = [c for c in doctor._safely(partial(doctor._logs, tmp_path)) if c.verdict is Verdict.BAD]
+        assert str(journal_file) in bad.found + bad.hint and "keep a copy" in bad.hint
 
 
 def test_a_crashing_check_is_bad_and_the_others_continue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

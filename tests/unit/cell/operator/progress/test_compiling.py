@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numba
+import pytest
 
+from cell.operator.progress import compiling
 from cell.operator.progress.compiling import PARTS, compiling_told
 
 USE = """
@@ -43,6 +46,34 @@ def test_each_compiled_part_is_announced_once() -> None:
     assert told == [PARTS["skills.motion"], PARTS["skills.cloth"]]
     compiled("skills.cloth.kernel")
     assert len(told) == 2, "outside nothing is told"
+
+
+def test_a_long_compilation_is_reported_again_and_again_until_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "STILL_EVERY", 0.02)
+    told: list[str] = []
+    enough = threading.Event()
+
+    def same(x): ...
+
+    @numba.extending.overload(same)
+    def compile_same(x):
+        enough.wait(10.0)  # a part of the compilation: it lasts until the second report is there
+        return lambda x: x
+
+    def say(text: str) -> None:
+        told.append(text)
+        if len(told) == 3:
+            enough.set()
+
+    def entry(x):
+        return same(x)
+
+    entry.__module__ = "skills.cloth.kernel"
+    with compiling_told(say):
+        numba.njit(entry)(1)
+    assert told[0] == PARTS["skills.cloth"]
+    assert all(text.startswith("still compiling, ") and text.endswith(" s so far") for text in told[1:])
+    assert len(told) >= 3
 
 
 def test_cached_code_is_not_announced(tmp_path: Path) -> None:
