@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cell.campaigns.trials.engine import process_died
 from cell.campaigns.trials.store import cpu_model, program_versions
@@ -46,15 +47,13 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
     first. Raises ConfigurationError.
     """
     try:
-        from distributed import Client
-        from distributed.client import CancelledError
-        from distributed.scheduler import KilledWorker
+        from distributed import CancelledError, Client, KilledWorker
     except ImportError:
         raise ConfigurationError(
             "--cluster needs the package distributed", "install it: pip install 'foldcell[cluster]'"
         ) from None
     try:
-        client = Client(address, timeout=PATIENCE_S)
+        client: Any = Client(address, timeout=PATIENCE_S)  # type: ignore[no-untyped-call]
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except (OSError, ValueError, TimeoutError) as e:
         raise ConfigurationError(
@@ -62,7 +61,9 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
             "start one (dask scheduler) and workers (dask worker ADDRESS --nthreads 1), or check the address",
         ) from None
     with client:
-        threads = {name: worker["nthreads"] for name, worker in client.scheduler_info(n_workers=-1)["workers"].items()}
+        threads = {
+            name: worker["nthreads"] for name, worker in client.scheduler_info(n_workers=-1)["workers"].items()
+        }
         several = [name for name, count in threads.items() if count != 1]
         if several:
             raise ConfigurationError(
@@ -82,7 +83,11 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
                     f"the worker {worker} does not see the folder {folder}",
                     "give a --logs DIR that all machines share",
                 )
-            other = [f"{name} {versions.get(name)} (here {own[name]})" for name in own if versions.get(name) != own[name]]
+            other = [
+                f"{name} {versions.get(name)} (here {own[name]})"
+                for name in own
+                if versions.get(name) != own[name]
+            ]
             if other:
                 raise ConfigurationError(
                     f"the worker {worker} runs another program: {', '.join(other)}",

@@ -16,9 +16,9 @@ from cell.runs.run_inputs import BEGAN_WITH
 from cell.support.files.paths import LEDGER
 from robots.errors import StorageError
 
-__all__ = ["PrunableRun", "prunable_runs", "prune"]
+__all__ = ["RECORDINGS", "PrunableRun", "prunable_runs", "prune"]
 
-HEAVY = ("run.rrd", "run.transcript", FRAMES, CHECKPOINT, BEGAN_WITH, WORLD)
+RECORDINGS = ("run.rrd", "run.transcript", FRAMES, CHECKPOINT, BEGAN_WITH, WORLD)
 """Removable files of a run: recording, transcript, pictures, checkpoint, saved world, and initial checkpoint
 (which only the transcript needs). Report, result, settings and the journal stay."""
 
@@ -41,7 +41,7 @@ def prunable_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[Prun
     runs = sorted(_runs(logs, unfinished), key=lambda run: run[0])
     prunable = []
     for _, record, needed in runs[: max(0, len(runs) - keep)]:
-        paths = tuple(path for path in (record.directory / name for name in HEAVY) if path.exists())
+        paths = tuple(path for path in (record.directory / name for name in RECORDINGS) if path.exists())
         if paths and not needed:
             prunable.append(PrunableRun(record, paths, sum(_size(path) for path in paths)))
     return tuple(prunable)

@@ -43,8 +43,8 @@ class Decision:
 
 @dataclass(frozen=True)
 class RunDifference:
-    """alike: number of decisions before the first that differs. then: the two decisions that differ, None for a run
-    that has ended there; None: all decisions are the same."""
+    """alike: number of decisions before the first that differs. then: the two decisions that differ, None for a
+    run that has ended there; None: all decisions are the same."""
 
     settings: tuple[Difference, ...]
     versions: tuple[Difference, ...]
@@ -97,7 +97,7 @@ def _flat(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
     elif isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
         for n, item in enumerate(value):
-            yield from _flat(item, f"{prefix}.{item['name'] if 'name' in item else n}")
+            yield from _flat(item, f"{prefix}.{item.get('name', n)}")
     else:
         yield prefix, value
 

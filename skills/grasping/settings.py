@@ -122,8 +122,8 @@ class GraspSettings:
 
 
 def without_tactile(settings: GraspSettings) -> GraspSettings:
-    """Settings whose force thresholds are never reached: only the arms' and the grippers' own measurements count. To
-    measure what the tactile sensors are worth."""
+    """Settings whose force thresholds are never reached: only the arms' and the grippers' own measurements count.
+    To measure what the tactile sensors are worth."""
     return replace(
         settings,
         contact_force=math.inf,

@@ -1,6 +1,7 @@
 """The page of a campaign: rates with intervals, comparisons, distributions, failures with pictures, all runs.
 
-The page is one file: pictures are inlined, charts are SVG, and nothing is fetched. Links lead to the runs' reports.
+The page is one file: pictures are inlined, charts are SVG, and nothing is fetched. Links lead to the runs'
+reports.
 """
 
 from __future__ import annotations
@@ -152,7 +153,9 @@ def _thumbnail(folder: CampaignFolder, trial: Trial) -> str:
     if picture is None:
         return ""
     size = (THUMBNAIL, round(picture.shape[0] * THUMBNAIL / picture.shape[1]))
-    ok, data = cv2.imencode(".jpg", cv2.resize(picture, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, 80])
+    ok, data = cv2.imencode(
+        ".jpg", cv2.resize(picture, size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, 80]
+    )
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii") if ok else ""
 
 

@@ -68,8 +68,9 @@ def _svg(rows: list[str], count: int, low: float, high: float, step: float, unit
     for k in range(round((high - low) / step) + 1):
         value = low + k * step
         x = _x(value, low, high)
-        ticks.append(f'<path class="grid" d="M{x:.1f} 0 V{bottom}"/>'
-                     f'<text x="{x:.1f}" y="{bottom + 16}" text-anchor="middle">{value:.4g}{" " + unit if k == 0 else ""}</text>')  # fmt: skip
+        label = f"{value:.4g} {unit}" if k == 0 else f"{value:.4g}"
+        ticks.append(f'<path class="grid" d="M{x:.1f} 0 V{bottom}"/>')
+        ticks.append(f'<text x="{x:.1f}" y="{bottom + 16}" text-anchor="middle">{label}</text>')
     height = bottom + AXIS
     return Markup(
         f'<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{escape(about)}">'

@@ -18,9 +18,9 @@ Pair = tuple[Trial, Trial]
 class Comparison:
     """The second of two groups of runs against the first, on `pairs` garments and seeds that both have.
 
-    only_first, only_second: (garment, seed) of the pairs that succeeded in one group alone; p_value: McNemar's exact
-    test. unpaired: runs without a partner. Differences are second minus first, medians over the pairs in which
-    neither is a fault, with 95 % bootstrap intervals.
+    only_first, only_second: (garment, seed) of the pairs that succeeded in one group alone; p_value: McNemar's
+    exact test. unpaired: runs without a partner. Differences are second minus first, medians over the pairs in
+    which neither is a fault, with 95 % bootstrap intervals.
     """
 
     pairs: int

@@ -22,8 +22,8 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 
 def mcnemar_exact(only_first: int, only_second: int) -> float:
-    """Two-sided p-value of McNemar's exact test: of the pairs with different results, `only_first` succeeded in the
-    first variant alone and `only_second` in the second alone. 1 if there are no such pairs."""
+    """Two-sided p-value of McNemar's exact test: of the pairs with different results, `only_first` succeeded in
+    the first variant alone and `only_second` in the second alone. 1 if there are no such pairs."""
     from scipy.stats import binomtest
 
     pairs = only_first + only_second

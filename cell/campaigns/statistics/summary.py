@@ -40,9 +40,9 @@ class Claims:
 
 @dataclass(frozen=True)
 class Row:
-    """Runs of one variant and garment (or of all garments). folded: claimed and passed. interval: Wilson, 95 %. Times
-    are medians over the runs without faults [s]; robot_time_interval_s: bootstrap, 95 %. folds_per_hour: successful
-    garments per hour of the cell's clock, failures' time included."""
+    """Runs of one variant and garment (or of all garments). folded: claimed and passed. interval: Wilson, 95 %.
+    Times are medians over the runs without faults [s]; robot_time_interval_s: bootstrap, 95 %. folds_per_hour:
+    successful garments per hour of the cell's clock, failures' time included."""
 
     variant: str
     garment: str
@@ -63,8 +63,8 @@ class Row:
 
 
 def summarise(trials: Iterable[Trial]) -> list[Row]:
-    """One row per garment in order of name, and one for all garments, for each variant. Runs that were not performed
-    do not count."""
+    """One row per garment in order of name, and one for all garments, for each variant. Runs that were not
+    performed do not count."""
     by_variant: dict[str, dict[str, list[Trial]]] = {}
     for trial in (t for t in trials if t.performed):
         by_variant.setdefault(trial.request.variant, {}).setdefault(trial.request.garment, []).append(trial)

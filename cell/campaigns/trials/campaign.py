@@ -1,4 +1,4 @@
-"""A campaign: garments x seeds x variants. It is read from a YAML file or made from the flags of `foldcell trials`.
+"""A campaign: garments x seeds x variants, from a YAML file or from the flags of `foldcell trials`.
 
 about: the shipped garments, with and without pressing
 garments: [medium_towel, t_shirt]       # or: all
@@ -86,7 +86,9 @@ class CampaignFile(_Group):
     seeds: SeedRange | tuple[_Seed, ...] = Field(description="{first, count}, or a list of seeds")
     keep: Keep = Field("failures", description="recordings to keep: of failures, of all runs, or of none")
     variants: Annotated[dict[_Name, Variant], BeforeValidator(_or_mapping)] = Field(
-        {DEFAULT_VARIANT: Variant()}, min_length=1, description="what is compared on the same seeds"
+        {DEFAULT_VARIANT: Variant.model_validate({})},
+        min_length=1,
+        description="what is compared on the same seeds",
     )
 
 
@@ -94,8 +96,9 @@ class CampaignFile(_Group):
 class TrialRequest:
     """One run of a campaign; its result depends on nothing else. All values are plain JSON values.
 
-    settings: the complete settings of the cell (for another version of foldcell: only the keys that differ from the
-    shipped ones). actions: scripted faults and commands. python: interpreter of another version; None: this one.
+    settings: the complete settings of the cell (for another version of foldcell: only the keys that differ from
+    the shipped ones). actions: scripted faults and commands. python: interpreter of another version; None: this
+    one.
     """
 
     variant: str

@@ -34,8 +34,8 @@ LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BL
 
 @dataclass(frozen=True)
 class EnduranceRun:
-    """One run and the state of its process afterwards. fault: its kind, or empty. number: of the run in its process,
-    from 1. memory_mib: resident memory."""
+    """One run and the state of its process afterwards. fault: its kind, or empty. number: of the run in its
+    process, from 1. memory_mib: resident memory."""
 
     garment: str
     seed: int
@@ -81,7 +81,8 @@ def endure(
     report: Callable[[EnduranceRun], None],
     clock: Callable[[], float] = time.monotonic,
 ) -> list[EnduranceRun]:
-    """Perform runs one after the other until `hours` have passed; returns them. Each is appended to SAMPLES at once.
+    """Perform runs one after the other until `hours` have passed; returns them. Each is appended to SAMPLES at
+    once.
 
     runs_each: a process is replaced after this number of runs; None: one process performs all. A process that dies
     is replaced. Recordings of failures alone are kept.
@@ -98,10 +99,10 @@ def endure(
             except StorageError:
                 raise
             except Exception as e:  # the process died: the next run gets a new one
-                fault = request.actions[0]["fault"]["kind"] if request.actions else ""
+                text = f"{type(e).__name__}: {e}"
                 run = EnduranceRun(
-                    request.garment, request.seed, fault, "not_performed", f"{type(e).__name__}: {e}", 0.0, 0, 0, 0, 0, 0.0
-                )  # fmt: skip
+                    request.garment, request.seed, fault_of(request), "not_performed", text, 0.0, 0, 0, 0, 0, 0.0
+                )
             runs.append(run)
             samples.write(json.dumps(asdict(run)) + "\n")
             samples.flush()
@@ -122,6 +123,11 @@ def growths(runs: Sequence[EnduranceRun]) -> list[Growth]:
                 Growth(process, len(own), last.threads - first.threads, last.handles - first.handles, memory)
             )
     return found
+
+
+def fault_of(request: TrialRequest) -> str:
+    """Kind of the run's fault; empty if there is none."""
+    return str(request.actions[0]["fault"]["kind"]) if request.actions else ""
 
 
 def _fault(generator: random.Random) -> dict[str, Any]:
@@ -153,7 +159,7 @@ def _measured(folder: str, request: TrialRequest) -> dict[str, Any]:
         EnduranceRun(
             request.garment,
             request.seed,
-            request.actions[0]["fault"]["kind"] if request.actions else "",
+            fault_of(request),
             Trial(request, done["figures"], done["error"]).result,
             done["error"],
             time.monotonic() - began,

@@ -37,7 +37,11 @@ def describe(trial: Trial) -> str:
     figures = trial.figures or {}
     times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
     verdict = "folded" if trial.success else "false claim" if trial.claimed else trial.result
-    name = trial.request.garment if trial.request.variant == "shipped" else trial.request.variant + " " + trial.request.garment
+    name = (
+        trial.request.garment
+        if trial.request.variant == "shipped"
+        else trial.request.variant + " " + trial.request.garment
+    )
     return f"{name:<24} seed {trial.request.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
 
 

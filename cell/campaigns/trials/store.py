@@ -31,7 +31,7 @@ from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock
 from robots.errors import ConfigurationError, StorageError
 
-__all__ = ["CampaignFolder", "cpu_model", "program_versions", "is_campaign"]
+__all__ = ["CampaignFolder", "cpu_model", "is_campaign", "program_versions"]
 
 SCHEMA = 1
 LOCK = ".campaign.lock"
@@ -44,7 +44,8 @@ class CampaignFolder:
 
     @classmethod
     def create(cls, path: Path, campaign: Campaign, logs: Path) -> CampaignFolder:
-        """Write the campaign and a copy of the user's library into the empty folder `path`. Raises StorageError."""
+        """Write the campaign and a copy of the user's library into the empty folder `path`. Raises
+        StorageError."""
         source = user_library_path(logs)
         try:
             if source.is_file():
@@ -76,7 +77,8 @@ class CampaignFolder:
             if content["keep"] not in get_args(Keep):
                 raise ValueError(content["keep"])
             requests = tuple(
-                TrialRequest(**{**request, "actions": tuple(request["actions"])}) for request in content["requests"]
+                TrialRequest(**{**request, "actions": tuple(request["actions"])})
+                for request in content["requests"]
             )
             campaign = Campaign(content["about"], content["keep"], requests, content["variants"])
         except (LookupError, TypeError, ValueError) as e:
@@ -90,7 +92,8 @@ class CampaignFolder:
         """
         began = _read(self.path)["program"]
         now = {**program_versions(), "library": _library_digest(self.path)}
-        changed = [f"{k} {began.get(k)} -> {now.get(k)}" for k in sorted({*began, *now}) if began.get(k) != now.get(k)]
+        names = [name for name in sorted({*began, *now}) if began.get(name) != now.get(name)]
+        changed = [f"{name} {began.get(name)} -> {now.get(name)}" for name in names]
         if changed:
             raise ConfigurationError(
                 f"the program has changed since the campaign {self.path.name} began: {', '.join(changed)}",
@@ -99,7 +102,7 @@ class CampaignFolder:
 
     @cached_property
     def origin(self) -> dict[str, Any]:
-        """begun (UTC), commit (None for an installed program), program (package -> version), machine (cpu, cores)."""
+        """begun (UTC), commit (None for an installed program), program (package -> version), machine."""
         content = _read(self.path)
         return {name: content.get(name) for name in ("begun", "commit", "program", "machine")}
 
@@ -155,7 +158,9 @@ def commit() -> str | None:
         return None
     try:
         run = [
-            subprocess.run(["git", "-C", str(root), *line], capture_output=True, text=True, check=True).stdout.strip()
+            subprocess.run(
+                ["git", "-C", str(root), *line], capture_output=True, text=True, check=True
+            ).stdout.strip()
             for line in (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
         ]
     except (OSError, subprocess.CalledProcessError):

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -16,17 +16,19 @@ from typing import Any
 
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.config.library.library_file import user_library_path
+from cell.runs.pruning import RECORDINGS
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.lock import CellBusyError, OwnerLock
 from robots.errors import CellError, StorageError
 
-__all__ = ["TRIAL", "Trial", "digest", "load_trial", "perform_trial"]
+__all__ = ["MANIFEST", "TRIAL", "Fold", "Trial", "digest", "load_trial", "perform_trial"]
 
 TRIAL = "trial.json"
 LOCK = "trial.lock"
 WAIT_S = 0.5
-HEAVY = ("run.rrd", "run.transcript", "frames", "began_with.json")
+
+Fold = Callable[[TrialRequest, Path], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -82,19 +84,20 @@ def failed_figures(score: Mapping[str, Any]) -> list[str]:
     return [n for n, limit in limits.items() if (score[n] < limit if n == "iou" else score[n] > limit)]
 
 
-def perform_trial(request: TrialRequest, folder: Path, keep: Keep) -> dict[str, Any]:
+def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | None = None) -> dict[str, Any]:
     """Perform the run in `folder`, or return its result if the folder already has it. Returns the content of
     `trial.json`: the request's digest, figures and error.
 
     The folder belongs to this run alone. Another process that performs the same run (left behind by a client that
-    was killed) is waited for. The remains of a run that was cut off are removed first.
+    was killed) is waited for. The remains of a run that was cut off are removed first. fold: performs the run and
+    returns its figures; None: by this program, or by the version that the request names.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _only_one(folder / LOCK):
         done = load_trial(folder, request)
         if done is None:
             _clear(folder)
-            done = _perform(request, folder)
+            done = _perform(request, folder, fold or (_other_version if request.python else _this_version))
             _discard_recordings(folder, keep, done)
             write_whole(folder / TRIAL, json.dumps(to_json(done)) + "\n")
     return done
@@ -115,13 +118,13 @@ def digest(request: TrialRequest) -> str:
     return sha256(canonical.encode()).hexdigest()[:16]
 
 
-def _perform(request: TrialRequest, folder: Path) -> dict[str, Any]:
+def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
     """An exception counts as a result without figures: the same request would raise it again."""
     began = time.monotonic()
     figures, error = None, ""
     try:
         _copy_library(folder)
-        figures = _other_version(request, folder) if request.python else _this_version(request, folder)
+        figures = fold(request, folder)
     except OSError as e:
         if isinstance(e, StorageError) or e.errno is not None:  # a full disk is no property of the request
             raise
@@ -177,9 +180,9 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
     settings = folder / "cell.yaml"
     write_whole(settings, yaml.safe_dump({"schema": 1, **request.settings}))
     line = [
-        request.python, "-m", "cell.commands.main", "fold", request.garment, "--seed", str(request.seed), "--driver",
-        request.driver, "--world", request.world, "--cell", str(settings), "--logs", str(folder), "--json",
-    ]  # fmt: skip
+        request.python, "-m", "cell.commands.main", "fold", request.garment, "--seed", str(request.seed),
+        "--driver", request.driver, "--world", request.world, "--cell", str(settings), "--logs", str(folder),
+        "--json", ]  # fmt: skip
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "FOLDCELL_LOGS")}
     with tempfile.TemporaryDirectory() as elsewhere:  # the present folder may hold another version
         ended = subprocess.run(
@@ -196,8 +199,8 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
 
 
 def _copy_library(folder: Path) -> None:
-    """Give the run a copy of the campaign's library, so that trajectories which another run optimised do not affect
-    it. Raises StorageError."""
+    """Give the run a copy of the campaign's library, so that trajectories which another run optimised do not
+    affect it. Raises StorageError."""
     source = next((user_library_path(f) for f in folder.parents if (f / MANIFEST).is_file()), None)
     if source is None or not source.is_file():
         return
@@ -226,7 +229,7 @@ def _discard_recordings(folder: Path, keep: Keep, done: Mapping[str, Any]) -> No
     if keep == "all" or (keep == "failures" and failed):
         return
     for run in folder.iterdir():
-        for path in (run / name for name in HEAVY) if run.is_dir() else ():
+        for path in (run / name for name in RECORDINGS) if run.is_dir() else ():
             if path.exists():
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 

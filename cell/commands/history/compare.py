@@ -24,7 +24,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("first", metavar="A", help="a campaign's folder, or a run (id, folder or last)")
     parser.add_argument("second", metavar="B", help="another one, which is compared with the first")
-    parser.add_argument("--variant", metavar="NAME", help="the variant of both campaigns (every variant that both have)")
+    parser.add_argument(
+        "--variant", metavar="NAME", help="the variant of both campaigns (every variant that both have)"
+    )
     logs_option(parser)
     json_option(parser)
 
@@ -65,14 +67,18 @@ def _campaigns(a: CampaignFolder, b: CampaignFolder, options: argparse.Namespace
         pairs = [(options.variant, options.variant)]
         missing = [c.path.name for c, has in ((a, first), (b, second)) if options.variant not in has]
         if missing:
-            raise ConfigurationError(f"{', '.join(missing)} has no variant '{options.variant}'", "see campaign.html")
+            raise ConfigurationError(
+                f"{', '.join(missing)} has no variant '{options.variant}'", "see campaign.html"
+            )
     elif not pairs and len(first) == len(second) == 1:
         pairs = [(next(iter(first)), next(iter(second)))]
     if not pairs:
         raise ConfigurationError("the campaigns have no variant in common", "name one with --variant")
     compared = {x: compare_trials(first[x], second[y]) for x, y in pairs}
     if options.json:
-        print_json({"first": str(a.path), "second": str(b.path), "variants": {k: asdict(c) for k, c in compared.items()}})
+        print_json(
+            {"first": str(a.path), "second": str(b.path), "variants": {k: asdict(c) for k, c in compared.items()}}
+        )
         return 0
     print(f"A  {a.path.name}, begun {a.origin['begun']}\nB  {b.path.name}, begun {b.origin['begun']}")
     changed = _changed(a.origin["program"] or {}, b.origin["program"] or {})
@@ -96,8 +102,12 @@ def _changed(first: dict[str, Any], second: dict[str, Any]) -> list[str]:
 
 
 def _print_comparison(name: str, c: Comparison) -> None:
-    print(f"\n{name}: {c.pairs} pairs of the same garment and seed" + (f", {c.unpaired} unpaired" if c.unpaired else ""))
-    print(f"  folded by both {c.both}, by neither {c.neither}, by A alone {len(c.only_first)}, by B alone {len(c.only_second)}")
+    print(
+        f"\n{name}: {c.pairs} pairs of the same garment and seed"
+        + (f", {c.unpaired} unpaired" if c.unpaired else "")
+    )
+    alone = f"by A alone {len(c.only_first)}, by B alone {len(c.only_second)}"
+    print(f"  folded by both {c.both}, by neither {c.neither}, {alone}")
     print(f"  p = {c.p_value:.3f} (McNemar, exact)")
     print(f"  robot time   {_interval(c.robot_time_difference_s, c.robot_time_interval_s, 1.0, 's')}")
     print(f"  height       {_interval(c.height_difference_m, c.height_interval_m, 1e3, 'mm')}")
@@ -119,7 +129,11 @@ def _runs(options: argparse.Namespace) -> tuple[RunDifference, tuple[str, str]]:
     found = []
     for name in (options.first, options.second):
         folder = Path(name).absolute()
-        logs = folder.parent if journal_path(folder.parent).is_file() and folder.is_dir() else logs_directory(options.logs)
+        logs = (
+            folder.parent
+            if journal_path(folder.parent).is_file() and folder.is_dir()
+            else logs_directory(options.logs)
+        )
         with Journal.open(journal_path(logs), readonly=True) as journal:
             record = journal.run(name)
             found.append((record, journal.entries(record.id)))
@@ -136,7 +150,8 @@ def _print_runs(difference: RunDifference, names: tuple[str, str]) -> None:
         print(f"  all {difference.alike} are the same")
     else:
         a, b = difference.then
-        print(f"  the first {difference.alike} are the same, then\n  A  {a or 'the run has ended'}\n  B  {b or 'the run has ended'}")
+        print(f"  the first {difference.alike} are the same, then")
+        print(f"  A  {a or 'the run has ended'}\n  B  {b or 'the run has ended'}")
     _print_differences("figures", difference.figures)
 
 

@@ -5,33 +5,28 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cell.campaigns.executors import Workers, cluster_workers, local_workers
+from cell.campaigns.perform_campaign import perform_campaign
+from cell.campaigns.results import campaign_results
 from cell.campaigns.statistics.summary import Row, claims
-from cell.campaigns.trials.campaign import Campaign, CampaignFile, SeedRange, campaign_of, read_campaign
-from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endure, growths, random_requests
-from cell.campaigns.trials.perform import perform_campaign
+from cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
 from cell.campaigns.trials.progress import CampaignProgress
-from cell.campaigns.trials.results import campaign_results
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.commands.options import cell_option, count, driver_options, folder, json_option, logs_option, seed
 from cell.commands.output import print_json, print_table, progress_stream
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
+from cell.commands.run.endurance import run_endurance
+from cell.config.cell_settings import load_settings
 from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
 from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
-
-MEMORY_GROWTH = 0.05
-"""Largest share by which the memory of a process may grow."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -46,9 +41,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--keep", choices=["failures", "all", "none"], help="recordings to keep (failures, or the file's)"
     )
     parser.add_argument(
-        "--hours", type=_hours, metavar="H", help="random garments and faults for H hours; what each run leaves behind"
+        "--hours",
+        type=_hours,
+        metavar="H",
+        help="random garments and faults for H hours; what each run leaves behind",
     )
-    parser.add_argument("--renew", type=count, metavar="N", help="with --hours: a new process every N runs (never)")
+    parser.add_argument(
+        "--renew", type=count, metavar="N", help="with --hours: a new process every N runs (never)"
+    )
     parser.add_argument("--resume", type=folder, metavar="DIR", help="continue the campaign in this folder")
     driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
     cell_option(parser)
@@ -60,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
     """Returns 0 if every run ended without a fault, 3 if one was a fault or was not performed. A bad fold is a
     figure, not an error."""
     if options.hours is not None:
-        return _endurance(options)
+        _refuse(options, "--hours", ("file", "resume", "n", "keep", "cluster", "workers"))
+        return run_endurance(options)
     if options.renew is not None:
         raise ConfigurationError("--renew without --hours", "campaigns renew their processes by themselves")
     campaign = _opened(options)
@@ -92,50 +93,6 @@ def run(options: argparse.Namespace) -> int:
     return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
 
 
-def _endurance(options: argparse.Namespace) -> int:
-    """Returns 0 if every run ended in a declared state and nothing but memory (by 5 %) grew, else 3."""
-    _refuse(options, "--hours", ("file", "resume", "n", "keep", "cluster", "workers"))
-    settings = load_settings(options.cell)
-    garments = _checked_garments(options.garments or "all", settings)
-    logs = prepare_logs(logs_directory(options.logs))
-    path, out = campaign_folder(logs, "endurance"), progress_stream(options.json)
-    print(f"folder   {path}", file=out, flush=True)
-
-    def report(run: EnduranceRun) -> None:
-        print(
-            f"{run.number:4d}  {run.garment:<24} {run.fault or '-':<15} {run.result:<13} {run.seconds:6.1f} s  "
-            f"{run.threads} threads  {run.handles} handles  {run.memory_mib:.0f} MiB",
-            file=out, flush=True,
-        )  # fmt: skip
-
-    first = 1 if options.first_seed is None else options.first_seed
-    runs = endure(random_requests(garments, settings, first), path, options.hours, options.renew, report)
-    grown = growths(runs)
-    bad = sum(bool(run.error) for run in runs)
-    leaks = [g for g in grown if g.threads > 0 or g.handles > 0 or g.memory > MEMORY_GROWTH]
-    if options.json:
-        print_json({
-            "schema": 1, "directory": str(path), "runs": len(runs), "broken": bad,
-            "results": dict(Counter(run.result for run in runs)), "processes": [asdict(g) for g in grown],
-        })  # fmt: skip
-    else:
-        print(f"\n{len(runs)} runs, simulated: " + ", ".join(f"{n} {r}" for r, n in Counter(r.result for r in runs).items()))
-        print(f"{bad} ended without a result")
-        print_table(
-            ("process", "runs", "threads gained", "handles gained", "memory gained"),
-            [(g.process, g.runs, g.threads, g.handles, f"{100 * g.memory:+.1f} %") for g in grown],
-        )
-        print(f"gained: after the run {SETTLED} of a process; details  {path / SAMPLES}")
-    return 3 if bad or leaks else 0
-
-
-def _checked_garments(named: str, settings: CellSettings) -> list[str]:
-    names = list(list_garments()) if named == "all" else [name.strip() for name in named.split(",")]
-    for name in names:
-        load_garment(name, settings.surface)
-    return names
-
-
 def _hours(text: str) -> float:
     try:
         hours = float(text)
@@ -147,7 +104,7 @@ def _hours(text: str) -> float:
 
 
 def _opened(options: argparse.Namespace) -> CampaignFolder:
-    """The campaign to resume, or a new one from the file or the flags. Nothing is written before all is checked."""
+    """The campaign to resume, or a new one. All is checked before anything is written."""
     if options.resume is not None:
         _refuse(options, "--resume", ("file", "garments", "n", "first_seed", "keep", "cell"))
         campaign = CampaignFolder.open(options.resume.absolute())
@@ -163,20 +120,20 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     if options.file is not None:
         _refuse(options, "a campaign file", ("garments", "n", "first_seed"))
         campaign = read_campaign(options.file, settings, options.driver, options.world)
-        return campaign if options.keep is None else Campaign(
-            campaign.about, options.keep, campaign.requests, campaign.variants
-        )  # fmt: skip
+        return campaign if options.keep is None else replace(campaign, keep=options.keep)
     named = (options.garments or "all").split(",")
-    content = CampaignFile(
-        garments="all" if named == ["all"] else tuple(named),
-        seeds=SeedRange(first=1 if options.first_seed is None else options.first_seed, count=options.n or 10),
-        keep=options.keep or "failures",
-    )
+    content = CampaignFile.model_validate({
+        "garments": "all" if named == ["all"] else named,
+        "seeds": {"first": 1 if options.first_seed is None else options.first_seed, "count": options.n or 10},
+        "keep": options.keep or "failures",
+    })  # fmt: skip
     return campaign_of(content, settings, options.driver, options.world)
 
 
 def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> None:
-    both = [f"--{name.replace('_', '-')}" if name != "file" else "a file" for name in names if getattr(options, name)]
+    both = [
+        f"--{name.replace('_', '-')}" if name != "file" else "a file" for name in names if getattr(options, name)
+    ]
     if both:
         raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
 
@@ -184,7 +141,9 @@ def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> No
 def _workers(options: argparse.Namespace, campaign: Path) -> AbstractContextManager[Workers]:
     if options.cluster is not None:
         if options.workers is not None:
-            raise ConfigurationError("--workers with --cluster", "the cluster's workers decide how many run at a time")
+            raise ConfigurationError(
+                "--workers with --cluster", "the cluster's workers decide how many run at a time"
+            )
         return cluster_workers(options.cluster, campaign)
     return local_workers(options.workers or len(os.sched_getaffinity(0)))
 
@@ -196,7 +155,18 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
     print_table(
         (
             *(("variant",) if several else ()),
-            *("garment", "folded", "interval", "false claims", "faults", "recoveries", "robot s", "wall s", "IoU", "folds/h"),
+            *(
+                "garment",
+                "folded",
+                "interval",
+                "false claims",
+                "faults",
+                "recoveries",
+                "robot s",
+                "wall s",
+                "IoU",
+                "folds/h",
+            ),
         ),
         [
             (
@@ -218,8 +188,9 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
     for name in campaign.campaign.variants:
         table = claims(t for t in trials if t.request.variant == name)
         print(
-            f"{name + ': ' if several else ''}claimed and passed {table.claimed_passed}, claimed in error "
-            f"{table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, neither {table.unclaimed_failed}"
+            f"{name + ': ' if several else ''}claimed and passed {table.claimed_passed}, "
+            f"claimed in error {table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, "
+            f"neither {table.unclaimed_failed}"
         )
     for c in results["comparisons"]:
         print(

@@ -1,8 +1,8 @@
 """Recording streams that end completely: nothing of them stays in the process.
 
-Rerun keeps an ended stream with its two threads until the process ends (rerun #2116), unless nobody refers to it and
-a clean-up is asked for. A blueprint that is given to `set_sinks` is never freed: its stream and the memory that it
-writes to refer to each other. Here that stream is disconnected once its content has been sent.
+Rerun keeps an ended stream with its two threads until the process ends (rerun #2116), unless nobody refers to it
+and a clean-up is asked for. A blueprint that is given to `set_sinks` is never freed: its stream and the memory
+that it writes to refer to each other. Here that stream is disconnected once its content has been sent.
 """
 
 from __future__ import annotations
@@ -12,23 +12,25 @@ from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
+from rerun import bindings  # type: ignore[attr-defined]
 
 __all__ = ["begin_stream", "drop_ended_streams"]
 
 
-def begin_stream(application: str, sink: Any, layout: rrb.Blueprint, identity: str | None = None) -> rr.RecordingStream:
-    """A stream to `sink` (rr.FileSink, rr.GrpcServerSink, ...) with a default layout. identity: the recording's id."""
+def begin_stream(
+    application: str, sink: Any, layout: rrb.Blueprint, identity: str | None = None
+) -> rr.RecordingStream:
+    """A stream to `sink` (rr.FileSink, rr.GrpcServerSink) with a default layout. identity: the recording's id."""
     stream = rr.RecordingStream(application, recording_id=identity)
     stream.set_sinks(sink)
-    native: Any = rr.bindings
     drawn = rr.RecordingStream._from_native(
-        native.new_blueprint(
+        bindings.new_blueprint(
             application_id=application, make_default=False, make_thread_default=False, default_enabled=True
         )
     )
     drawn.set_time("blueprint", sequence=0)
     layout.to_blueprint()._log_to_stream(drawn)
-    native.send_blueprint(drawn.memory_recording().storage, False, True, recording=stream.to_native())
+    bindings.send_blueprint(drawn.memory_recording().storage, False, True, recording=stream.to_native())
     drawn.disconnect()
     return stream
 
@@ -37,4 +39,4 @@ def drop_ended_streams() -> None:
     """End the threads and free the memory of disconnected streams that nobody refers to. It waits for streams that
     are still being written."""
     gc.collect()
-    rr.bindings.flush_and_cleanup_orphaned_recordings()
+    bindings.flush_and_cleanup_orphaned_recordings()

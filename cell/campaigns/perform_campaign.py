@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from cell.campaigns.executors import Workers
+from cell.campaigns.results import RESULTS, campaign_results, results_text
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.engine import run_trials
-from cell.campaigns.trials.results import RESULTS, campaign_results, results_text
 from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial, perform_trial
+from cell.campaigns.trials.trial import Fold, Trial, perform_trial
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["perform_campaign"]
@@ -23,14 +23,16 @@ WRITE_EVERY_S = 10.0
 """Least time between two versions of the results. Each finished run is on disk before that."""
 
 
-def perform_campaign(folder: CampaignFolder, workers: Workers, report: Callable[[Trial], None]) -> list[Trial]:
-    """Perform the runs that are missing; returns all. report: called after each run.
+def perform_campaign(
+    folder: CampaignFolder, workers: Workers, report: Callable[[Trial], None], fold: Fold | None = None
+) -> list[Trial]:
+    """Perform the runs that are missing; returns all. report: called after each run. fold: see `perform_trial`.
 
     The results so far are written whatever ends the campaign. Raises StorageError if the folder cannot be written.
     """
     trials = folder.finished()
     missing = folder.missing(trials)
-    work = functools.partial(_perform, str(folder.path), folder.campaign.keep)
+    work = functools.partial(_perform, str(folder.path), folder.campaign.keep, fold)
     written = 0.0
     try:
         write_results(folder, trials)
@@ -56,6 +58,6 @@ def write_results(folder: CampaignFolder, trials: list[Trial]) -> dict[str, Any]
     return results
 
 
-def _perform(campaign: str, keep: Keep, request: TrialRequest) -> dict[str, Any]:
+def _perform(campaign: str, keep: Keep, fold: Fold | None, request: TrialRequest) -> dict[str, Any]:
     """Called in a worker process."""
-    return perform_trial(request, Path(campaign) / request.folder, keep)
+    return perform_trial(request, Path(campaign) / request.folder, keep, fold)

@@ -1,0 +1,64 @@
+"""`foldcell trials --hours H`: random garments and faults for hours; what each run leaves behind."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import asdict
+
+from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endure, growths, random_requests
+from cell.commands.output import print_json, print_table, progress_stream
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.config.garments.garment_file import list_garments, load_garment
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+
+__all__ = ["run_endurance"]
+
+MEMORY_GROWTH = 0.05
+"""Largest share by which the memory of a process may grow."""
+
+
+def run_endurance(options: argparse.Namespace) -> int:
+    """Returns 0 if every run ended in a declared state and nothing but memory (by 5 %) grew, else 3."""
+    settings = load_settings(options.cell)
+    garments = _checked_garments(options.garments or "all", settings)
+    logs = prepare_logs(logs_directory(options.logs))
+    path, out = campaign_folder(logs, "endurance"), progress_stream(options.json)
+    print(f"folder   {path}", file=out, flush=True)
+
+    def report(run: EnduranceRun) -> None:
+        print(
+            f"{run.number:4d}  {run.garment:<24} {run.fault or '-':<15} {run.result:<13} {run.seconds:6.1f} s  "
+            f"{run.threads} threads  {run.handles} handles  {run.memory_mib:.0f} MiB",
+            file=out, flush=True,
+        )  # fmt: skip
+
+    first = 1 if options.first_seed is None else options.first_seed
+    runs = endure(random_requests(garments, settings, first), path, options.hours, options.renew, report)
+    grown = growths(runs)
+    bad = sum(bool(run.error) for run in runs)
+    leaks = [g for g in grown if g.threads > 0 or g.handles > 0 or g.memory > MEMORY_GROWTH]
+    if options.json:
+        print_json({
+            "schema": 1, "directory": str(path), "runs": len(runs), "broken": bad,
+            "results": dict(Counter(run.result for run in runs)), "processes": [asdict(g) for g in grown],
+        })  # fmt: skip
+    else:
+        print(
+            f"\n{len(runs)} runs, simulated: "
+            + ", ".join(f"{n} {r}" for r, n in Counter(r.result for r in runs).items())
+        )
+        print(f"{bad} ended without a result")
+        print_table(
+            ("process", "runs", "threads gained", "handles gained", "memory gained"),
+            [(g.process, g.runs, g.threads, g.handles, f"{100 * g.memory:+.1f} %") for g in grown],
+        )
+        print(f"gained: after the run {SETTLED} of a process; details  {path / SAMPLES}")
+    return 3 if bad or leaks else 0
+
+
+def _checked_garments(named: str, settings: CellSettings) -> list[str]:
+    names = list(list_garments()) if named == "all" else [name.strip() for name in named.split(",")]
+    for name in names:
+        load_garment(name, settings.surface)
+    return names
