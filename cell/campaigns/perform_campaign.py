@@ -13,8 +13,9 @@ from cell.campaigns.executors import Workers
 from cell.campaigns.results import RESULTS, campaign_results, results_text
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.engine import run_trials
+from cell.campaigns.trials.perform_trial import Fold, perform_trial
 from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Fold, Trial, perform_trial
+from cell.campaigns.trials.trial import Trial
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["perform_campaign"]

@@ -14,7 +14,8 @@ from typing import Any
 
 from cell.campaigns.hil.script import Action
 from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.trial import Trial, perform_trial
+from cell.campaigns.trials.perform_trial import perform_trial
+from cell.campaigns.trials.trial import Trial
 from cell.config.cell_settings import CellSettings
 from cell.simulation import FaultKind
 from cell.states.transition_table import State

@@ -1,0 +1,180 @@
+"""Performs one run of a campaign, in a worker process. A finished run is on disk before the worker returns it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.trials.campaign import Keep, TrialRequest
+from cell.campaigns.trials.trial import MANIFEST, TRIAL, digest, load_trial
+from cell.config.library.library_file import user_library_path
+from cell.runs.pruning import RECORDINGS
+from cell.support.files.whole_file import write_whole
+from cell.support.json_values import to_json
+from cell.support.process.lock import CellBusyError, OwnerLock
+from robots.errors import CellError, StorageError
+
+__all__ = ["Fold", "perform_trial"]
+
+LOCK = "trial.lock"
+WAIT_S = 0.5
+
+Fold = Callable[[TrialRequest, Path], Mapping[str, Any]]
+"""Performs a run in a folder and returns the output of `foldcell fold --json`."""
+
+
+def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | None = None) -> dict[str, Any]:
+    """Perform the run in `folder`, or return its result if the folder already has it. Returns the content of
+    `trial.json`: the request's digest, figures and error.
+
+    The folder belongs to this run alone. Another process that performs the same run (left behind by a client that
+    was killed) is waited for. The remains of a run that was cut off are removed first. fold: performs the run and
+    returns its figures; None: by this program, or by the version that the request names.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with _only_one(folder / LOCK):
+        done = load_trial(folder, request)
+        if done is None:
+            _clear(folder)
+            done = _perform(request, folder, fold or (_other_version if request.python else _this_version))
+            _discard_recordings(folder, keep, done)
+            write_whole(folder / TRIAL, json.dumps(to_json(done)) + "\n")
+    return done
+
+
+def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
+    """An exception counts as a result without figures: the same request would raise it again."""
+    began = time.monotonic()
+    figures, error = None, ""
+    try:
+        _copy_library(folder)
+        figures = fold(request, folder)
+    except OSError as e:
+        if isinstance(e, StorageError) or e.errno is not None:  # a full disk is no property of the request
+            raise
+        error = f"{type(e).__name__}: {e}"
+    except StorageError:
+        raise
+    except Exception as e:
+        error = f"{type(e).__name__}: {e.what if isinstance(e, CellError) else e}"
+    return {
+        "request": digest(request),
+        "figures": figures,
+        "error": error,
+        "seconds": time.monotonic() - began,
+    }
+
+
+def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
+    from cell.campaigns.hil.director import Director
+    from cell.campaigns.hil.script import Script
+    from cell.config.cell_settings import CellSettings
+    from cell.hardware.assembly import load_robot
+    from cell.runs.fold_run import FoldRequest, fold_once
+    from cell.states.transition_table import TERMINAL
+
+    settings = CellSettings.model_validate_json(json.dumps(request.settings))
+    run = FoldRequest(
+        garment=request.garment, seed=request.seed, driver=request.driver, settings=settings, settings_path=None,
+        logs=folder, live=False, approve=False, realtime=False, world=request.world, quiet=True,
+    )  # fmt: skip
+    if not request.actions:
+        return dict(to_json(fold_once(run).as_json()))
+    script = Script.model_validate(
+        {
+            "about": request.variant,
+            "garment": request.garment,
+            "seed": request.seed,
+            "do": list(request.actions),
+            "expect": {"end": sorted(TERMINAL)},
+        }
+    )
+    director = Director(script, load_robot(settings).q_park, lambda line: None)
+    try:
+        return dict(to_json(fold_once(run, director.begin, (director,)).as_json()))
+    finally:
+        director.close()
+
+
+def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
+    """The run by the `foldcell fold` of another virtual environment, whose flags and JSON are a contract."""
+    import yaml
+
+    assert request.python is not None
+    settings = folder / "cell.yaml"
+    write_whole(settings, yaml.safe_dump({"schema": 1, **request.settings}))
+    line = [
+        request.python, "-m", "cell.commands.main", "fold", request.garment, "--seed", str(request.seed),
+        "--driver", request.driver, "--world", request.world, "--cell", str(settings), "--logs", str(folder),
+        "--json", ]  # fmt: skip
+    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "FOLDCELL_LOGS")}
+    with tempfile.TemporaryDirectory() as elsewhere:  # the present folder may hold another version
+        ended = subprocess.run(
+            line, cwd=elsewhere, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
+        )
+    try:
+        figures = json.loads(ended.stdout.splitlines()[-1])
+        if "result" in figures:
+            return dict(figures)
+    except (LookupError, ValueError, TypeError):
+        pass
+    last = (ended.stderr.strip() or ended.stdout.strip()).splitlines()[-1:]
+    raise RuntimeError(f"foldcell of {request.python} ended with {ended.returncode}: {' '.join(last)}")
+
+
+def _copy_library(folder: Path) -> None:
+    """Give the run a copy of the campaign's library, so that trajectories which another run optimised do not
+    affect it. Raises StorageError."""
+    source = next((user_library_path(f) for f in folder.parents if (f / MANIFEST).is_file()), None)
+    if source is None or not source.is_file():
+        return
+    try:
+        shutil.copyfile(source, user_library_path(folder))
+    except OSError as error:
+        hint = "check the permissions of both folders and whether the disk is full"
+        raise StorageError(f"{source} cannot be copied to {folder}: {error.strerror}", hint) from None
+
+
+def _clear(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.name != LOCK:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _discard_recordings(folder: Path, keep: Keep, done: Mapping[str, Any]) -> None:
+    """Remove the recordings that the campaign does not keep. Report, result, settings and journal stay."""
+    figures = done["figures"]
+    failed = figures is None or not (
+        figures.get("result") == "folded" and (figures.get("score") or {}).get("passed", True)
+    )
+    if keep == "all" or (keep == "failures" and failed):
+        return
+    for run in folder.iterdir():
+        for path in (run / name for name in RECORDINGS) if run.is_dir() else ():
+            if path.exists():
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+class _only_one:
+    """The lock of a run's folder; waits while another process performs the run."""
+
+    def __init__(self, path: Path) -> None:
+        self._lock = OwnerLock(path, "the run")
+
+    def __enter__(self) -> None:
+        while True:
+            try:
+                self._lock.acquire()
+                return
+            except CellBusyError:
+                time.sleep(WAIT_S)
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()

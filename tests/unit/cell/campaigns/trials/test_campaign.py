@@ -1,0 +1,79 @@
+"""Campaign files: requests of every garment, seed and variant; errors name file, line and key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cell.campaigns.trials.campaign import read_campaign
+from cell.config.cell_settings import load_settings
+from robots.errors import ConfigurationError
+
+SHIPPED = sorted((Path(__file__).parents[5] / "benchmarks" / "campaigns").glob("*.yaml"))
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "campaign.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_every_garment_has_a_run_with_every_seed_and_variant(tmp_path: Path) -> None:
+    text = """
+garments: [small_towel, medium_towel]
+seeds: [7, 3]
+variants:
+  shipped:
+  no_pressing: {cell: {pressing: {max_attempts: 0}}}
+  towels_only: {garments: [small_towel], world: mujoco}
+"""
+    campaign = read_campaign(written(tmp_path, text), load_settings())
+    keys = [request.key for request in campaign.requests]
+    assert len(keys) == len(set(keys)) == 2 * (2 + 2 + 1)
+    assert [seed for _, _, seed in keys] == [7] * 5 + [3] * 5, "an unfinished campaign has whole seeds"
+    by_variant = {r.variant: r for r in campaign.requests}
+    assert by_variant["no_pressing"].settings["pressing"]["max_attempts"] == 0
+    assert by_variant["shipped"].settings["pressing"]["max_attempts"] > 0
+    assert by_variant["towels_only"].world == "mujoco" and by_variant["shipped"].world == "xpbd"
+    assert len({request.folder for request in campaign.requests}) == len(keys)
+
+
+def test_repeated_garments_and_seeds_count_once(tmp_path: Path) -> None:
+    """The same run again is no further evidence: the interval would be too narrow."""
+    text = "garments: [small_towel, small_towel]\nseeds: [1, 2, 1]\n"
+    assert len(read_campaign(written(tmp_path, text), load_settings()).requests) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("seeds: [1]\ngarments: [sock]\n", ["sock"]),
+        ("seeds: []\n", ["without seeds"]),
+        ("seeds: {first: 1}\n", [":1", "count"]),
+        ("seeds: [1]\nkeep: some\n", [":2", "keep", "failures"]),
+        ("seeds: [true]\n", [":1", "seeds"]),
+        ("seeds: [1]\nvariants:\n  a:\n    cell:\n      pressing: {tries: 1}\n", [":5", "tries", "max_attempts"]),
+        ("seeds: [1]\nvariants:\n  a: {cell: {table: {height: 820}}}\n", [":3", "table.height"]),
+        ("seeds: [1]\nvariants:\n  a: {python: nowhere/python}\n", ["nowhere/python", "virtual environment"]),
+        ("seeds: [1]\nvariants:\n  ../a: {}\n", ["variants"]),
+        ("seeds: [1]\nvariants:\n  a: {do: [{fault: {kind: missed_gras}}]}\n", ["missed_grasp"]),
+    ],
+)
+def test_errors_name_the_line_and_the_key(text: str, parts: list[str], tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError) as error:
+        read_campaign(written(tmp_path, text), load_settings())
+    message = f"{error.value.what} {error.value.hint}"
+    assert all(part in message for part in parts), message
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_the_shipped_campaigns_can_be_performed(path: Path) -> None:
+    campaign = read_campaign(path, load_settings())
+    assert campaign.about and campaign.requests
+
+
+def test_the_ablations_of_the_paper_are_shipped() -> None:
+    (path,) = [p for p in SHIPPED if p.stem == "ablations"]
+    variants = read_campaign(path, load_settings()).variants
+    assert {"initial_arcs", "no_recovery", "no_tactile", "one_look", "no_pressing", "other_world"} <= set(variants)

@@ -1,0 +1,116 @@
+"""A run of a campaign: finished once, never repeated, its recordings kept or not."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cell.campaigns.trials.campaign import Keep, TrialRequest
+from cell.campaigns.trials.perform_trial import perform_trial
+from cell.campaigns.trials.trial import TRIAL, load_trial
+from robots.errors import ConfigurationError, StorageError
+from tests.builders.campaigns import figures, request
+
+
+def recorded(passed: bool) -> Any:
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        run = folder / "run"
+        (run / "frames").mkdir(parents=True)
+        for name in ("run.rrd", "frames/a.npz", "report.html", "result.json"):
+            (run / name).write_text("x")
+        return figures(passed=passed)
+
+    return fold
+
+
+def test_a_finished_run_is_not_repeated(tmp_path: Path) -> None:
+    calls = []
+
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        calls.append(request.seed)
+        return figures()
+
+    first = perform_trial(request(), tmp_path, "all", fold)
+    assert perform_trial(request(), tmp_path, "all", fold) == first and calls == [1]
+
+
+def test_the_result_of_another_request_is_not_taken(tmp_path: Path) -> None:
+    perform_trial(request(1), tmp_path, "all", lambda r, f: figures())
+    assert load_trial(tmp_path, request(2)) is None
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"request": "other"}', '{"figures": null}'])
+def test_a_damaged_result_counts_as_not_finished(content: str, tmp_path: Path) -> None:
+    (tmp_path / TRIAL).write_text(content)
+    assert load_trial(tmp_path, request()) is None
+
+
+def test_the_remains_of_a_run_that_was_cut_off_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "run.rrd").write_text("x")
+    (tmp_path / "journal.db").write_text("x")
+
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        assert sorted(p.name for p in folder.iterdir()) == ["trial.lock"]
+        return figures()
+
+    assert perform_trial(request(), tmp_path, "all", fold)["error"] == ""
+
+
+@pytest.mark.parametrize(
+    ("keep", "passed", "kept"),
+    [("all", True, True), ("failures", True, False), ("failures", False, True), ("none", False, False)],
+)
+def test_recordings_are_kept_as_asked_and_reports_always(keep: Keep, passed: bool, kept: bool, tmp_path: Path) -> None:
+    perform_trial(request(), tmp_path, keep, recorded(passed))
+    run = tmp_path / "run"
+    assert (run / "run.rrd").exists() == (run / "frames").exists() == kept
+    assert (run / "report.html").exists() and (run / "result.json").exists()
+
+
+def test_an_error_of_the_run_is_a_result_that_is_not_repeated(tmp_path: Path) -> None:
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        raise ConfigurationError("no such garment", "name another one")
+
+    done = perform_trial(request(), tmp_path, "all", fold)
+    assert done["figures"] is None and "no such garment" in done["error"]
+    assert perform_trial(request(), tmp_path, "all", recorded(True)) == done
+
+
+@pytest.mark.parametrize("error", [StorageError("full", "free some"), OSError(28, "No space left on device")])
+def test_a_full_disk_is_no_result_of_the_run(error: Exception, tmp_path: Path) -> None:
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        raise error
+
+    with pytest.raises(type(error)):
+        perform_trial(request(), tmp_path, "all", fold)
+    assert load_trial(tmp_path, request()) is None
+
+
+def test_the_same_run_in_two_processes_is_performed_once(tmp_path: Path) -> None:
+    calls, results = [], []
+    begun, go_on = threading.Event(), threading.Event()
+
+    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+        calls.append(1)
+        begun.set()
+        go_on.wait(10.0)
+        return figures()
+
+    threads = [
+        threading.Thread(target=lambda: results.append(perform_trial(request(), tmp_path, "all", fold)))
+        for _ in range(2)
+    ]
+    threads[0].start()
+    begun.wait(10.0)
+    threads[1].start()
+    go_on.set()
+    for thread in threads:
+        thread.join()
+    assert len(calls) == 1 and results[0] == results[1]
+    assert json.loads((tmp_path / TRIAL).read_text())["figures"] == figures()
