@@ -19,7 +19,7 @@ def test_the_confidence_interval_agrees_with_scipy(counts: tuple[int, int]) -> N
     assert wilson_interval(k, n) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
-def test_the_papers_result() -> None:
+def test_the_confidence_interval_of_the_papers_result_agrees_with_the_paper() -> None:
     low, high = wilson_interval(65, 70)
     assert (round(low, 2), round(high, 2)) == (0.84, 0.97)
 
@@ -38,9 +38,9 @@ def figures(result: str, passed: bool | None, robot: float = 60.0) -> dict[str, 
 
 def test_success_is_decided_by_the_scorer() -> None:
     assert Trial("g", 1, figures("folded", True)).success
-    assert not Trial("g", 1, figures("folded", False)).success  # it says so, the scorer does not
+    assert not Trial("g", 1, figures("folded", False)).success  # a false claim: the scorer did not pass the run
     assert not Trial("g", 1, figures("not_folded", True)).success
-    assert Trial("g", 1, figures("folded", None)).success  # hardware has no scorer
+    assert Trial("g", 1, figures("folded", None)).success  # on hardware there is no scorer
     assert not Trial("g", 1, None, "crashed").success
 
 
@@ -58,7 +58,7 @@ def test_rows_count_results_recoveries_and_failures() -> None:
     assert (both.runs, both.folded) == (4, 1)
 
 
-def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
+def test_a_crashed_run_counts_as_a_fault_and_other_runs_continue() -> None:
     def work(garment: str, seed: int) -> dict[str, Any]:
         if seed == 2:
             raise RuntimeError("broken")
@@ -71,7 +71,7 @@ def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
 
 
 def test_runs_of_a_dead_worker_count_as_not_performed() -> None:
-    """They are no faults of the cell, and no part of the table."""
+    """They are not faults of the cell and are not in the table."""
 
     def work(garment: str, seed: int) -> dict[str, Any]:
         if seed > 1:
