@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.optional_parts import ALLOWED_SKIPS, may_be_skipped, skip_summary
 
-# A busy machine is no defect: neither a property nor the drawing of its examples is timed.
+# A busy machine is no defect, so neither a property nor the generation of its examples has a time limit.
 settings.register_profile("untimed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("untimed")
 
@@ -43,7 +43,7 @@ PLANS_MOTIONS = (
     "calibration/test_hand_eye.py",
     "cell/calibrating",
     "robots/test_robot_models.py",
-    "skills/motion/test_plan.py",
+    "skills/motion/test_fold_motion.py",
 )
 STARTS_PROGRAMS = (
     "cell/commands/test_cli.py",
@@ -88,7 +88,7 @@ def fail_unless_allowed(report: Any) -> None:
 
 
 def reason_of(report: Any) -> str:
-    """The reason of a skip without pytest's own prefix."""
+    """The reason of a skip, without pytest's prefix."""
     where = report.longrepr
     return str(where[2] if isinstance(where, tuple) else where).removeprefix("Skipped: ")
 

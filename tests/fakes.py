@@ -1,6 +1,7 @@
-"""A strict fake of a cell's ports: it obeys at once, and raises on what no cell may be told.
+"""A strict fake of a cell's ports. It executes each command immediately and raises an error on commands that no
+cell may get.
 
-Time passes only in `sleep_until`. `at` schedules something to happen at a moment of cell time.
+Time passes only in `sleep_until`. `at` schedules a call at a moment of cell time.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from robots.ports import (
     TactileReading,
 )
 
-RATE_LIMIT = 1.6  # [rad/s]: more than any Baxter shoulder joint may do
+RATE_LIMIT = 1.6  # [rad/s]: above the velocity limit of any Baxter shoulder joint
 
 
 class FakeCell:
@@ -92,7 +93,9 @@ class _Arms:
             raise AssertionError("a set-point that is not a number")
         if c.commands:
             t, last = c.commands[-1]
-            jump = min(np.abs(q - last).max(), np.abs(q - c.q).max())  # holding where the arms stand is no jump
+            jump = min(
+                np.abs(q - last).max(), np.abs(q - c.q).max()
+            )  # a set-point at the arms' present position is no jump
             if c.now > t and jump > RATE_LIMIT * (c.now - t) + 0.03:
                 raise AssertionError("a set-point that jumps")
         c.commands.append((c.now, q.copy()))

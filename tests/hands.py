@@ -1,7 +1,7 @@
-"""A hand that can be felt with: readings of known forces and openings through noisy, drifting sensors.
+"""A simulated hand: readings of known forces and openings through noisy, drifting sensors.
 
-Drawn without any of the code under test. Noise figures are those of the simulated cell (one scale: 1); `scale`
-multiplies them all.
+It uses none of the code under test. The noise figures are those of the simulated cell; `scale` multiplies them
+all.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ GRIPPER_SPEED, FORCE_TIME = 0.10, 0.05
 
 
 class SensedHand:
-    """`pads`, `tip`, `opening`, `height`, `effort`: the truth, free to set. `read` moves on by one reading."""
+    """A hand whose true values a test sets: `pads`, `tip`, `opening`, `height`, `effort`. `read` advances time by
+    one reading."""
 
     def __init__(self, seed: int, scale: float = 1.0) -> None:
         self.rng = np.random.default_rng([seed, round(10 * scale)])
@@ -30,12 +31,12 @@ class SensedHand:
         self.gain = 1.0 + self.scale * CELL_GAIN * self.rng.standard_normal((2, 4, 3))
         self.phase = self.rng.uniform(0.0, 2 * np.pi, (2, 4, 3))
         self.offset = 0.0
-        share = self.rng.uniform(0.5, 1.5, (2, 4, 3))  # how a pad's force spreads over its cells
+        share = self.rng.uniform(0.5, 1.5, (2, 4, 3))  # how a pad's force is distributed over its cells
         self.share = share / share.sum(axis=(1, 2), keepdims=True)
 
     @property
     def drift(self) -> np.ndarray:
-        """(2, 4, 3) what each cell reads too much now [N]; `offset` adds to all."""
+        """(2, 4, 3) present error of each cell [N]. `offset` is added to all cells."""
         wave = np.sin(2 * np.pi * self.now / DRIFT_TIME + self.phase)
         return self.offset + self.scale * CELL_DRIFT * np.sqrt(2.0) * wave
 
@@ -55,19 +56,23 @@ class SensedHand:
 
 
 class DescendingHand(SensedHand):
-    """An arm that follows heights with a lag and gives way under load, over cloth on a hard table at 0."""
+    """An arm that follows commanded heights with a lag and yields under load, over cloth on a hard table at height
+    0."""
 
     def __init__(self, seed: int, scale: float = 1.0, top: float = 0.0025, floor: float = 0.0) -> None:
         super().__init__(seed, scale)
         self.top, self.floor, self.stiffness = top, floor, ARM_STIFFNESS
         self.lag = self.rng.uniform(0.02, 0.06)
         self.wanted = self.height
-        self.lever = np.array([0.0, 0.7, 0.1, 0.5, 0.0, 0.2, 0.0])  # of a force at the tool on each joint [m]
+        self.lever = np.array(
+            [0.0, 0.7, 0.1, 0.5, 0.0, 0.2, 0.0]
+        )  # lever arm of a force at the tool, for each joint [m]
         self.peak = 0.0
         self.follow(self.height)
 
     def follow(self, command: float) -> None:
-        """One tick: the free height chases the command; the load pushes back through the arm's stiffness."""
+        """One tick: the unloaded height follows the command, and the load pushes the arm back against its
+        stiffness."""
         self.wanted += (command - self.wanted) * (1 - np.exp(-1 / RATE / self.lag))
         self.height = self.wanted if self.wanted >= self.top else self._rest_height()
         force = self.reaction(self.height)
@@ -76,12 +81,12 @@ class DescendingHand(SensedHand):
         self.peak = max(self.peak, force)
 
     def reaction(self, height: float) -> float:
-        """On both tips together, at this height of the tool."""
+        """Force on both tips together at this height of the tool [N]."""
         cloth = min(max(self.top - height, 0.0), self.top - self.floor) * CLOTH_STIFFNESS
         return float(2 * (cloth + max(self.floor - height, 0.0) * TABLE_STIFFNESS))
 
     def _rest_height(self) -> float:
-        """Where the arm's spring, pulling to `wanted`, balances what it presses on."""
+        """Height at which the arm's spring towards `wanted` balances the contact force [m]."""
         low, high = self.wanted, self.top
         for _ in range(20):
             middle = (low + high) / 2
@@ -93,7 +98,7 @@ class DescendingHand(SensedHand):
 
 
 class ClosingHand(SensedHand):
-    """Pads that close at the gripper's speed onto cloth `thickness` high, then press."""
+    """Pads that close at the gripper's speed onto cloth of thickness `thickness`, then press."""
 
     def __init__(self, seed: int, scale: float = 1.0, thickness: float = 0.0025, jammed: bool = False) -> None:
         super().__init__(seed, scale)

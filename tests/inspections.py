@@ -1,4 +1,4 @@
-"""What an inspection of a fold says that lies where it was predicted, and whatever a test wants it to say."""
+"""Inspection results for tests: a fold that lies as predicted, with the changes that a test names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts that some tests need and not every machine has, and the rule by which their tests may be skipped."""
+"""Optional parts that some tests need, and the rule by which their tests may be skipped."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from robots.baxter.ros.installation import PACKAGES, find_ros
 __all__ = ["ALLOWED_SKIPS", "BROWSER", "GIT", "MUJOCO", "ROS", "OptionalPart", "may_be_skipped", "skip_summary"]
 
 ALLOWED_SKIPS = "FOLDCELL_ALLOWED_SKIPS"
-"""Environment variable: names of the parts whose tests may be skipped, separated by commas. If it is set, even to
-nothing, every other skip is a failure. If it is not set, every skip is allowed."""
+"""Environment variable: comma-separated names of the parts whose tests may be skipped. If the variable is set,
+even to an empty value, every other skip is a failure. If it is not set, every skip is allowed."""
 
 
 @dataclass(frozen=True)
 class OptionalPart:
-    """name: the word in reasons and in ALLOWED_SKIPS; install: the command by which a user has it."""
+    """name: the name in skip reasons and in ALLOWED_SKIPS. install: the command that installs the part."""
 
     name: str
     present: bool
@@ -35,11 +35,11 @@ class OptionalPart:
 
     @property
     def required(self) -> pytest.MarkDecorator:
-        """The mark of tests that need the part."""
+        """Mark for tests that need the part."""
         return pytest.mark.skipif(not self.present, reason=self.reason)
 
     def require(self) -> None:
-        """Skip the test that calls this, or that uses the fixture that calls this, where the part is missing."""
+        """Skip the current test if the part is missing. Also works from a fixture."""
         if not self.present:
             pytest.skip(self.reason)
 
@@ -72,7 +72,7 @@ def may_be_skipped(reason: str, environment: Mapping[str, str] = os.environ) -> 
 
 
 def skip_summary(reasons: Iterable[str]) -> str:
-    """One line: how many tests were left out for each reason, and the command that brings the part."""
+    """One line: the number of skipped tests for each reason, and the command that installs the part."""
     install = {part.reason: f": {part.install}" for part in PARTS}
     counts = Counter(reasons).most_common()
     told = [f"{n} {'test' if n == 1 else 'tests'} ({why}{install.get(why, '')})" for why, n in counts]

@@ -1,7 +1,7 @@
-"""Two Franka Emika Panda arms side by side, as a RobotModel: a robot that is nothing like Baxter.
+"""Two Franka Emika Panda arms side by side, as a RobotModel that differs much from Baxter.
 
-No torso and no head; an elbow whose range does not contain zero; other limits and tool. From the files of the
-example-robot-data wheel.
+It has no torso and no head, an elbow whose range does not contain zero, and other limits and tools. The models are
+those of the example-robot-data wheel.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ __all__ = ["load_pandas"]
 
 JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 BASES = {Side.LEFT: 0.32, Side.RIGHT: -0.32}
-"""y of each arm's foot [m]; both stand at x = 0, z = 0, looking along x."""
+"""y of each arm's base [m]. Both bases are at x = 0, z = 0 and face along x."""
 PARK = np.array([0.9, -1.2, 0.0, -2.6, 0.0, 1.6, 0.8])
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-ACCELERATION, JERK = 5.0, 60.0  # [rad/s2], [rad/s3]: well below the data sheet's
+ACCELERATION, JERK = 5.0, 60.0  # [rad/s2], [rad/s3]: well below the data sheet's limits
 
 
 def _package_root() -> Path:
@@ -32,7 +32,7 @@ def _package_root() -> Path:
 
 
 def _one_arm(side: Side) -> tuple[pin.Model, pin.GeometryModel]:
-    """One arm, every name of it with the side before."""
+    """One arm. All its names begin with the side."""
     folder = _package_root() / "example-robot-data/robots/panda_description"
     urdf, srdf = ((folder / name).read_text() for name in ("urdf/panda.urdf", "srdf/panda.srdf"))
     urdf, srdf = (text.replace('"panda_', f'"{side}_panda_') for text in (urdf, srdf))
@@ -50,7 +50,7 @@ def _one_arm(side: Side) -> tuple[pin.Model, pin.GeometryModel]:
 
 
 def _limits(model: pin.Model, index: Array, margin: float, share: float, dynamics: float) -> JointLimits:
-    columns = index.astype(int)  # every joint before and among the arms' has one coordinate
+    columns = index.astype(int)  # valid because all these joints have one coordinate
     return JointLimits(
         frozen(model.lowerPositionLimit[columns] + margin),
         frozen(model.upperPositionLimit[columns] - margin),

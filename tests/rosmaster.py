@@ -1,4 +1,4 @@
-"""A ROS master for the session of tests. A process is a node of one master only, so all tests share this one."""
+"""A ROS master for the test session. A process can be a node of only one master, so all tests share it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BEGIN_S = 30.0
 
 @pytest.fixture(scope="session")
 def rosmaster() -> Iterator[str]:
-    """The URI of a master that answers; this process's environment names it."""
+    """The URI of a running master. This process's environment names it."""
     ROS.require()
     program = shutil.which("rosmaster", path=ROS_PATH)
     assert program is not None
@@ -38,7 +38,7 @@ def rosmaster() -> Iterator[str]:
         try:
             wait_for_master(master, port)
             yield uri
-            if "rospy" in sys.modules:  # while there is a master to sign off from
+            if "rospy" in sys.modules:  # while the master still runs
                 sys.modules["rospy"].signal_shutdown("the tests are over")
         finally:
             master.kill()

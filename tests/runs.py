@@ -1,4 +1,4 @@
-"""Whole runs of the simulated cell for tests: cheap settings, and a way to look on and to interfere."""
+"""Whole runs of the simulated cell for tests: cheap settings, and an onlooker that observes and interferes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from robots.ports import Array, JointSetpoint, Ports
 __all__ = ["PLAIN", "LastCommand", "Onlooker", "decided_again", "fold_request"]
 
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
-"""One simulation instead of an optimisation: enough where it does not matter how well the garment is folded."""
+"""One simulation instead of an optimisation, for tests in which the quality of the fold does not matter."""
 
 
 def fold_request(
@@ -40,7 +40,7 @@ def fold_request(
     seed: int = 1,
     **changes: Any,
 ) -> FoldRequest:
-    """A run that keeps its journal in `folder`/logs, without a recording and unscored unless it is asked for."""
+    """A request for a run with its journal in `folder`/logs. By default it has no recording and no score."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
@@ -53,7 +53,7 @@ def fold_request(
 
 
 def decided_again(logs: Path, run: str = "last") -> Verdict:
-    """A recorded run's decisions, taken again by what was read then."""
+    """Replay the decisions of a recorded run."""
     with Journal.open(logs / "journal.db", readonly=True) as journal:
         record = journal.run(run)
         return decide_again(record, journal.entries(record.id))
@@ -61,7 +61,7 @@ def decided_again(logs: Path, run: str = "last") -> Verdict:
 
 @dataclass(frozen=True, eq=False)
 class LastCommand:
-    """One set-point as the driver got it and as it sent it on, and the effect that it belongs to."""
+    """One set-point: its effect, the command that the driver got, and the command that the driver sent."""
 
     t: float
     effect: Effect
@@ -72,9 +72,9 @@ class LastCommand:
 
 @dataclass
 class Onlooker:
-    """Stands beside a run: knows every effect, event and set-point, and may act before and after an effect.
+    """Observes a run: it notes every effect, event and set-point, and may act before and after an effect.
 
-    `before` and `after` get (ports, commands, n) with n counting the effect's performances from 1. `at_set_point`
+    `before` and `after` get (ports, commands, n). n counts the executions of this effect, from 1. `at_set_point`
     is called after each set-point.
     """
 
@@ -89,7 +89,7 @@ class Onlooker:
     under_way: Effect = Effect.NOTHING
     cell: OpenCell | None = None
     ports: Ports | None = None
-    """The cell's own: what the onlooker asks of them is not the executive's."""
+    """The ports of the cell itself, without the recorder: the onlooker's calls are not recorded."""
 
     def fold(
         self,
@@ -97,7 +97,7 @@ class Onlooker:
         script: Callable[[Ports], object] = lambda ports: None,
         interrupted: Interrupted | None = None,
     ) -> FoldResult:
-        """`fold_once` with this onlooker beside it."""
+        """Run `fold_once` under observation."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})
 
@@ -109,7 +109,7 @@ class Onlooker:
             return fold_once(request, begin, interrupted=interrupted)
 
     def inject(self, fault: Fault) -> None:
-        """Let something go wrong in the simulated cell."""
+        """Inject a fault into the simulated cell."""
         assert self.cell is not None and self.cell.simulated is not None
         self.cell.simulated.faults.add(fault)
 
@@ -117,11 +117,11 @@ class Onlooker:
         return sum(1 for e, _ in self.performed if e is effect)
 
     def events(self, effect: Effect) -> list[Event]:
-        """How each performance of an effect ended."""
+        """The events with which an effect ended, in order."""
         return [event for e, event in self.performed if e is effect]
 
     def kinds(self) -> list[str]:
-        """The failures in the order in which they were met."""
+        """The kinds of all failures, in order."""
         failing = {Event.FAILED, Event.CRASH, Event.STOP}
         return [r.context.failure.kind.value for r in self.results if r.event in failing and r.context.failure]
 

@@ -1,8 +1,9 @@
-"""Pictures of a garment on a table with known key points, drawn without any of the code under test.
+"""Rendered pictures of a garment on a table with known key points. They use none of the code under test, only
+numpy and cv2.
 
-A pinhole camera looks at a textured table; the garment is a textured slab with rounded corners and wavy
-edges. Light falls off over the table, the slab casts a soft shadow, the camera blurs and is noisy, the
-exposure changes between two pictures. Only numpy and cv2.
+A pinhole camera sees a textured table and a garment, which is a textured slab with rounded corners and wavy edges.
+The light is uneven, the slab casts a soft shadow, the camera has blur and noise, and the exposure differs between
+two pictures.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ TOWEL_NAMES = ("far_left", "near_left", "near_right", "far_right")
 
 
 def camera(position=(0.12, 0.0, 1.05), target=(0.6, 0.0, 0.0), width=640, height=480) -> CameraCalibration:
-    """The nominal camera, in the table frame, 58 x 45 degrees."""
+    """The nominal camera in the table frame, with a view of 58 x 45 degrees."""
     z = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
     x = np.cross(z, (0.0, 0.0, 1.0))
     x /= np.linalg.norm(x)
@@ -47,13 +48,13 @@ def place(polygon, x, y, angle):
 
 @dataclass
 class Scene:
-    """What lies on the table, and in which light. Colours are linear RGB, 0..1."""
+    """The objects on the table and the light. Colours are linear RGB, 0..1."""
 
     seed: int = 0
     table_colour: tuple = (0.45, 0.35, 0.25)
     table_contrast: float = 0.12
-    planks: float = 0.0  # how much the boards of the table differ in brightness (sigma of the logarithm)
-    polygons: list = field(default_factory=list)  # (k, 2) each, table frame, all of one fabric
+    planks: float = 0.0  # difference in brightness between the table's boards (sigma of the logarithm)
+    polygons: list = field(default_factory=list)  # polygons (k, 2) in the table frame, all of one fabric
     fabric: tuple = (0.15, 0.25, 0.55)
     stripes: float = 0.0
     thickness: float = 0.003
@@ -62,12 +63,12 @@ class Scene:
     wobble: float = 0.0015
     gradient: tuple = (0.25, 0.15)
     shadow: float = 0.45
-    light: tuple = (0.5, 0.6)  # tangent of the light's slope along x and y
+    light: tuple = (0.5, 0.6)  # tangent of the light's angle along x and y
     gain: float = 1.0
     noise: float = 0.012
     blur: float = 0.6
     depth_noise: float = 1.4e-3
-    floor: tuple | None = None  # colour beyond the table's edges; None: the table goes on
+    floor: tuple | None = None  # colour beyond the table's edges; None: the table has no edges
 
 
 def render(scene: Scene, calibration: CameraCalibration | None = None, sequence: int = 0) -> CameraFrame:
@@ -112,7 +113,7 @@ def _intersect(calibration, factor, z):
 
 
 class _Layout:
-    """Masks on a fine grid of the table (0.5 mm): the garment, its shadow, its height."""
+    """The garment, its shadow and its height on a fine grid of the table (1 mm)."""
 
     def __init__(self, scene: Scene) -> None:
         self.step, self.origin, shape = 0.001, np.array([-0.3, -1.2]), (1800, 2400)
@@ -143,7 +144,7 @@ class _Layout:
 
 
 def _wavy(polygon, amplitude, rng):
-    """The polygon resampled every 5 mm, its edges waved along their normals; corners stay."""
+    """The polygon resampled every 5 mm, with waves along the normals of its edges. Corners stay in place."""
     out = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         length = np.linalg.norm(b - a)
@@ -155,7 +156,7 @@ def _wavy(polygon, amplitude, rng):
 
 
 def _table(scene, points):
-    """Wood: soft streaks along y."""
+    """The colour of wood, with soft streaks along y."""
     rng = np.random.default_rng(scene.seed + 2000)
     streaks = cv2.GaussianBlur(rng.standard_normal((512, 512)).astype(np.float32), (0, 0), sigmaX=12, sigmaY=1.2)
     streaks /= streaks.std()
@@ -171,7 +172,7 @@ def _table(scene, points):
 
 
 def _cloth(scene, points):
-    """Woven cloth, stripes if asked, soft shading of shallow waves."""
+    """The colour of woven cloth, with optional stripes and the soft shading of shallow waves."""
     weave = 1 + 0.05 * np.sin(points[..., 0] * 1500) * np.sin(points[..., 1] * 1400)
     waves = 1 + 0.05 * np.sin(points[..., 0] * 25 + 1) * np.cos(points[..., 1] * 18)
     stripe = 1 + scene.stripes * np.sign(np.sin(points[..., 1] * 60))
@@ -179,7 +180,7 @@ def _cloth(scene, points):
 
 
 def _garment(scene, layout, calibration):
-    """Which subpixels see the slab's top, and where on it (its side is thinner than a pixel)."""
+    """Which subpixels see the slab's top, and at which point. The slab's side is thinner than a pixel."""
     top, _ = _intersect(calibration, 2, scene.thickness)
     return layout.sample(layout.mask, top), top
 
@@ -196,7 +197,7 @@ def _depth(scene, layout, calibration, rng):
 
 
 def towel_scene(seed: int) -> tuple[Scene, np.ndarray]:
-    """A towel drawn from `seed` and its true key points (4, 2), labelled as `TOWEL_NAMES`."""
+    """A random towel and its true key points (4, 2), in the order of `TOWEL_NAMES`."""
     rng = np.random.default_rng(seed)
     truth = place(TOWEL, rng.uniform(0.50, 0.68), rng.uniform(-0.10, 0.10), rng.uniform(-0.3, 0.3))
     fabrics = [(0.15, 0.25, 0.55), (0.75, 0.72, 0.68), (0.5, 0.08, 0.08), (0.1, 0.35, 0.15), (0.6, 0.5, 0.15)]
@@ -216,7 +217,7 @@ def towel_scene(seed: int) -> tuple[Scene, np.ndarray]:
 
 
 def empty(scene: Scene) -> CameraFrame:
-    """The same table without the garment, taken before (other exposure, other noise)."""
+    """An earlier picture of the same table without the garment, with another exposure and other noise."""
     bare = Scene(**{**scene.__dict__, "polygons": [], "bumps": [], "gain": 1.0})
     return render(bare, sequence=100_000)
 
@@ -231,8 +232,10 @@ TROUSERS_NAMES = (
 
 
 def shirt(left=0.0, right=0.0, width=0.42, length=0.55, sleeve=0.42):
-    """A long-sleeve shirt (12, 2), neck towards +x, counter-clockwise; `left`, `right`: swing of the sleeves
-    from 40 degrees below the shoulder line [rad], positive towards the body's side."""
+    """A long-sleeve shirt (12, 2), neck towards +x, counter-clockwise.
+
+    left, right: angle of the sleeves [rad], positive towards the body; 0 means 40 degrees below the shoulder line.
+    """
 
     def arm(side, swing):
         angle = np.deg2rad(40) + swing
@@ -251,7 +254,7 @@ def shirt(left=0.0, right=0.0, width=0.42, length=0.55, sleeve=0.42):
 
 
 def trousers(left=0.0, right=0.0, length=0.92, waist=0.38):
-    """Trousers (7, 2), waist towards +x, counter-clockwise; `left`, `right`: legs swung outwards [rad]."""
+    """Trousers (7, 2), waist towards +x, counter-clockwise. left, right: outward angle of the legs [rad]."""
 
     def leg(side, swing):
         hip = np.array([0.15, side * (waist / 2 + 0.02)])

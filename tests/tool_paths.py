@@ -1,4 +1,4 @@
-"""How far tools leave the paths that they were to follow, measured without the planner's own kinematics."""
+"""Deviation of tools from their planned paths, measured without the planner's kinematics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skills.vocabulary import Table, ToolPath
 def path_deviation(
     model: RobotModel, table: Table, trajectory: ArmTrajectory, intended: Mapping[Side, ToolPath]
 ) -> float:
-    """Largest distance of a tool from the line that it was to follow [m], whatever the times."""
+    """Largest distance of a tool from its planned path [m], regardless of time."""
     worst = 0.0
     for side, path in intended.items():
         p = np.array([model.tool_pose(side, q)[:3, 3] for q in trajectory.q[::3]])
@@ -24,7 +24,7 @@ def path_deviation(
 
 
 def _distance_to_line(points: Array, line: Array) -> Array:
-    """(n,) distance of points (n, 3) from the polyline (m, 3)."""
+    """Distances (n,) of points (n, 3) from the polyline (m, 3)."""
     a, d = line[:-1], np.diff(line, axis=0)
     length2 = np.maximum((d**2).sum(axis=1), 1e-18)
     gap = points[:, None, :] - a

@@ -1,8 +1,9 @@
-"""A workcell around the fake ports: for tests of the runner and of single effects without a robot's model."""
+"""A workcell around the fake ports, for tests of the runner and of single effects without a robot's model."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,8 +21,25 @@ from tests.fakes import FakeCell
 __all__ = ["fake_workcell"]
 
 
+class ImmediateExecutor(ThreadPoolExecutor):
+    """Computes in the caller's thread: `submit` returns a future that is already done."""
+
+    def __init__(self) -> None: ...
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        try:
+            done.set_result(work(*args, **kwargs))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
 def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **changes: Any) -> Workcell:
-    """The shipped settings, a silent view, and a robot that stands parked at its zero configuration."""
+    """A workcell with the shipped settings, no recording, and a robot that is parked at its zero configuration.
+
+    Without `workers` a skill computes in the caller's thread.
+    """
     settings = changes.pop("settings", None) or load_settings()
     fields: dict[str, Any] = {
         "ports": cell.ports(),
@@ -42,7 +60,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "keep": lambda *_: None,
         "recorder": Recorder.silent(),
         "commands": CommandQueue(),
-        "workers": workers,
+        "workers": workers or ImmediateExecutor(),
         "attended": False,
         "approve": False,
         "tell": lambda text: None,

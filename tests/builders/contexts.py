@@ -1,4 +1,4 @@
-"""Run contexts for tests: a test names the values that it is about, and no others."""
+"""Run contexts for tests. A test names only the values that it is about."""
 
 from __future__ import annotations
 
@@ -26,8 +26,11 @@ _NOTHING_PLANNED: dict[str, Any] = {
 
 
 def context_with(before: RunContext | None = None, **changes: Any) -> RunContext:
-    """A context with these values, each in the part of it that has a field of that name: `carried=True` is of its
-    attempt. before: the context of which the rest stays. Values that the caller does not name are stand-ins."""
+    """A context with these values. Each value goes into the part that has a field of this name: `carried=True`
+    into the attempt.
+
+    before: a context that supplies all other values. Without it, they are stand-ins.
+    """
     context = before or RunContext()
     sight, recognition = _taken(Sight, changes), _taken(Recognition, changes)
     attempt = _taken(Attempt, changes, but=("trajectory",))
@@ -53,7 +56,7 @@ def _with(kind: Any, before: Any, stand_in: dict[str, Any], changes: dict[str, A
 
 
 def _stand_in(context: RunContext, changes: dict[str, Any], fold: dict[str, Any]) -> dict[str, Any]:
-    """A try of the step at hand."""
+    """Stand-in values of an attempt at the current step."""
     plan, index = changes.get("plan", context.plan), fold.get("index", context.fold.index)
     return {
         "trajectory": fold.get("trajectory", SimpleNamespace(source="library")),

@@ -1,4 +1,4 @@
-"""Garments that are no more than a silhouette with named key points, for tests of perception."""
+"""Garments for tests of perception: a silhouette with named key points, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Silhouette"]
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """The smallest `GarmentOutline`. template: (k, 2) [m], a key point each."""
+    """The smallest `GarmentOutline`. template: (k, 2) [m], one row per key point."""
 
     name: str
     category: str

@@ -1,4 +1,4 @@
-"""Protective stops, for tests: the motion that an arm makes from the moment at which it is stopped."""
+"""Protective stops for tests: the motion of an arm from the moment of the stop."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ __all__ = ["stop_profile"]
 def stop_profile(
     trajectory: ArmTrajectory, t: float, limits: JointLimits, duration: float = STOP_TIME
 ) -> ArmTrajectory:
-    """From t on the same path, the clock run down to rest in `duration` [s], or longer where `limits` need it."""
+    """The motion from time t on the same path, whose clock slows to rest in `duration` [s], or later where
+    `limits` require it."""
     start = float(np.clip(t, 0.0, trajectory.duration))
     return warped(trajectory, warp_clock(trajectory, ClockWarp(start, duration, 0.0), limits))

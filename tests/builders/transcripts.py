@@ -1,4 +1,4 @@
-"""Transcripts for tests, written by the program's own writer."""
+"""Transcripts for tests, written with the production writer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["write_transcript"]
 
 
 def write_transcript(folder: Path, constants: CellConstants, exchanges: Iterable[Exchange]) -> Path:
-    """A transcript in the run's folder; -> its path."""
+    """Write a transcript into the run's folder and return its path."""
     writer = TranscriptWriter(folder, constants)
     for exchange in exchanges:
         writer.note(exchange.channel, exchange.question, exchange.answer)

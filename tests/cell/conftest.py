@@ -13,7 +13,7 @@ from cell.states.fold_request import FoldRequest, FoldResult
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 4, "use_library": False}}
-"""Few simulations on two threads: other tests check the optimum."""
+"""Only a few simulations, on two threads. Other tests check that the search finds the optimum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,5 +48,5 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
 
 @pytest.fixture(scope="session")
 def unseen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
-    """The same seed without recording, scorer and ground truth."""
+    """The same run with the same seed, without recording, scorer and ground truth."""
     return see(tmp_path_factory.mktemp("unseen"), record=False, record_truth=False)

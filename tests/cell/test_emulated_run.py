@@ -1,4 +1,4 @@
-"""Folds by the real robot's driver over ROS; the simulated cell runs in another process."""
+"""Folds with the real robot's driver over ROS. The simulated cell runs in another process."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
     done = subprocess.run(
         [sys.executable, "-m", "cell.commands.main", *arguments, "--driver", "emulator", "--json"],
         capture_output=True, text=True, timeout=500, cwd=Path(__file__).parents[2], check=False,
-        env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that it must leave alone
+        env={**os.environ, "ROS_MASTER_URI": "http://192.0.2.1:11311"},  # a robot that must not be contacted
     )  # fmt: skip
     assert done.stdout.strip(), done.stderr
     return done.returncode, json.loads(done.stdout.splitlines()[-1])
@@ -49,10 +49,10 @@ def test_a_towel_is_folded_over_ros(tmp_path: Path) -> None:
     code, result = foldcell("fold", "small_towel", "--seed", "1", "--logs", str(tmp_path))
     assert (result["driver"], result["simulated"], result["world"]) == ("emulator", True, "xpbd")
     assert code in (0, 2), result["failure"]
-    assert result["steps"][0]["done"], "one fold at least was made and judged good"
+    assert result["steps"][0]["done"], "at least one fold was made and accepted"
     assert result["score"]["simulated"] and result["robot_time_s"] > 20.0
     again = decided_again(tmp_path)
-    assert again.same and again.broken_off is None, "what came over the network is all that was decided by"
+    assert again.same and again.broken_off is None, "the decisions depend only on messages from the network"
 
 
 def test_a_stop_reaches_the_robot_over_ros(tmp_path: Path) -> None:

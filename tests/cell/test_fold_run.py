@@ -26,7 +26,7 @@ NEAR_THE_TABLE = frozenset({Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEA
 """Effects in which the fingertips may touch the table."""
 
 
-# how it ended
+# the end of the run
 
 
 def test_the_towel_ends_folded_with_exit_code_0(seen: Any) -> None:
@@ -36,7 +36,7 @@ def test_the_towel_ends_folded_with_exit_code_0(seen: Any) -> None:
     assert result.failure is None
 
 
-def test_the_score_is_that_of_a_simulated_cell(seen: Any) -> None:
+def test_the_score_is_marked_as_simulated(seen: Any) -> None:
     score = seen.result.score
     assert seen.result.simulated and score["simulated"]
     limits = score["limits"]
@@ -59,9 +59,10 @@ def test_the_json_result_has_all_documented_keys(seen: Any) -> None:
         assert key in figures
     for step in figures["steps"]:
         if not step["done"]:
-            assert not step["accepted"], "what was accepted is done"
+            assert not step["accepted"], "an accepted fold counts as done"
             continue
-        assert step["accepted"] in {True, False}  # a fold between two may do although it was not
+        # a fold before the last may count as done without being accepted
+        assert step["accepted"] in {True, False}
         assert step["source"] in {"library", "optimised"}
         assert 0.5 < step["aligned_iou"] == step["predicted_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
         assert step["attempts"] >= 1 and isinstance(step["recoveries"], list)
@@ -82,7 +83,7 @@ def test_every_effect_has_an_intent_followed_by_its_result(seen: Any) -> None:
     open_intent: Entry | None = None
     for entry in seen.entries:
         if entry.kind == "intent":
-            assert open_intent is None, "an effect began inside another"
+            assert open_intent is None, "no effect begins before the previous one has ended"
             open_intent = entry
         elif entry.kind == "result":
             assert open_intent is not None and entry.answers == open_intent.sequence
@@ -145,25 +146,25 @@ def test_computing_takes_the_declared_cell_time_per_simulation(seen: Any) -> Non
         assert seconds == pytest.approx(simulations * costs.simulation_s, abs=1e-6)
 
 
-# what was sent to the arms
+# the set-points
 
 
-def test_every_set_point_keeps_the_joints_limits(seen: Any) -> None:
+def test_every_set_point_is_within_the_joint_limits(seen: Any) -> None:
     limits = load_model().limits("planning", seen.request.settings.motion.velocity_scale)
     sent = seen.onlooker.set_points
     t, q = np.array([s.t for s in sent]), np.array([s.q for s in sent])
     assert len(t) > 1000 and np.isfinite(q).all()
-    assert not any(s.sent.clipped for s in sent), "the driver had to clip"
+    assert not any(s.sent.clipped for s in sent), "the driver clips no set-point"
     assert (q >= limits.lower).all() and (q <= limits.upper).all()
     dt, dq = np.diff(t), np.diff(q, axis=0)
     speed = np.abs(dq) / np.where(dt > 1e-6, dt, np.inf)[:, None]
     assert (speed <= 1.01 * limits.velocity).all()
     assert (np.abs(np.array([s.qd for s in sent])) <= 1.01 * limits.velocity).all()
-    assert np.abs(dq).max() < 0.05, "a jump"
+    assert np.abs(dq).max() < 0.05, "a set-point jumps"
 
 
 def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
-    """Approach and fold are one planned motion each: second differences of the set-points are accelerations."""
+    """Approach and fold are each one planned motion, so second differences of the set-points are accelerations."""
     limits = load_model().limits("planning", 1.0)
     for effect in (Effect.APPROACH, Effect.FOLD):
         sent = [s for s in seen.onlooker.set_points if s.effect is effect]
@@ -176,7 +177,7 @@ def test_planned_motions_keep_the_acceleration_limits(seen: Any) -> None:
 
 
 def test_moving_arms_are_commanded_at_least_every_50_ms(seen: Any) -> None:
-    """A command expires after 0.2 s; within one effect none may expire."""
+    """A command expires after 0.2 s. Within one effect none may expire."""
     for a, b in pairwise(seen.onlooker.set_points):
         if a.effect is b.effect and np.abs(a.qd).max() > 1e-3:
             assert b.t - a.t < 0.05
@@ -195,13 +196,15 @@ def test_the_run_ends_with_parked_arms_and_open_hands(seen: Any) -> None:
     assert min(seen.onlooker.openings) > 0.015
 
 
-# what it left behind
+# the files of the run
 
 
 def test_the_run_folder_is_complete(seen: Any) -> None:
     names = {p.name for p in seen.folder.iterdir()}
     assert {"cell.yaml", "report.html", "result.json", "run.rrd"} <= names
-    assert not any(name.startswith(".") or name.endswith(".part") for name in names), "something half-written"
+    assert not any(name.startswith(".") or name.endswith(".part") for name in names), (
+        "no partly written file remains"
+    )
     assert all(p.stat().st_size > 0 for p in seen.folder.iterdir())
     assert (seen.folder / "cell.yaml").read_text(encoding="utf-8") == seen.request.settings.as_yaml()
     logs = {p.name for p in seen.request.logs.iterdir()} - {"journal.db-shm", "journal.db-wal"}
@@ -273,7 +276,7 @@ def test_optimised_trajectories_are_saved_in_the_user_library(seen: Any) -> None
     assert {s["source"] for s in seen.result.steps if s["done"]} == {"optimised"}
 
 
-# the same again
+# reproducibility
 
 
 def test_the_same_seed_gives_the_same_journal_without_recording_and_scorer(seen: Any, unseen: Any) -> None:
@@ -306,7 +309,7 @@ def test_a_run_without_recording_leaves_no_score_and_no_recording(unseen: Any) -
 
 
 def told(entries: tuple[Entry, ...]) -> Iterator[tuple[Any, ...]]:
-    """The journal's entries without wall-clock times."""
+    """The journal's entries, without wall-clock times."""
     for e in entries:
         yield e.sequence, e.cell_time, e.state, e.kind, e.name, e.answers, _timeless(e.payload)
 

@@ -44,14 +44,14 @@ def test_hil_reports_passing_scripts_and_a_failing_one(tmp_path: Path, capsys: p
     assert (code, figures["passed"], figures["failed"], figures["not_performed"]) == (2, 2, 1, [])
     no_garment, stopped, aborted = figures["scripts"]
     assert no_garment["passed"] and no_garment["end"] == "not_folded"
-    assert aborted["passed"] and aborted["end"] == "not_folded", "the script after one that failed is performed"
+    assert aborted["passed"] and aborted["end"] == "not_folded", "a script after a failed one still runs"
     assert stopped["end"] == "stopped" and len(stopped["broken"]) == 2
     assert "the button" in stopped["broken"][0] and "never happened" in stopped["broken"][1]
     for script in figures["scripts"]:
         folder = Path(script["run_dir"])
         assert (folder / "report.html").exists()
         again = decided_again(folder.parent, folder.name)
-        assert again.same and again.broken_off is None, "what a script does to a run is met again"
+        assert again.same and again.broken_off is None, "replay repeats the actions of a script"
     assert json.loads((Path(figures["directory"]) / "hil.json").read_text()) == {
         k: v for k, v in figures.items() if k != "directory"
     }
@@ -88,7 +88,7 @@ def test_results_are_kept_when_a_signal_arrives_between_two_runs(
     junit = tmp_path / "hil.xml"
     scripts = [str(path) for path in sorted(SHIPPED.glob("*.yaml"))[:3]]
     default = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
-    before = signal.signal(number, default)  # it may be ignored, as under nohup
+    before = signal.signal(number, default)  # the signal may be ignored, as under nohup
     try:
         code = main(["hil", *scripts, "--logs", str(tmp_path / "logs"), "--junit", str(junit), "--json"])
     finally:

@@ -1,4 +1,5 @@
-"""Replay of a run's decisions from its transcript: equal, or the first difference with its place."""
+"""Replay of a run's decisions from its transcript: all are equal, or the first difference is reported with its
+place."""
 
 from __future__ import annotations
 
@@ -43,13 +44,13 @@ def copied(seen: Any, tmp_path: Path) -> RunRecord:
 
 
 def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
-    """Replace the transcript of a run by an altered one."""
+    """Replace a run's transcript by an altered one."""
     transcript = Transcript(run.directory / TRANSCRIPT)
     write_transcript(run.directory, transcript.constants, alter(list(transcript)))
 
 
 def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
-    """The exchanges with the answer at one place replaced."""
+    """The exchanges with one answer replaced."""
     return [*exchanges[:at], replace(exchanges[at], answer=pack(value)), *exchanges[at + 1 :]]
 
 
@@ -61,7 +62,7 @@ def decided(seen: Any, run: RunRecord) -> Verdict:
     return decide_again(run, seen.entries)
 
 
-# the same
+# replays without a difference
 
 
 def test_replaying_a_whole_run_repeats_every_decision(seen: Any, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,8 +78,10 @@ def test_replaying_a_whole_run_repeats_every_decision(seen: Any, capsys: pytest.
     assert figures["cell_time_s"] == seen.entries[-1].cell_time
     assert figures["pictures"] == len(list((seen.folder / FRAMES).iterdir()))
     assert figures["exchanges"] > figures["set_points"] > 1000
-    assert "folding" in told.err and "was" not in told.err.split("\n")[1], "progress, and no changed version"
-    assert sorted(p.name for p in seen.request.logs.rglob("*")) == before, "it has left something behind"
+    assert "folding" in told.err and "was" not in told.err.split("\n")[1], (
+        "progress is shown, and no version has changed"
+    )
+    assert sorted(p.name for p in seen.request.logs.rglob("*")) == before, "the replay leaves no file"
 
 
 def test_the_transcript_is_smaller_than_8_mb(seen: Any) -> None:
@@ -94,7 +97,7 @@ def test_a_truncated_transcript_is_compared_up_to_its_end(seen: Any, copied: Run
 
 
 class WallClock:
-    """A clock that never returns the same time twice, as in a real cell."""
+    """A clock that never returns the same time twice, as the clock of a real cell."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -136,11 +139,11 @@ def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Pat
     assert verdict.same and verdict.broken_off is None and verdict.set_points > 100
 
 
-# another decision
+# replays with a difference
 
 
 def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any, copied: RunRecord) -> None:
-    """The head reading is off, so no picture is taken."""
+    """The head reading is altered, so no picture is taken."""
     pictures: list[int] = []
 
     def turn(exchanges: list[Exchange]) -> list[Exchange]:
@@ -166,7 +169,7 @@ def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copie
         empty, look = places(exchanges, Channel.CAPTURE)[:2]
         table, garment = (store.get(unpack(exchanges[i].answer).name) for i in (empty, look))
         rgb = np.array(table.rgb)
-        rgb[0, 0] ^= 1  # the very same picture would be a frozen camera
+        rgb[0, 0] ^= 1  # an identical picture would count as a frozen camera
         name = store.put(replace(garment, rgb=frozen(rgb), depth=table.depth))
         return answered(exchanges, look, Picture(name))
 
@@ -197,7 +200,9 @@ def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: Run
     there = verdict.deviation
     assert there is not None
     assert (there.state, there.effect) == ("approaching", "approach")
-    assert 0 < verdict.exchanges - at[0] < 6, "not at that tick"
+    assert 0 < verdict.exchanges - at[0] < 6, (
+        "the difference is reported a few exchanges after the altered reading"
+    )
     assert "tactile" in there.then and "a reading of the arms" in there.now
 
 
@@ -233,7 +238,7 @@ def test_a_changed_figure_in_the_journal_alone_is_reported(seen: Any) -> None:
 
 
 class Enough:
-    """Ends the replay after an effect."""
+    """An observer that ends the replay after one effect."""
 
     def __init__(self, effect: str) -> None:
         self._effect = effect
@@ -245,7 +250,7 @@ class Enough:
             raise Halt("enough", "enough")
 
 
-# what is missing
+# missing files
 
 
 def test_replay_without_the_pictures_is_a_storage_error(seen: Any, copied: RunRecord) -> None:

@@ -19,7 +19,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 class Operator(threading.Thread):
-    """Approves the first fold, pauses and resumes it under way, and ends the run before the second."""
+    """Approves the first fold, pauses and resumes it during its motion, and aborts the run before the second
+    fold."""
 
     def __init__(self, addresses: Queue[str]) -> None:
         super().__init__(daemon=True)
@@ -70,7 +71,7 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     operator.join(10.0)
     assert not operator.is_alive()
     assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
-    assert [step["done"] for step in result.steps] == [True, False], "the fold that was paused was made"
+    assert [step["done"] for step in result.steps] == [True, False], "the paused fold was completed"
     noted = [answer["noted"] for answer in operator.answers if "noted" in answer]
     assert noted == ["approve", "pause", "resume", "abort"]
     states = [board["state"] for board in operator.boards]
@@ -80,5 +81,7 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     remarks = [remark["title"] for remark in operator.boards[-1]["remarks"]]
     assert remarks == ["approve", "paused", "resumed", "aborted while awaiting approval"]
     again = decided_again(request.logs)
-    assert again.same and again.broken_off is None, "with approval, pause, resume and abort where they were said"
-    assert again.wall_time_s < 0.5 * result.wall_time_s, "it waited for a person"
+    assert again.same and again.broken_off is None, (
+        "approval, pause, resume and abort are replayed in their places"
+    )
+    assert again.wall_time_s < 0.5 * result.wall_time_s, "the replay does not wait for a person"

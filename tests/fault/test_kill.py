@@ -68,7 +68,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             assert time.monotonic() < deadline
             time.sleep(0.02)
         while_running = json.loads(foldcell("runs", "--json", "--logs", str(logs)).stdout)
-        process.send_signal(signal.SIGSTOP)  # nothing more happens until it is dead
+        process.send_signal(signal.SIGSTOP)  # the process does nothing more until it is killed
         at_the_kill, helpers = under_way(logs), children(process.pid)
     finally:
         process.kill()
@@ -98,7 +98,7 @@ def test_the_runs_command_names_the_interrupted_effect(killed: dict[str, Any]) -
     (run,) = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])["runs"]
     assert run["status"] == "interrupted" and run["pid"] == killed["pid"]
     intent = run["last_intent"]
-    if killed["under_way"] is not None:  # else the process was caught between two effects
+    if killed["under_way"] is not None:  # otherwise the process was killed between two effects
         assert (intent["name"], intent["finished"]) == (killed["under_way"], False)
         assert f"interrupted during {intent['name']}" in foldcell("runs", "--logs", str(killed["logs"])).stdout
 
@@ -111,7 +111,7 @@ def test_a_killed_run_leaves_no_result_and_no_report(killed: dict[str, Any]) -> 
 
 
 def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None:
-    """The replay reaches the grasp; at most the last two seconds are missing."""
+    """The replay reaches the grasp. At most the last two seconds are missing."""
     answer = foldcell("replay", "last", "--decide", "--json", "--logs", str(killed["logs"]))
     figures = json.loads(answer.stdout.rstrip("\n").split("\n")[-1])
     assert answer.returncode == 0 and figures["same"], figures
@@ -125,7 +125,7 @@ def test_a_killed_run_is_replayed_up_to_the_kill(killed: dict[str, Any]) -> None
 
 
 def test_child_processes_end_with_the_killed_run(killed: dict[str, Any]) -> None:
-    """Otherwise every crash would leave a render process."""
+    """Otherwise every crash would leave a render process behind."""
     assert killed["helpers"]
     deadline = time.monotonic() + 10.0
     while any(alive(pid) for pid in killed["helpers"]) and time.monotonic() < deadline:
@@ -159,7 +159,9 @@ def test_a_killed_run_is_resumed_and_folds_the_garment(killed: dict[str, Any]) -
     with Journal.open(logs / "journal.db", readonly=True) as journal:
         entries = journal.entries(Path(result["run_dir"]).name)
     states = [e.state for e in entries if e.kind == "event"]
-    assert states[:3] == ["idle", "resuming", "looking"], "no picture of a table that is not empty any more"
+    assert states[:3] == ["idle", "resuming", "looking"], (
+        "the table is not photographed again, because it is no longer empty"
+    )
     assert not (folder.parent / Path(result["run_dir"]).name / "world.npz").exists()
     again = foldcell("resume", folder.name, "--logs", str(logs))
     assert again.returncode == 64 and "was already resumed as" in again.stderr

@@ -1,6 +1,6 @@
-"""Faults let loose in whole runs: each is noticed, answered within bounds, and ends in a declared and safe state.
+"""Faults in whole runs: each is detected, recovered within limits, and ends in a declared and safe state.
 
-The runs are cut short, by the operator's abort, once they have shown what is to be seen.
+An operator's abort ends most runs as soon as the tested behaviour has occurred.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def abort(ports: Ports, commands: CommandQueue, n: int) -> None:
 
 
 def parked(onlooker: Onlooker) -> bool:
-    """Whether the arms are at their rest pose and the hands open."""
+    """Whether the arms are parked and the hands open."""
     return bool(np.abs(onlooker.last_q - load_model().q_park).max() < 0.02 and min(onlooker.openings) > 0.03)
 
 
@@ -73,7 +73,7 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
     assert [effect for effect, _ in onlooker.performed[-2:]] == [Effect.FOLD, Effect.HOLD]
     held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
     assert len(held) == 1 and not np.any(held[0].qd)
-    assert min(onlooker.openings) < 0.01, "what was held is still held"
+    assert min(onlooker.openings) < 0.01, "the hands still hold the garment"
     with Journal.open(request.logs / "journal.db", readonly=True) as journal:
         assert journal.run("last").status == "interrupted"
         assert journal.last_intent(journal.run("last").id).begun.name == "fold"
@@ -165,11 +165,11 @@ def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkey
     assert methods == ["default", "initial"]
     assert onlooker.events(Effect.CHOOSE_TRAJECTORY) == [Event.FAILED, Event.DONE]
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.OPTIMISE_AGAIN]
-    assert onlooker.events(Effect.PLAN_MOTION) == [Event.DONE], "the plain arc can be moved"
+    assert onlooker.events(Effect.PLAN_MOTION) == [Event.DONE], "the initial arc can be executed"
     assert Adjustment.PLAIN_ARC in onlooker.results[-1].context.fold.adjustments
     assert (result.state, result.exit_code) == ("not_folded", 2)
     spent = [e.cell_time for e in told(request) if e.name == "choose_trajectory"]
-    assert spent[1] - spent[0] == pytest.approx(0.7), "failed simulations cost their time too"
+    assert spent[1] - spent[0] == pytest.approx(0.7), "failed simulations are charged their time too"
 
 
 def test_a_run_ends_when_the_optimiser_always_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,7 +208,7 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
     monkeypatch.setattr("cell.executive.effects.planning.plan_fold_motion", blocked)
-    # a seed at which nothing is near a limit: with seed 1 a corner lies 16 or 31 mm behind, by the last bits
+    # no figure is near its limit with this seed; with seed 1 a corner lags by 16 or 31 mm, depending on last bits
     onlooker, request = (
         Onlooker(),
         fold_request(tmp_path, {}, seed=4, record_truth=True, record=which == "quarter"),
@@ -221,7 +221,7 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
     assert result.score is not None and result.score["passed"], result.score
     if request.record:
         again = decided_again(request.logs)
-        assert again.same and again.broken_off is None, "the other way is chosen again"
+        assert again.same and again.broken_off is None, "the replay chooses the other variant too"
 
 
 # gripping
@@ -238,16 +238,18 @@ def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
     assert following == [
         Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.PLAN_MOTION, Effect.APPROACH, Effect.GRASP,
     ]  # fmt: skip
-    assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second try holds"
+    assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second grasp holds"
     assert result.steps[0]["recoveries"] == ["missed_grasp -> grasp_again (lower)"]
     assert result.steps[0]["attempts"] == 2
-    assert not result.steps[0]["done"] and result.steps[0]["accepted"] is None, "nobody judged it"
-    assert result.steps[0]["source"], "what was tried is told all the same"
+    assert not result.steps[0]["done"] and result.steps[0]["accepted"] is None, "the fold was not inspected"
+    assert result.steps[0]["source"], "the attempted trajectory is reported nevertheless"
     assert (result.state, result.exit_code) == ("not_folded", 2)
-    assert result.failure["kind"] == "aborted", "the missed grasp was mended: it is not why the run ended"
-    assert parked(onlooker), "aborted with cloth in the hands: it is let go and the arms are parked"
+    assert result.failure["kind"] == "aborted", (
+        "the missed grasp was recovered, so it is not the reason of the end"
+    )
+    assert parked(onlooker), "after an abort with cloth in the hands, the hands open and the arms park"
     again = decided_again(request.logs)
-    assert again.same and again.broken_off is None, "the recovery and the abort are decided again"
+    assert again.same and again.broken_off is None, "the replay repeats the recovery and the abort"
 
 
 # stop
@@ -270,9 +272,9 @@ def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
     result = onlooker.fold(request)
     assert (result.state, result.result, result.exit_code) == ("stopped", "not_folded", 2)
     assert result.failure["kind"] == "stopped" and "the button" in result.failure["what"]
-    assert onlooker.set_points[-1].t == stopped_at[0], "something was commanded after the stop"
+    assert onlooker.set_points[-1].t == stopped_at[0], "no set-point follows the stop"
     assert onlooker.performed[-2:] == [(Effect.FOLD, Event.FAILED), (Effect.HOLD, Event.DONE)]
-    assert max(onlooker.openings) < 0.02, "the stop did not let go of the garment"
+    assert max(onlooker.openings) < 0.02, "the stop does not open the hands"
     (ended,) = [e for e in told(request) if e.name == "fold" and e.kind == "result"]
     assert ended.payload["kind"] == "stopped"
     assert told(request)[-1].cell_time - stopped_at[0] < 0.05
@@ -281,7 +283,7 @@ def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
 
 
 def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
-    """Its threads stop computing, and their intermediate result is discarded."""
+    """The optimiser's threads stop computing, and their intermediate result is discarded."""
     onlooker = Onlooker()
     searching = {"optimiser": {"simulations": 300, "method": "paper", "use_library": False}}
     request = fold_request(tmp_path, searching, record=True)
@@ -297,7 +299,9 @@ def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
     assert (result.state, result.failure["kind"]) == ("stopped", "stopped")
     assert not (request.logs / "library.json").exists()
     again = decided_again(request.logs)
-    assert again.same and again.broken_off is None and again.wall_time_s < 15.0, "it searched for what is void"
+    assert again.same and again.broken_off is None and again.wall_time_s < 15.0, (
+        "the replay does not run the discarded search"
+    )
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
@@ -310,11 +314,11 @@ def test_a_signal_stops_the_run_and_is_named_as_its_reason(
     result = onlooker.fold(request)
     assert (result.state, result.exit_code, result.signal) == ("stopped", code, number)
     assert number.name in result.failure["what"]
-    assert signal.getsignal(number) is before, "the handler is left behind"
+    assert signal.getsignal(number) is before, "the signal handler is restored"
     assert onlooker.performed[-1][0] is Effect.HOLD
 
 
-# what the run leaves
+# the files of a run
 
 
 def test_an_aborted_run_has_a_recording_and_a_report(tmp_path: Path) -> None:

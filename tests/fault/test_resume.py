@@ -1,4 +1,4 @@
-"""Resuming a run that was stopped with cloth in the hands, and one that died between two effects."""
+"""Resuming runs: one was stopped with cloth in the hands, one died between two effects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 class Died(BaseException):
-    """Stands for a kill: the run must not catch it."""
+    """Stands for a kill. The run must not catch it."""
 
 
 def last_run(request: FoldRequest) -> Interrupted:
@@ -34,7 +34,7 @@ def last_run(request: FoldRequest) -> Interrupted:
 
 
 def after_the_restart(request: FoldRequest) -> tuple[FoldResult, Onlooker]:
-    """Resume the journal's last run; -> its result and the onlooker."""
+    """Resume the journal's last run. Returns the result and the onlooker."""
     onlooker, interrupted = Onlooker(), last_run(request)
     return onlooker.fold(interrupted.request, interrupted=interrupted), onlooker
 
@@ -47,7 +47,7 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
     """Nothing re-arms by itself. On resume the hands open, the arms park, and the towel is found and folded."""
     request = fold_request(
         tmp_path, {}, record_truth=True
-    )  # the usual arcs: cloth that was let go lies less neatly
+    )  # the library's arcs, because released cloth lies less neatly
     stopping = Onlooker()
 
     def stop(ports: Ports, effect: Effect, t: float) -> None:
@@ -60,19 +60,21 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
     last = stopping.set_points[-1]
     result, resumed = after_the_restart(request)
     begun = resumed.set_points[0]
-    assert begun.effect is Effect.REENTER, "the first that moves is who lets go and parks"
-    assert np.abs(begun.q - last.q).max() < 0.05, "from where the arms stand"
+    assert begun.effect is Effect.REENTER, "the first motion is that of the effect that opens the hands and parks"
+    assert np.abs(begun.q - last.q).max() < 0.05, "the first set-point is near the arms' present position"
     assert resumed.performed[0][0] is Effect.REENTER and resumed.count(Effect.PHOTOGRAPH_TABLE) == 0
     assert [e for e, _ in resumed.performed][1:3] == [Effect.LOOK, Effect.RECOGNISE]
-    assert resumed.count(Effect.FOLD) == 1, "the first fold is made already"
+    assert resumed.count(Effect.FOLD) == 1, "the first fold was already made"
     assert (result.result, [s["done"] for s in result.steps]) == ("folded", [True, True])
     assert result.score is not None and result.score["passed"], result.score
     assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
 
 
 def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it(tmp_path: Path) -> None:
-    """The first fold was finished but not inspected: the resumed run inspects it first."""
-    request = fold_request(tmp_path, {}, record=True)  # the usual arcs may lose a corner of the last fold
+    """The first fold was finished but not inspected. The resumed run inspects it first."""
+    request = fold_request(
+        tmp_path, {}, record=True
+    )  # the library's arcs, because other ones may lose a corner of the last fold
 
     with pytest.raises(Died):
         Onlooker(before={Effect.RETREAT: die}).fold(request)
@@ -82,7 +84,7 @@ def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it
     assert [e for e, _ in resumed.performed][:3] == [Effect.REENTER, Effect.LOOK, Effect.INSPECT]
     assert (result.result, resumed.count(Effect.FOLD)) == ("folded", 1)
     after = decided_again(request.logs)
-    assert after.same and after.broken_off is None, "from what it believed when it went on"
+    assert after.same and after.broken_off is None, "the replay starts from the context at the resume"
     assert after.set_points == len(resumed.set_points)
     shutil.rmtree(Path(result.run_dir) / "began_with")
     with pytest.raises(StorageError, match="its initial checkpoint is missing"):
@@ -93,7 +95,7 @@ SHIFT = 0.03  # [m]
 
 
 def moved(world: bytes, shift: float) -> bytes:
-    """The world checkpoint with the garment shifted to the left."""
+    """The world checkpoint with the garment shifted to the left by `shift` [m]."""
     with np.load(io.BytesIO(world)) as data:
         arrays = dict(data)
     for name in ("x", "xp", "ref", "last"):
@@ -102,15 +104,15 @@ def moved(world: bytes, shift: float) -> bytes:
 
 
 def test_a_resumed_run_finds_a_garment_that_was_moved(tmp_path: Path) -> None:
-    """The garment is moved between the two runs and folded at its new place."""
+    """The garment is moved between the two runs. The second run finds it at its new place."""
     request = fold_request(tmp_path)
 
     with pytest.raises(Died):
         Onlooker(before={Effect.APPROACH: die}).fold(request)
     stopped = Onlooker()
     result = stopped.fold(request, lambda ports: ports.stop.trigger("at once"), last_run(request))
-    assert (result.state, stopped.set_points) == ("stopped", []), "nothing takes a stop away"
-    interrupted = last_run(request)  # the one that was stopped: it can be gone on with in turn
+    assert (result.state, stopped.set_points) == ("stopped", []), "a resume does not reset the stop"
+    interrupted = last_run(request)  # the stopped run, which can also be resumed
     believed = interrupted.context.recognition.perception
     elsewhere = replace(interrupted, world=moved(interrupted.world, SHIFT))
     onlooker = Onlooker(before={Effect.APPROACH: lambda ports, commands, n: commands.put(Event.ABORT)})

@@ -26,7 +26,7 @@ ROOMS = ("cell", "skills", "robots", "calibration", "tests", "docs", "benchmarks
 
 
 def code(text: str) -> Iterator[str]:
-    """The lines of fenced blocks, without their comments, and the inline code of the rest."""
+    """All code of a page: the lines of fenced blocks without comments, and inline code."""
     parts = re.split(r"^```.*$", text, flags=re.M)
     for block in parts[1::2]:
         for line in block.splitlines():
@@ -36,7 +36,7 @@ def code(text: str) -> Iterator[str]:
 
 
 def found(pattern: str) -> list[tuple[str, str]]:
-    """(page, what the pattern's group matched) over all code of all pages."""
+    """(page, match of the pattern's group) for all code of all pages."""
     return [
         (page.name, match)
         for page in PAGES
@@ -50,7 +50,7 @@ def commands() -> list[tuple[str, str]]:
 
 
 def parser_of(words: list[str]) -> tuple[argparse.ArgumentParser, list[str]]:
-    """The parser of the (sub)command that `words` begin with, and the words after it."""
+    """The parser of the (sub)command at the beginning of `words`, and the remaining words."""
     parser = build_parser()
     while True:
         nested = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
@@ -64,7 +64,7 @@ def parser_of(words: list[str]) -> tuple[argparse.ArgumentParser, list[str]]:
 
 
 def check(line: str) -> None:
-    """Raises AssertionError for a line that a reader could not type."""
+    """Raises AssertionError for an invalid command line."""
     words = shlex.split(line)
     if words[0].startswith("-"):
         assert words[0] in build_parser()._option_string_actions, f"no option {words[0]}"
@@ -80,7 +80,7 @@ def check(line: str) -> None:
         assert rest[0] in (*list_garments(), "auto"), f"no garment {rest[0]}"
 
 
-def test_the_pages_are_there() -> None:
+def test_the_documented_pages_exist() -> None:
     assert {p.name for p in PAGES} >= {"README.md", "architecture.md", "invariants.md"}
     assert all(p.stat().st_size > 500 for p in PAGES)
 
@@ -92,7 +92,7 @@ def test_the_readme_names_the_main_commands() -> None:
 
 
 @pytest.mark.parametrize(("page", "line"), commands())
-def test_every_command_can_be_typed(page: str, line: str) -> None:
+def test_every_documented_command_is_valid(page: str, line: str) -> None:
     try:
         check(line)
     except SystemExit:
@@ -100,7 +100,7 @@ def test_every_command_can_be_typed(page: str, line: str) -> None:
 
 
 @pytest.mark.parametrize("line", ["dance", "fold sock", "fold medium_towel --sed 3", "garment", "--verbose"])
-def test_the_check_refuses_what_does_not_exist(line: str) -> None:
+def test_the_check_of_commands_refuses_unknown_commands_and_options(line: str) -> None:
     with pytest.raises((AssertionError, SystemExit)):
         check(line)
 
@@ -113,7 +113,7 @@ def rules() -> set[str]:
     return set(re.findall(r"^([a-z][a-z_-]*):(?!=)", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.M))
 
 
-def test_every_make_target_exists() -> None:
+def test_every_documented_make_target_exists() -> None:
     assert {target for _, target in targets()} - rules() == set()
 
 
@@ -124,7 +124,7 @@ def test_every_phony_target_is_defined() -> None:
 
 
 def holders() -> list[tuple[str, str]]:
-    """(the rule's beginning, a path) for every test that docs/invariants.md says holds a rule."""
+    """(beginning of the rule, path) for every test named in docs/invariants.md."""
     named = []
     for line in (ROOT / "docs" / "invariants.md").read_text(encoding="utf-8").splitlines():
         cells = [c.strip() for c in line.strip("|").split("|")]
@@ -133,7 +133,7 @@ def holders() -> list[tuple[str, str]]:
         paths = re.findall(r"`([^`]+)`", cells[2])
         assert paths, f"nothing holds '{cells[0][:40]}'"
         folder = ""
-        for path in paths:  # a bare name stands beside the one before it
+        for path in paths:  # a bare name is in the folder of the previous path
             whole = path if "/" in path else f"{folder}/{path}"
             folder = whole.rpartition("/")[0]
             named.append((cells[0][:40], whole))
@@ -148,14 +148,14 @@ def test_files_named_by_the_invariants_exist(rule: str, path: str) -> None:
     )
 
 
-def test_every_file_that_is_named_exists() -> None:
+def test_every_file_named_in_the_docs_exists() -> None:
     rooms = "|".join(ROOMS)
     named = {path for _, path in found(rf"(?:^|\s)((?:{rooms})/[\w./-]+\.(?:py|yaml|md|json|png|html))\b")}
     assert len(named) > 5
     assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
-def test_every_link_has_a_target() -> None:
+def test_every_link_in_the_docs_has_a_target() -> None:
     broken = set()
     for page in PAGES:
         for link in re.findall(r"\]\(([^)\s]+)", page.read_text(encoding="utf-8")):
@@ -165,7 +165,7 @@ def test_every_link_has_a_target() -> None:
 
 
 def test_the_safety_page_states_the_figures_of_the_cell() -> None:
-    """Somebody stands beside the arms because of them."""
+    """People stand beside the arms and rely on these figures."""
     shipped = load_settings()
     told = {
         "0.2 s and the brake": arms.COMMAND_TIMEOUT == 0.2,

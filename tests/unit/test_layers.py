@@ -1,4 +1,4 @@
-"""Imports go down only, and no text names a place outside the repository."""
+"""Imports only go down, and no text names a path outside the repository."""
 
 import subprocess
 import sys
@@ -15,17 +15,17 @@ def lint_imports(config: Path | None = None, cwd: Path = ROOT) -> subprocess.Com
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
-def test_imports_go_down_only_and_in_no_circle() -> None:
+def test_imports_only_go_down_and_have_no_cycle() -> None:
     answer = lint_imports()
     assert answer.returncode == 0, answer.stdout + answer.stderr
     assert "5 kept, 0 broken" in answer.stdout
 
 
-def house(folder: Path, files: dict[str, str], contract: str) -> subprocess.CompletedProcess:
-    """The answer of the check for a house of the same floors."""
-    for floor in ("cell", "calibration", "skills", "robots"):
-        (folder / floor).mkdir()
-        (folder / floor / "__init__.py").write_text("")
+def checked_tree(folder: Path, files: dict[str, str], contract: str) -> subprocess.CompletedProcess:
+    """Run the import check on a small package tree with the same layers."""
+    for layer in ("cell", "calibration", "skills", "robots"):
+        (folder / layer).mkdir()
+        (folder / layer / "__init__.py").write_text("")
     for name, text in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         ((folder / name).parent / "__init__.py").write_text("")
@@ -38,29 +38,29 @@ def house(folder: Path, files: dict[str, str], contract: str) -> subprocess.Comp
     return lint_imports(folder / "lint.toml", folder)
 
 
-def test_an_import_that_goes_up_is_found(tmp_path: Path) -> None:
-    """The check itself can fail: one stair upwards."""
-    floors = 'name = "floors"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
-    answer = house(
-        tmp_path, {"skills/grasp.py": "import cell.executive.runner\n", "cell/executive/runner.py": ""}, floors
+def test_the_check_finds_an_upward_import(tmp_path: Path) -> None:
+    """This shows that the check can fail."""
+    layers = 'name = "layers"\ntype = "layers"\nlayers = ["cell", "calibration", "skills", "robots"]\n'
+    answer = checked_tree(
+        tmp_path, {"skills/grasp.py": "import cell.executive.runner\n", "cell/executive/runner.py": ""}, layers
     )
     assert answer.returncode == 1
     assert "skills.grasp -> cell.executive.runner" in answer.stdout
 
 
-def test_a_circle_between_packages_is_found(tmp_path: Path) -> None:
-    """No module imports itself, by whatever way; the packages do."""
+def test_the_check_finds_a_cycle_between_packages(tmp_path: Path) -> None:
+    """No module imports itself, directly or indirectly, but the packages import each other."""
     files = {
         "cell/motion/path.py": "import cell.storage.file\n", "cell/motion/clock.py": "",
         "cell/storage/file.py": "", "cell/storage/times.py": "import cell.motion.clock\n",
     }  # fmt: skip
-    answer = house(tmp_path, files, 'name = "no circle"\ntype = "acyclic_siblings"\nancestors = ["cell"]\n')
+    answer = checked_tree(tmp_path, files, 'name = "no circle"\ntype = "acyclic_siblings"\nancestors = ["cell"]\n')
     assert answer.returncode == 1
     assert "motion" in answer.stdout and "storage" in answer.stdout
 
 
 def tracked_texts() -> list[Path]:
-    """What belongs to the repository: what git knows or would add."""
+    """The files of the repository: those that git tracks or would add."""
     GIT.require()
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
@@ -68,7 +68,7 @@ def tracked_texts() -> list[Path]:
 
 
 def foreign_paths() -> tuple[str, ...]:
-    # put together here, so that this file does not find itself
+    # assembled here, so that this file does not match itself
     places = (("work", "main"), ("work", "shared"), ("work", ".library"), ("tmp", "contracts"))
     return tuple(f"/{a}/{b}" for a, b in places)
 
@@ -84,7 +84,7 @@ def test_no_text_names_a_path_outside_the_repository() -> None:
     assert found == []
 
 
-def test_pins_are_versions_and_no_addresses() -> None:
+def test_constraints_pin_versions_without_urls_or_paths() -> None:
     for line in (ROOT / "constraints.txt").read_text().splitlines():
         name, pin, version = line.partition("==")
         assert pin == "==" and name and version[0].isdigit(), line
@@ -92,5 +92,5 @@ def test_pins_are_versions_and_no_addresses() -> None:
 
 
 def test_every_package_is_marked_as_typed() -> None:
-    for floor in ("foldcell", "cell", "calibration", "skills", "robots"):
-        assert (ROOT / floor / "py.typed").is_file()
+    for layer in ("foldcell", "cell", "calibration", "skills", "robots"):
+        assert (ROOT / layer / "py.typed").is_file()

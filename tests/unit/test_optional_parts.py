@@ -1,4 +1,4 @@
-"""The rule by which tests of optional parts may be skipped, and the line about skipped tests."""
+"""The rule by which tests of optional parts may be skipped, and the summary of skipped tests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_only_allowed_skips_pass_if_the_variable_is_set(allowed: str | None, rea
     assert may_be_skipped(reason, environment) is expected
 
 
-def test_the_summary_counts_the_skips_and_names_the_command_that_installs_a_part() -> None:
+def test_the_skip_summary_counts_skips_and_names_the_install_command() -> None:
     line = skip_summary([ROS.reason, "any reason", ROS.reason])
     assert line == f"left out: 2 tests ({ROS.reason}: {ROS.install}), 1 test (any reason)"
     assert skip_summary([]) == ""

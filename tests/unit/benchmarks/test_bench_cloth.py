@@ -1,4 +1,4 @@
-"""The cloth bench: its parts, which figures are measured again, and the places of strain and creases."""
+"""The cloth bench: its parts, the reuse of saved figures, and the places of strain and creases."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ from skills.cloth.predict import predict_fold
 from tests.optional_parts import MUJOCO
 
 
-def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_parts_are_reused_and_others_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file, told, measured = tmp_path / "kept.json", [], []
 
     def made(self: bench.Part, quick: bool, tell: bench.Tell) -> dict[str, float]:
@@ -37,7 +39,7 @@ def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: py
     figures = bench.measure(told.append, peers=False, quick=True, only=["towel", "tilt"], keep=file)
     assert figures == {"speed:towel": 1.0, "physics:tilt": 3.0}
     assert measured == ["speed:towel", "physics:tilt", "physics:tilt"]
-    assert told.count("      half of it") == 3, "what a part tells on its way"
+    assert told.count("      half of it") == 3, "a part reports its progress"
     # a full run does not take the figures of a quick one
     assert bench.measure(told.append, peers=False, quick=False, only=["towel"], keep=file)["speed:towel"] == 4.0
     with pytest.raises(ConfigurationError, match="no part"):
@@ -48,7 +50,7 @@ def test_parts_done_are_kept_and_others_measured(tmp_path: Path, monkeypatch: py
     before = list(measured)
     with pytest.raises(ConfigurationError, match="cannot be written"):
         bench.measure(told.append, peers=False, quick=True, only=["towel"], keep=tmp_path / "no" / "such.json")
-    assert measured == before, "nothing is measured that could not be kept"
+    assert measured == before, "nothing is measured if the figures cannot be saved"
 
 
 def test_every_part_is_a_function_of_the_bench() -> None:
@@ -62,7 +64,7 @@ def test_every_part_is_a_function_of_the_bench() -> None:
         assert callable(getattr(importlib.import_module(f"benchmarks.cloth.{module}"), function)), name
 
 
-def test_the_command_takes_parts_of_the_cloth_bench_only(capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench_only_selects_parts_of_the_cloth_bench(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "cloth", "--only", "nothing"]) == 64
     assert main(["bench", "cloth", "--quick", "--only", "mesh", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out.splitlines()[-1])
@@ -78,7 +80,7 @@ def test_a_fold_frame_by_frame_equals_the_predicted_fold() -> None:
     flat = mesh.lay_flat(material.thickness)
     *_, last = frames_of(mesh, flat, material, towel_half())
     assert last.tobytes() == predict_fold(mesh, flat, material, towel_half(), 0.3, 1.0).vertices.tobytes()
-    # the half that should lie over the other is 0.3 m from there on average
+    # the moved half is 0.3 m from its target on average
     assert mirrored(mesh, material, flat) == pytest.approx(0.15, abs=0.005)
 
 
@@ -99,7 +101,7 @@ def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
     x[pulled, 0] += 0.005
     assert np.abs(strains(mesh, x, none, smooth)).max() > 0.1
     assert np.abs(strains(mesh, x, mesh.rest[[pulled]], smooth)).max() < 1e-9
-    # the towel's fold line is x = 0 on the table, wherever the cloth was laid: its crease is what lies there
+    # the towel's fold line is x = 0 on the table, so the crease is the cloth at x = 0
     flat = mesh.lay_flat(MATERIAL.thickness)
     shift = np.array([0.2, 0.0, 0.0])
     line = on_the_line(flat, towel_half(), 0.05)
@@ -110,7 +112,7 @@ def test_strain_is_found_away_from_the_pinch_and_the_crease() -> None:
 
 
 def turned_over(mesh: ClothMesh, radius: float) -> Array:
-    """Folded back by half a turn from x = 0 on, around a cylinder about y [m], without strain."""
+    """The cloth beyond x = 0 turned back by 180 degrees around a cylinder along y, without strain. radius [m]."""
     s = mesh.rest[:, 0]
     angle = np.clip(s / radius, 0.0, np.pi)
     beyond = np.where(s < 0.0, s, np.maximum(s - np.pi * radius, 0.0) * -1.0)
@@ -119,14 +121,15 @@ def turned_over(mesh: ClothMesh, radius: float) -> Array:
 
 @pytest.mark.parametrize("edge", [0.010, 0.015, 0.020, 0.026])
 @pytest.mark.parametrize("radius", [0.002, 0.02, 0.04])
-def test_a_crease_is_as_wide_on_any_mesh(edge: float, radius: float) -> None:
-    """Beside an arc cloth is near a crease as far as, within reach, it turns by TURN. By hinges, those of an arc
-    of 20 mm were creases on a mesh of 26 mm and none on one of 10 mm."""
+def test_a_crease_has_the_same_width_on_any_mesh(edge: float, radius: float) -> None:
+    """Cloth counts as near a crease if it turns by more than TURN within its reach. A limit on the angle of single
+    hinges would depend on the mesh: an arc of 20 mm would be a crease on a mesh of 26 mm, but not on one of 10
+    mm."""
     mesh = mesh_from_contour(TOWEL, edge)
     near = turns(mesh, turned_over(mesh, radius)) > TURN
     s = mesh.rest[:, 0]
     wide = reach(mesh) - radius * TURN
-    outside = np.maximum(-s, s - np.pi * radius)  # of the arc [m]
+    outside = np.maximum(-s, s - np.pi * radius)  # distance from the arc along the cloth [m]
     assert near[outside < wide - edge].all() and not near[outside > wide + edge].any()
 
 
@@ -138,7 +141,7 @@ def test_bends_rounder_than_a_crease_are_measured() -> None:
 
 
 def test_a_crease_in_one_of_two_layers_counts_as_a_crease() -> None:
-    """Of two layers at one place, of which only the upper one is bent."""
+    """Only the upper of two layers is bent, and both layers at this place count."""
     mesh = mesh_from_contour(TOWEL, 0.020, layers=2)
     x = mesh.lay_flat(MATERIAL.thickness)
     flat = turns(mesh, x).copy()
@@ -151,10 +154,10 @@ def test_a_crease_in_one_of_two_layers_counts_as_a_crease() -> None:
     assert (bent[middle] > TURN).all() and len(set(mesh.layer[middle])) == 2
 
 
-def test_the_shirt_is_folded_as_shirts_are_planned() -> None:
+def test_the_benchmark_shirt_is_folded_like_a_planned_shirt() -> None:
     mesh, folds = shirt_folds()
     assert 1250 < len(mesh.rest) < 1350 and mesh.layer.max() == 1
-    # of the facts' outline, turned and moved: two sleeves to the other side, one hand each, and the hem by both
+    # one hand folds each sleeve to the other side, and both hands fold the hem
     assert np.ptp(mesh.rest, axis=0) == pytest.approx([0.65, 1.20], abs=1e-6)
     assert [len(paths) for paths in folds] == [1, 1, 2]
     for paths in folds[:2]:
@@ -164,7 +167,7 @@ def test_the_shirt_is_folded_as_shirts_are_planned() -> None:
         assert path.position[-1, 0] - path.position[0, 0] > 0.5
 
 
-def test_the_results_page_names_unmet_targets_and_omits_unmeasured_figures() -> None:
+def test_the_results_page_marks_unmet_targets_and_omits_unmeasured_figures() -> None:
     hung = [{"mesh_mm": 20.0}, {"mesh_mm": 30.0}]
     text = page({
         "towel_425_x_realtime": 61.0, "shirt_end_crossings": 2, "same_bits_again": True,

@@ -1,4 +1,4 @@
-"""Reading a bench's figures from a file: its last line or the whole of it; other files are refused."""
+"""Reading a bench's figures from a file: its last line or the whole file. Other files are refused."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ def test_a_missing_or_foreign_file_is_refused(module: str, content: bytes | None
     assert str(file) in answer.stderr and PAGES[module] in answer.stderr and "Traceback" not in answer.stderr
 
 
-def test_no_file_at_all_is_refused() -> None:
+def test_a_call_without_a_file_is_refused() -> None:
     for module in PAGES:
         answer = subprocess.run([sys.executable, "-m", module], capture_output=True, text=True)
         assert answer.returncode == 64 and f"python -m {module} figures.json" in answer.stderr
 
 
-def test_foreign_figures_leave_the_page_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_foreign_figures_leave_the_page_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(KeyError):
         document.write({"scenes": 1}, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("shape", ["{}", "progress\n{}\n", None])
-def test_figures_are_the_whole_file_or_its_last_line(shape: str | None, tmp_path: Path) -> None:
+def test_figures_are_read_from_the_whole_file_or_its_last_line(shape: str | None, tmp_path: Path) -> None:
     figures, file = {"a_mm": 1.5, "list": [{"b": 2}]}, tmp_path / "figures.json"
     file.write_text(json.dumps(figures, indent=1) if shape is None else shape.format(json.dumps(figures)))
     assert read_figures(file, "cloth") == figures

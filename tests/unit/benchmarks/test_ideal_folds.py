@@ -69,7 +69,8 @@ def test_the_moved_part_lies_on_top(mesh: ClothMesh) -> None:
 
 
 def test_an_earlier_crease_keeps_its_height(mesh: ClothMesh) -> None:
-    """Folded over, its loop lies on itself: neither is squeezed into the height of the layers."""
+    """The second fold lays the loop of the first crease onto itself. Neither loop is squeezed to the height of the
+    layers."""
     once = ideal_fold(mesh, (HALF,), FABRIC)
     twice = ideal_fold(mesh, (HALF, QUARTER), FABRIC)
     at_crease = np.abs(HALF.signed_distance(mesh.rest)) < 0.02
@@ -79,8 +80,8 @@ def test_an_earlier_crease_keeps_its_height(mesh: ClothMesh) -> None:
     assert height[1] > 1.4 * height[0]
 
 
-def test_a_single_layer_crease_has_the_height_of_the_mapped_one(mesh: ClothMesh) -> None:
-    """A crease that starts flat opens to the same loop, and at more than 1 m/s pushes the layers off."""
+def test_a_crease_that_starts_flat_is_as_high_as_one_that_starts_as_a_loop(mesh: ClothMesh) -> None:
+    """A crease that starts flat opens to the same loop. At more than 1 m/s it would push the layers apart."""
     d, x = d_relax(mesh, (HALF,), FABRIC)
     mapped = mapped_fold(mesh, (HALF,), FABRIC)
     assert x[:, 2].max() == pytest.approx(mapped[:, 2].max(), abs=0.001)
@@ -89,12 +90,12 @@ def test_a_single_layer_crease_has_the_height_of_the_mapped_one(mesh: ClothMesh)
 
 
 def test_mapped_layers_intersect_at_the_fold(mesh: ClothMesh) -> None:
-    """Why the vertices are not simply mapped."""
+    """This is why an ideal fold is simulated, and its vertices are not only mapped."""
     assert count_crossings(target_vertices(mesh, (HALF, QUARTER), FABRIC), mesh.triangles) > 20
     assert count_crossings(ideal_fold(mesh, (HALF, QUARTER), FABRIC), mesh.triangles) == 0
 
 
-def test_an_ideal_fold_is_at_rest_after_its_second(mesh: ClothMesh) -> None:
+def test_an_ideal_fold_is_at_rest_after_one_second(mesh: ClothMesh) -> None:
     x = ideal_fold(mesh, (HALF,), FABRIC)
     later = settled(mesh, FABRIC, x, SolverSettings())
     assert np.linalg.norm(later - x, axis=1).max() < 0.002

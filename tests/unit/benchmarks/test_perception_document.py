@@ -1,4 +1,4 @@
-"""The results page on perception is made from figures alone."""
+"""The results page on perception is made from saved figures."""
 
 from pathlib import Path
 

@@ -15,7 +15,7 @@ LIMITS = load_model().planning
 
 @pytest.mark.parametrize("distance", [0.3, 1.5])
 def test_the_time_bound_of_one_joint_has_a_closed_form(distance: float) -> None:
-    """Bang-bang, with a level top where the speed limit is reached: D / v + v / a, or 2 sqrt(D / a)."""
+    """The bang-bang law: 2 sqrt(D / a), or D / v + v / a if it reaches the speed limit."""
     goal = np.zeros(14)
     goal[0] = distance
     v, a = LIMITS.velocity[0], LIMITS.acceleration[0]

@@ -16,7 +16,7 @@ Answers = Mapping[type, Callable[[Any], Outcome]]
 
 
 def run(procedure: Any, answers: Answers) -> tuple[Outcome, list[Effect]]:
-    """Drive a procedure: its outcome and the effects that it asked for. What has no answer succeeds."""
+    """Drive a procedure. Returns its outcome and its effects. An effect without a given answer succeeds."""
     asked: list[Effect] = []
     try:
         effect = next(procedure)

@@ -18,7 +18,7 @@ K = Intrinsics(640, 480, 571.0, 583.0, 316.2, 243.9)
 
 
 def pose(rng: np.random.Generator, lean: float = 0.8) -> np.ndarray:
-    """(4, 4) board to camera, in view."""
+    """(4, 4) pose of the board in the camera frame, in view."""
     T = np.eye(4)
     T[:3, 3] = rng.uniform(0.45, 0.75) * np.array([rng.uniform(-0.2, 0.2), rng.uniform(-0.14, 0.14), 1.0])
     about = rng.uniform(0, 2 * np.pi)
@@ -36,7 +36,8 @@ def projected(T: np.ndarray, noise: float, rng: np.random.Generator, radial: flo
 
 
 def painted(T: np.ndarray) -> np.ndarray:
-    """(480, 640, 3) the board's picture put where a pinhole sees it; OpenCV's pixel centres are whole numbers."""
+    """(480, 640, 3) picture of the board through a pinhole camera. OpenCV's pixel centres have integer
+    coordinates."""
     scale, fine = 4000, 3
     card = BOARD.image(scale)
     w, h = BOARD.size
@@ -82,7 +83,7 @@ def test_drawing_does_not_change_the_picture() -> None:
 def test_the_board_in_the_hand_faces_along_minus_y_below_the_tips() -> None:
     T = BOARD.T_tool_board
     assert np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3)) and np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
-    assert T[:3, :3] @ [0, 0, -1] == pytest.approx([0, -1, 0])  # the front
+    assert T[:3, :3] @ [0, 0, -1] == pytest.approx([0, -1, 0])  # the front of the board
     lower_edge = T @ [0.0, BOARD.size[1] / 2, 0.0, 1.0]
     assert lower_edge[:3] == pytest.approx([0.0, 0.0, BOARD.tab])
 
@@ -122,7 +123,7 @@ def test_views_that_give_no_camera_are_refused(shown, word: str) -> None:
 
 
 def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[BoardView]:
-    """Boards that all face one way, at different places or at one."""
+    """Views of boards that all have the same orientation, at one place or at different places."""
     rng = np.random.default_rng(seed)
     turned = pose(rng)
     about = rng.uniform(0, 2 * np.pi)
@@ -140,7 +141,7 @@ def parallel(count: int, lean: float, seed: int, moved: bool = True) -> list[Boa
 def test_boards_with_equal_orientations_give_no_camera(lean: float, moved: bool, seed: int) -> None:
     refused = fit_intrinsics(parallel(20, lean, seed, moved)).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "alike" in refused.what
-    # every focal length fits them: what is claimed to be known of it must not be small
+    # every focal length fits these views, so the standard deviation must be large
     assert max(refused.values["sigma_px"]) > 30.0
 
 
@@ -161,7 +162,7 @@ def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
     assert sum(isinstance(e, Note) and e.picture is not None for e in asked) == 7
 
 
-def test_a_board_that_is_never_shown_is_out_of_view() -> None:
+def test_a_board_that_is_never_seen_ends_the_calibration_as_out_of_view() -> None:
     dark = sight(np.zeros((480, 640, 3), np.uint8))
     outcome, asked = run(calibrate_camera(CameraSettings(views=5)), {Look: lambda _: dark})
     assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW and outcome.failure.hint

@@ -48,13 +48,13 @@ def test_the_closed_form_solves_the_equation_exactly() -> None:
 
 
 def off(true: np.ndarray, found: np.ndarray) -> tuple[float, float]:
-    """[mm], [degrees]."""
+    """Error of a camera pose [mm], [degrees]."""
     gap = np.linalg.inv(true) @ found
     return 1e3 * float(np.linalg.norm(gap[:3, 3])), float(np.rad2deg(np.linalg.norm(pin.log3(gap[:3, :3]))))
 
 
 class Cell:
-    """A camera a little off, boards held a little off, joints that read a little wrong."""
+    """A cell whose camera pose, board grasps and joint readings have small errors."""
 
     def __init__(self, robot: RobotModel, seed: int, noise: float = 0.1, bias: float = 1e-3) -> None:
         rng = np.random.default_rng(seed)
@@ -77,7 +77,7 @@ class Cell:
         return Outcome(self.q.copy())
 
     def view(self) -> BoardView:
-        """Through the joints' true angles, which nobody reads."""
+        """The view of the board at the joints' true angles."""
         q = (self.q - self.bias)[arm_slice(self.side)]
         T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
         p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
@@ -105,7 +105,8 @@ def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
 
 
 def test_an_unmeasured_lens_shifts_the_pose_and_raises_its_deviation(robot: RobotModel) -> None:
-    """A focal length 1 % off looks like a camera that hangs higher: the fit is as good, the pose is not."""
+    """An error of 1 % in the focal length looks like a camera that hangs higher: the residual stays small, but the
+    pose is wrong."""
     sheet = replace(INTRINSICS, fx=1.01 * INTRINSICS.fx, fy=1.01 * INTRINSICS.fy)
     cell = Cell(robot, 1)
     views = cell.views(8)
@@ -128,8 +129,9 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
     assert mm.max() < 2.0 and deg.max() < 0.15
 
 
-def test_a_lens_that_is_known_badly_shows_in_the_standard_deviation(robot: RobotModel) -> None:
-    """Two parts in a thousand of focal length move the camera along its view; the sigma has room for it."""
+def test_an_inaccurate_lens_calibration_shows_in_the_standard_deviation(robot: RobotModel) -> None:
+    """An error of 0.2 % in the focal length moves the camera along its optical axis. The standard deviation covers
+    this."""
     wrong = replace(INTRINSICS, fx=1.002 * INTRINSICS.fx, fy=1.002 * INTRINSICS.fy)
     cell = Cell(robot, 0)
     found = fit_hand_eye(robot, wrong, cell.views(8)).unwrap()
@@ -139,7 +141,7 @@ def test_a_lens_that_is_known_badly_shows_in_the_standard_deviation(robot: Robot
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("wrong", [0.01, 0.02, 0.05])
-def test_a_joint_that_was_read_wrongly_once_shows_in_the_standard_deviation(
+def test_one_wrong_joint_reading_shows_in_the_standard_deviation(
     robot: RobotModel, wrong: float, seed: int
 ) -> None:
     cell = Cell(robot, seed)
@@ -186,7 +188,8 @@ def test_uninformative_poses_and_pictures_are_refused(robot: RobotModel) -> None
 
 
 def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, answers: dict, views: int = 4):
-    """Corners are put in place of a picture: finding them in one is tested elsewhere."""
+    """The hand-eye procedure with known corners instead of pictures. Other tests check the detection in
+    pictures."""
     from tests.unit.calibration.conftest import run
 
     monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb, board: cell.view())
@@ -202,7 +205,8 @@ def test_the_procedure_uses_the_board_in_each_hand(robot: RobotModel, monkeypatc
     order = [e.place for e in asked if isinstance(e, Bring)]
     assert order == [BoardPlace.LEFT_HAND, BoardPlace.AWAY, BoardPlace.RIGHT_HAND, BoardPlace.AWAY]
     first = next(i for i, e in enumerate(asked) if isinstance(e, Bring))
-    assert isinstance(asked[first - 2], Reach) and isinstance(asked[first + 1], Grip)  # given at a pose, then held
+    # the board is given at this pose, then held
+    assert isinstance(asked[first - 2], Reach) and isinstance(asked[first + 1], Grip)
 
 
 def test_a_hand_without_reachable_views_does_not_take_the_board(robot: RobotModel, monkeypatch) -> None:
@@ -212,7 +216,7 @@ def test_a_hand_without_reachable_views_does_not_take_the_board(robot: RobotMode
     assert not any(isinstance(e, Bring | Grip) for e in asked)
 
 
-def test_a_board_that_is_not_seen_is_given_back(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unseen_board_is_given_back(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     cell = Cell(robot, 4)
     monkeypatch.setattr(cell, "view", lambda: None)
     outcome, asked = procedure(robot, monkeypatch, cell, {})

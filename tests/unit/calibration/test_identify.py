@@ -30,7 +30,7 @@ CONTOUR = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
 
 
 def steep(height):
-    """A fold that lifts off straight up and high: the cloth is drawn taut and drags what rests."""
+    """Paths of a fold that lifts straight up and high, so that the taut cloth drags the part at rest."""
     up = np.array([0.0, 0.0, height])
     controls = {}
     for i, y in ((GraspId.LEFT, 0.188), (GraspId.RIGHT, -0.188)):
@@ -40,7 +40,8 @@ def steep(height):
 
 
 def seen(factor, paths):
-    """The outline of the fold in a world with another mesh and `factor` of the believed friction."""
+    """The outline of the fold in a simulated world with another mesh, whose friction is `factor` times the
+    believed one."""
     mesh = mesh_from_contour(CONTOUR, 0.0225, rotate=0.4)
     end = predict_fold(mesh, mesh.lay_flat(0.0025), BELIEVED.with_friction(factor * MU), paths)
     return np.asarray(silhouette(end.vertices, mesh.triangles).exterior.coords)[:-1]
@@ -59,7 +60,7 @@ def dragging():
 
 @pytest.mark.parametrize("factor", [0.65, 1.35])
 def test_a_fold_that_drags_moves_the_estimate_towards_the_truth(dragging, factor):
-    """To the side on which it lies, and nearer to it; the stated deviation is no bound, and none is claimed."""
+    """The estimate moves in the right direction and nearer to the truth. The stated deviation is not a bound."""
     paths, grid = dragging
     found = identify_material([seen(factor, paths)], grid, BELIEVED)
     assert (found.friction.value - MU) * (factor - 1.0) > 0.0
@@ -68,7 +69,7 @@ def test_a_fold_that_drags_moves_the_estimate_towards_the_truth(dragging, factor
 
 
 def test_a_fold_without_drag_leaves_the_prior_unchanged():
-    """With an ordinary arc what rests stays put at any of these frictions: the prior stays, and says so."""
+    """With an ordinary arc the part at rest does not move at any of these frictions, so nothing is learned."""
     paths = steep(0.25)
     found = identify_material([seen(0.65, paths)], candidates(paths, (0.6, 1.6)), BELIEVED)
     assert found.friction.learned < 0.2
@@ -77,7 +78,7 @@ def test_a_fold_without_drag_leaves_the_prior_unchanged():
 
 
 def moving(frictions, stretches, slope=0.1, growth=0.0):
-    """Candidates whose square moves by slope * ln(mu) and grows by growth * s."""
+    """Candidates in which a square moves by slope * ln(mu) and grows by growth * s."""
     shapes = [
         [(shapely.box(slope * np.log(mu), 0.0, slope * np.log(mu) + 0.3 + growth * s, 0.3),) for s in stretches]
         for mu in frictions
@@ -125,7 +126,8 @@ def test_inconsistent_input_is_refused(bad):
 
 @given(st.floats(0.05, 3.0), st.floats(0.0, 1.0), st.floats(0.3, 0.7))
 def test_an_update_is_damped_and_bounded(value, learned, believed):
-    """Between what was believed and the estimate, the further the more was learned; both frictions alike."""
+    """The update lies between belief and estimate, and nearer to the estimate the more was learned. Both frictions
+    change alike."""
     estimate = MaterialEstimate(Quantity(value, 0.1, learned), Quantity(0.03, 0.01, 0.0), 0.002)
     before = BELIEVED.with_friction(believed)
     after = estimate.update_of(before, BELIEVED)
@@ -139,7 +141,7 @@ def test_an_update_is_damped_and_bounded(value, learned, believed):
 
 
 def test_the_residual_is_the_distance_of_the_outlines():
-    """Of a square that was moved by 4 mm along one axis: two of four sides are off by it."""
+    """A square is moved by 4 mm along one axis, so two of its four sides deviate by 4 mm."""
     corners = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.3, 0.3, 0], [0, 0.3, 0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
     assert outline_residual(corners[:, :2], corners, triangles) < 1e-4

@@ -33,7 +33,7 @@ CORNERS = ("a", "b", "c", "d")
 
 
 def elastica_angle(overhang, c):
-    """Angle to the tip of a heavy elastica, clamped level: theta'' = -(l - s) cos(theta) / c^3 (exact)."""
+    """Angle to the tip of a heavy elastica that is clamped level: theta'' = -(l - s) cos(theta) / c^3 (exact)."""
 
     def run(k):
         def rate(s, y):
@@ -46,7 +46,7 @@ def elastica_angle(overhang, c):
 
 
 def test_half_the_overhang_is_the_bending_length_of_the_elastica():
-    """ASTM D1388: at an overhang of twice its bending length a strip's tip stands 41.5 degrees below the edge."""
+    """ASTM D1388: at an overhang of twice its bending length, a strip's tip is 41.5 degrees below the edge."""
     assert math.degrees(elastica_angle(0.05, bending_length(0.05))) == pytest.approx(41.5, abs=0.05)
 
 
@@ -56,12 +56,12 @@ def test_peirces_formula_is_near_the_elastica(ratio):
 
 
 def test_the_virtual_strip_bends_as_the_elastica_at_any_size():
-    """Similarity: the shape depends on overhang / c alone, whatever the gravity it is brought about with."""
+    """By similarity, the shape depends only on overhang / c, for any gravity."""
     found = [cantilever(replace(MATERIAL, bending_length=c), pictures=2) for c in (0.015, 0.030)]
     assert all(f.agrees and f.angle == pytest.approx(math.radians(41.5), rel=0.06) for f in found)
 
 
-def test_a_calibrated_overhang_is_shown():
+def test_the_shown_strip_has_the_calibrated_overhang():
     test = calibrate_bending(MATERIAL, 0.04)
     assert test.bending_length == 0.02 and len(test.pictures) == len(test.times)
     assert test.tip_angle(test.pictures[-1]) == pytest.approx(test.angle)
@@ -100,7 +100,7 @@ def hung():
 def test_the_virtual_garment_elongates_as_measured(hung):
     assert hung.stretch_fraction == pytest.approx(0.02)
     assert hung.simulated == pytest.approx(0.02, abs=1e-3)
-    # pictures of one of the hangs of which `simulated` is the mean
+    # `simulated` is the mean of several hangs; the pictures are from one of them
     assert hung.shape.elongation(hung.pictures[-1]) == pytest.approx(hung.simulated, abs=hung.spread)
     assert hung.spread < 2e-3
     assert hung.strip_stretch == pytest.approx(0.02 * REFERENCE_DROP / hung.hang_drop)
@@ -108,7 +108,8 @@ def test_the_virtual_garment_elongates_as_measured(hung):
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
 def test_a_garment_with_two_hanging_shapes_is_calibrated(monkeypatch, phase):
-    """Elongation over stiffness as two layers have it: proportional, but for jumps of 0.15 percentage points."""
+    """With two hanging shapes the elongation is proportional to the stretch, except for jumps of 0.15 percentage
+    points."""
 
     def jumping(shape, material, substeps=None, pictures=0):
         strip = material.stretch_fraction
@@ -120,13 +121,13 @@ def test_a_garment_with_two_hanging_shapes_is_calibrated(monkeypatch, phase):
     found = calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, diagonal * 1.029, diagonal)
     assert found.simulated == pytest.approx(0.029, abs=5e-4)
     again, _ = jumping(None, replace(MATERIAL, stretch_fraction=found.strip_stretch))
-    assert found.simulated == pytest.approx(again[0]), "the fabric is the one that elongated so"
+    assert found.simulated == pytest.approx(again[0]), "the fabric found is the one that has this elongation"
 
 
 @pytest.mark.parametrize("middle", [0.01085, 0.0109, 0.0110, 0.0112])
-def test_a_stretch_within_a_jump_is_found_between_its_two_sides(monkeypatch, middle):
-    """From its starts one after another hangs the other way within a thousandth of the stiffness: fabrics that
-    differ by more hang 0.08 percentage points too little or too much."""
+def test_a_stretch_within_a_jump_is_found(monkeypatch, middle):
+    """The hang switches between two shapes within a thousandth of the stretch, at a slightly different stretch for
+    each start. Fabrics beyond this range elongate 0.08 percentage points too little or too much."""
 
     def turning(shape, material, substeps=None, pictures=0):
         strip = material.stretch_fraction
@@ -159,11 +160,11 @@ def test_a_stretch_that_cannot_be_reached_is_refused_with_the_reason(monkeypatch
 
 
 def test_a_garment_on_a_clip_stretches_more_than_a_strip_on_an_edge(hung):
-    """All of the weight goes through the clip: the same fabric's strip, as long as the garment, elongates less."""
+    """The clip carries the whole weight, so a strip of the same fabric and length elongates less."""
     assert hung.hang_drop > hung.shape.rest_length
 
 
-def test_the_calibrated_fabric_hangs_alike_on_another_mesh(hung):
+def test_the_calibrated_fabric_elongates_equally_on_another_mesh(hung):
     pair = clip_and_lowest(TOWEL, CORNERS)
     shape = hung_shape(TOWEL, pair, 1, MATERIAL.thickness, 0.026)
     found, _ = elongations(shape, replace(MATERIAL, stretch_fraction=hung.strip_stretch))
@@ -175,7 +176,7 @@ def test_the_reference_strip_equals_that_of_the_solver():
 
 
 def test_the_measured_line_lies_in_the_garment():
-    """Of an L the far ends do not see each other: cloth between them would not hang straight."""
+    """In an L shape the line between the far ends leaves the cloth, so the cloth would not hang straight."""
     ell = np.array([[0.0, 0.0], [0.6, 0.0], [0.6, 0.1], [0.1, 0.1], [0.1, 0.6], [0.0, 0.6]])
     names = tuple("abcdef")
     i, j = clip_and_lowest(ell, names)
@@ -185,7 +186,7 @@ def test_the_measured_line_lies_in_the_garment():
         clip_and_lowest(ell, names, held="nowhere")
 
 
-def test_a_paper_garment_loses_no_weight_at_the_clip():
+def test_the_clip_is_4_cm_wide_and_removes_no_cloth():
     shape = hung_shape(TOWEL, (0, 2), 1, 0.002, 0.03)
     assert shape.clip.sum() >= 2
     width = np.ptp(shape.mesh.rest[shape.clip], axis=0)[0]
@@ -208,7 +209,7 @@ def test_impossible_measurements_are_refused_with_their_values(measure, values):
     assert error.value.hint and error.value.values
 
 
-def test_a_length_of_another_garment_is_refused():
+def test_a_length_that_does_not_fit_the_garment_is_refused():
     with pytest.raises(ConfigurationError, match="apart"):
         calibrate_shear(TOWEL, CORNERS, 1, MATERIAL, 1.02, 1.0)
 
@@ -222,7 +223,7 @@ def test_every_shipped_garment_hangs_by_its_own_point(name):
 
 @pytest.mark.parametrize("held", ["collar_right", "armpit_left", "cuff_lower_right"])
 def test_a_point_that_no_clip_holds_alone_is_refused(held):
-    """The whole breadth of the shirt would be the clip."""
+    """The clip would have to hold the whole width of the shirt."""
     shirt = load_garment("t_shirt")
     pair = clip_and_lowest(shirt.template, shirt.keypoints, held)
     l2 = float(np.linalg.norm(shirt.template[pair[0]] - shirt.template[pair[1]]))

@@ -1,11 +1,11 @@
-"""The independent cloth of MuJoCo, where the optional extra is installed."""
+"""MuJoCo's independent cloth simulation, if the optional extra is installed."""
 
 from tests.optional_parts import MUJOCO
 
 pytestmark = MUJOCO.required
 
 
-def test_mujocos_cloth_agrees_with_the_closed_forms():
+def test_the_mujoco_cloth_agrees_with_the_closed_forms():
     from benchmarks.cloth import mujoco_peer
 
     figures = {}
@@ -16,7 +16,7 @@ def test_mujocos_cloth_agrees_with_the_closed_forms():
 
 
 def test_both_solvers_fold_a_coarse_towel_alike():
-    """Two independent solvers, the same mesh, fabric and pads: the folds end within a few millimetres."""
+    """Two independent solvers with the same mesh, fabric and pads: the folds agree to a few millimetres."""
     from benchmarks.cloth import mujoco_peer
     from benchmarks.cloth.scenes import SharedFold, mirrored, towel_half, towel_mesh
     from skills.cloth.predict import predict_fold

@@ -1,4 +1,4 @@
-"""The table's height from presses: a spring on a stop, a plane, and contacts that are refused."""
+"""The table's height from presses: a spring on a hard stop, a plane, and contacts that are refused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def press(z0: float, noise: float = 0.0, seed: int = 0, side: Side = Side.LEFT, 
     return Touched(side, *at, height, force + noise * rng.standard_normal(len(height)))
 
 
-def test_a_spring_on_a_stop_gives_its_height_and_stiffness() -> None:
+def test_a_spring_on_a_hard_stop_gives_its_height_and_stiffness() -> None:
     z, k = contact_height(press(-0.1037)).unwrap()
     assert z == pytest.approx(-0.1037, abs=1e-9) and k == pytest.approx(STIFFNESS, rel=1e-6)
 
@@ -34,7 +34,7 @@ def test_noise_of_the_tips_costs_less_than_a_tenth_of_a_millimetre() -> None:
     assert np.abs(off).max() < 1e-4 and abs(np.mean(off)) < 2e-5
 
 
-def test_a_kick_before_the_contact_is_not_the_contact() -> None:
+def test_a_force_peak_before_the_contact_is_ignored() -> None:
     felt = press(-0.1)
     felt.force[20] = 0.9
     assert contact_height(felt).unwrap()[0] == pytest.approx(-0.1, abs=1e-9)
@@ -46,7 +46,7 @@ def felt_as(felt: Touched, force: np.ndarray) -> Touched:
 
 @pytest.mark.parametrize("offset", [-0.5, 0.2, 0.3, 0.5])
 def test_a_constant_tactile_offset_in_the_air_does_not_move_the_contact(offset: float) -> None:
-    """Rubber that was pressed once reads something when it hangs free again."""
+    """A rubber tip that was pressed once keeps an offset when it is free again."""
     felt = press(-0.1, 0.03)
     z, k = contact_height(felt_as(felt, felt.force + offset)).unwrap()
     assert z == pytest.approx(-0.1, abs=5e-5) and k == pytest.approx(STIFFNESS, rel=0.02)
@@ -61,7 +61,7 @@ def test_a_press_that_begins_in_contact_is_fitted() -> None:
 
 @pytest.mark.parametrize("softness", [300.0, 500.0, 700.0])
 def test_a_soft_contact_is_not_taken_for_the_table(softness: float) -> None:
-    """A layer of 2 mm that gives way under the tips, and the table below it."""
+    """A layer of 2 mm yields under the tips, above the table."""
     felt = press(-0.1, 0.03)
     soft = softness * np.clip(-0.098 - felt.height, 0.0, 0.002)
     refused = contact_height(felt_as(felt, felt.force + soft)).failure
@@ -92,7 +92,7 @@ def test_a_press_without_a_load_is_refused(force: float) -> None:
 
 
 def plane(points: int, height: float = -0.104, a: float = 0.004, b: float = -0.003) -> np.ndarray:
-    """(points, 3) of a plane, at places that span it."""
+    """(points, 3) points of a plane that span it."""
     places = [
         (0.45, 0.4),
         (0.45, -0.4),
@@ -134,7 +134,7 @@ def test_three_points_leave_no_residual() -> None:
     assert fitted(plane(3)).unwrap().residual_rms is None
 
 
-def test_collinear_points_objects_and_tilted_tables_are_refused() -> None:
+def test_collinear_points_outliers_and_tilted_tables_are_refused() -> None:
     line = plane(5)
     line[:, 1] = 0.5 * line[:, 0]
     thing = plane(8)
@@ -145,7 +145,7 @@ def test_collinear_points_objects_and_tilted_tables_are_refused() -> None:
 
 
 def flat(effect: Touch) -> Outcome:
-    lift = 2e-4 if effect.side is Side.LEFT else -2e-4  # the arms disagree
+    lift = 2e-4 if effect.side is Side.LEFT else -2e-4  # the two arms disagree
     return Outcome(press(-0.1042 + lift, side=effect.side, at=(effect.x, effect.y)))
 
 
@@ -165,11 +165,11 @@ def test_a_point_out_of_reach_is_replaced_by_another() -> None:
     assert sum(isinstance(e, Touch) for e in asked) == MOST_POINTS
 
 
-def test_no_hand_goes_down_beside_a_narrow_table() -> None:
+def test_no_hand_descends_beside_a_narrow_table() -> None:
     narrow = Table(-0.10, (0.20, 1.10), (-0.35, 0.35))
     outcome, asked = run(calibrate_table(narrow), {Touch: flat})
     refused = outcome.failure
-    assert refused and refused.kind is FailureKind.UNREACHABLE and not asked, "before anything moves"
+    assert refused and refused.kind is FailureKind.UNREACHABLE and not asked, "nothing moves"
     assert "6 of 8" in refused.what and "not on the table" in refused.what and "--points" in refused.hint
     outcome, asked = run(calibrate_table(narrow, TableSettings(points=6)), {Touch: flat})
     assert len(outcome.unwrap().points) == 6

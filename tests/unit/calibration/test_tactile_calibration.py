@@ -28,7 +28,7 @@ CELL, TIP = 0.01, 0.03
 
 
 def readings(seed: int = 0, cell: float = CELL, tip: float = TIP, slope: float = 0.0, seconds: float = 60.0):
-    """100 a second; slope [N/s]: of every cell."""
+    """Readings at 100 Hz. slope: drift of every cell [N/s]."""
     rng = np.random.default_rng(seed)
     t = np.arange(int(100 * seconds)) / 100
     cells = cell * rng.standard_normal((len(t), 2, 4, 3)) + slope * t[:, None, None, None]
@@ -36,19 +36,19 @@ def readings(seed: int = 0, cell: float = CELL, tip: float = TIP, slope: float =
     return [TactileReading(float(a), Side.LEFT, b, c) for a, b, c in zip(t, cells, tips, strict=True)]
 
 
-def test_noise_is_found_beside_a_drift() -> None:
+def test_noise_is_measured_in_spite_of_a_drift() -> None:
     for slope in (0.0, 0.002):
         f = finger_figures(Side.LEFT, readings(slope=slope)).unwrap()
         assert f.cell_noise == pytest.approx(CELL, rel=0.03) and f.tip_noise == pytest.approx(TIP, rel=0.05)
         assert f.pad_noise == pytest.approx(CELL * np.sqrt(12), rel=0.05) and f.rate == pytest.approx(100.0)
-        # twelve cells of a pad, fifteen seconds
+        # twelve cells per pad, fifteen seconds
         assert f.pad_drift == pytest.approx(12 * 15 * slope, abs=0.06) and f.tip_drift < 0.03
 
 
 @pytest.mark.parametrize("period", [60.0, 20.0, 15.0, 7.5, 5.0])
 def test_a_drift_that_returns_within_the_horizon_counts(period: float) -> None:
-    """A swing of amplitude A changes by 2 A sin(pi t / period) in a time t, at most, and by 2 A from half a period
-    on: a zero may be taken at its worst moment, and used at its worst."""
+    """A sine of amplitude A changes by at most 2 A sin(pi t / period) in a time t, and by 2 A from half a period
+    on. The zero may be taken and used at the worst moments."""
     swing = 0.25
     heard = [
         TactileReading(r.stamp, r.side, r.cells + swing / 12 * np.sin(2 * np.pi * r.stamp / period), r.tip)
@@ -58,14 +58,14 @@ def test_a_drift_that_returns_within_the_horizon_counts(period: float) -> None:
     assert finger_figures(Side.LEFT, heard).unwrap().pad_drift == pytest.approx(drift, abs=0.06)
 
 
-def test_noise_alone_is_no_drift() -> None:
+def test_noise_is_not_reported_as_drift() -> None:
     for seed in range(10):
         f = finger_figures(Side.LEFT, readings(seed)).unwrap()
         assert f.pad_drift < 0.02 and f.tip_drift < 0.02
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.05, 30.0])
-def test_a_dead_or_erratic_cell_is_named(gain: float) -> None:
+def test_a_dead_or_erratic_cell_is_reported_by_name(gain: float) -> None:
     heard = readings()
     for r in heard:
         r.cells[1, 2, 0] *= gain
@@ -112,7 +112,7 @@ def test_the_procedure_listens_then_presses_with_each_hand() -> None:
     outcome, asked = run(calibrate_tactile(TABLE, GRASP), answers)
     c = outcome.unwrap()
     assert c.false_contacts == 0 and c.zeros == 12
-    for side in Side:  # noticed when a tip bears the threshold, two more readings at 3 mm/s included
+    for side in Side:  # the press is detected when a tip bears the threshold, after two more readings at 3 mm/s
         assert c.stiffness[side] == pytest.approx(1150.0, rel=0.05)
         assert c.noticed[side] == pytest.approx(2 * c.contact_force / 1150.0 + 6e-5, abs=1.5e-4)
     assert {e.side for e in asked if isinstance(e, Touch)} == set(Side)
@@ -125,7 +125,7 @@ def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
-def test_a_threshold_above_the_press_is_reported_as_such() -> None:
+def test_a_threshold_above_the_press_force_is_reported() -> None:
     heard = Outcome(Heard({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
@@ -135,15 +135,17 @@ def test_a_threshold_above_the_press_is_reported_as_such() -> None:
 
 @pytest.mark.parametrize("first", [1e-3, 2e-3, 0.01, 0.02])
 def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(first: float) -> None:
-    """Over a network stamps are when messages came: the first two may be any time apart."""
+    """Over a network a stamp is the time of arrival, so the first two may be any time apart."""
     heard = readings(tip=0.09)
     heard[0] = replace(heard[0], stamp=heard[1].stamp - first)
-    assert false_contacts(heard, 0.05, GRASP, TactileSettings()) == (6, 6), "cells far too noisy for it"
+    assert false_contacts(heard, 0.05, GRASP, TactileSettings()) == (6, 6), (
+        "the cells are far too noisy for the threshold"
+    )
     assert false_contacts(heard, 5.0, GRASP, TactileSettings()) == (0, 6)
 
 
-def test_readings_shorter_than_the_horizon_count_no_false_contacts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Zero windows are reported: 0 of 0 would look as good as 0 of 12."""
+def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zero windows are reported, because 0 of 0 would look as good as 0 of 12."""
     monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
     heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}

@@ -12,7 +12,7 @@ NOBODY = 65534
 
 
 class Locked:
-    """A folder, and a way to make it read-only that also binds root."""
+    """A folder that can be made read-only, also for root."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -22,7 +22,7 @@ class Locked:
         self.folder.chmod(0o555)
         root = os.geteuid() == 0
         if root:
-            os.seteuid(NOBODY)  # root would write anyway
+            os.seteuid(NOBODY)  # root ignores permissions
         try:
             yield
         finally:
@@ -33,7 +33,7 @@ class Locked:
 
 @pytest.fixture
 def lockable() -> Iterator[Locked]:
-    """A folder that everybody can reach (pytest's own are closed to others)."""
+    """A folder that every user can reach. Pytest's folders are closed to other users."""
     with tempfile.TemporaryDirectory(prefix="foldcell-test-") as name:
         Path(name).chmod(0o755)
         yield Locked(Path(name))

@@ -1,4 +1,4 @@
-"""A made-up run record with everything that a page can show."""
+"""A synthetic run record with everything that a page can show."""
 
 from __future__ import annotations
 

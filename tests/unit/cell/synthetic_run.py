@@ -1,7 +1,7 @@
-"""A made-up run for tests of the view: Baxter folds a towel in two folds, with nothing simulated.
+"""A synthetic run for tests of the recorder: Baxter folds a towel in two folds, without simulation.
 
-The towel turns about its fold line like a stiff sheet, hands follow its corners by inverse kinematics,
-pictures are drawn. Enough to look at and to count; no physics.
+The towel turns about its fold line like a stiff sheet, the hands follow its corners by inverse kinematics, and
+pictures are drawn. There is no physics.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ class Towel:
 
 
 def turned(vertices: Array, line: FoldLine, angle: float, lift: float) -> Array:
-    """The part on the moving side, turned about the line by `angle` [rad]; it ends `lift` higher [m]."""
+    """The vertices with the moving part turned about the line by `angle` [rad]. At pi it lies `lift` higher
+    [m]."""
     d = line.signed_distance(vertices[:, :2])
     moving = d > 0
     out = vertices.copy()
@@ -74,7 +75,7 @@ def turned(vertices: Array, line: FoldLine, angle: float, lift: float) -> Array:
 
 
 def steps() -> tuple[FoldStep, FoldStep]:
-    """Far edge onto near edge, then left half onto right half."""
+    """Two folds: far edge onto near edge, then left half onto right half."""
     first = FoldLine(np.array([0.6, 0.0]), np.array([0.0, -1.0]))
     second = FoldLine(np.array([0.5, 0.0]), np.array([1.0, 0.0]))
     return (
@@ -93,7 +94,7 @@ def steps() -> tuple[FoldStep, FoldStep]:
 
 
 def arc(step: FoldStep, grasp_id: GraspId, n: int = 40) -> Array:
-    """(n, 3) half circle from grasp to target."""
+    """Half circle (n, 3) from grasp to target."""
     s = np.linspace(0.0, 1.0, n)
     p0, p3 = np.append(step.grasps[grasp_id].point, DOWN_TO_TABLE), step.targets[grasp_id]
     radius = np.linalg.norm(p3[:2] - p0[:2]) / 2.0
@@ -104,7 +105,7 @@ def arc(step: FoldStep, grasp_id: GraspId, n: int = 40) -> Array:
 
 
 def picture(vertices: Array, towel: Towel, sequence: int, t: float, seed: int = 0) -> CameraFrame:
-    """What the camera might see: the towel's silhouette on a wooden table."""
+    """A camera picture: the towel's silhouette on a wooden table."""
     c = calibration()
     T = np.linalg.inv(c.T_table_camera)
     p = vertices @ T[:3, :3].T + T[:3, 3]
@@ -133,7 +134,7 @@ class Seen:
 
 
 class Puppet:
-    """Joint angles that bring the tools where the show wants them."""
+    """Joint angles that bring the tools to the places of the synthetic run."""
 
     def __init__(self) -> None:
         self.model = load_model()
@@ -142,7 +143,8 @@ class Puppet:
         self.q = self.park.copy()
 
     def reach(self, side: Side, point: Array, heading: float) -> Array:
-        """(7,) nearest to the present arm; the arm stays where it is when the point is out of reach."""
+        """Joint angles (7,) nearest to the present ones. The arm stays where it is if the point is out of
+        reach."""
         part = slice(0, 7) if side is Side.LEFT else slice(7, 14)
         T = np.eye(4)
         T[:3, :3] = tool_rotation(np.array([heading]), np.array([0.0]), np.array([0.0]))[0]
@@ -158,7 +160,7 @@ class Puppet:
 def play(
     recorder: Recorder, folds: int = 2, rate: float = 100.0, truth_rate: float = 30.0
 ) -> tuple[float, list[Array]]:
-    """Tell the recorder a whole run; returns its length [s] and the towel at the end of each fold."""
+    """Record a whole run. Returns its length [s] and the towel at the end of each fold."""
     show = _Show(recorder, rate, truth_rate)
     show.begin()
     for step in steps()[:folds]:
@@ -284,7 +286,7 @@ class _Show:
 
 
 def seen(frame: CameraFrame) -> Seen:
-    """The towel as it lies before the first fold."""
+    """The towel before the first fold."""
     corners = {
         "near_left": (0.4, 0.3), "near_right": (0.4, -0.3), "far_right": (0.8, -0.3), "far_left": (0.8, 0.3)
     }  # fmt: skip
@@ -295,7 +297,7 @@ def seen(frame: CameraFrame) -> Seen:
 
 
 def record(path, live=False, robot=None, truth=True, folds=2) -> RecorderReport:  # type: ignore[no-untyped-def]
-    """A whole recording of the show."""
+    """A complete recording of the synthetic run."""
     recorder = Recorder.open(path, "synthetic", TABLE, live=live, robot=robot, truth=truth)
     play(recorder, folds)
     return recorder.close()

@@ -1,4 +1,4 @@
-"""`import foldcell` is quick, and all that it promises is there."""
+"""`import foldcell` is quick, and all its public names exist."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import foldcell
 
 
-def test_the_import_loads_none_of_the_cell() -> None:
+def test_importing_foldcell_loads_no_module_of_the_cell() -> None:
     code = "import sys; before = set(sys.modules); import foldcell; print(*sorted(set(sys.modules) - before))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     roots = {name.partition(".")[0] for name in answer.stdout.split()}
@@ -18,7 +18,7 @@ def test_the_import_loads_none_of_the_cell() -> None:
     assert roots & {"cell", "skills", "numpy", "numba", "cv2", "pydantic", "yaml"} == set()
 
 
-def test_every_public_name_is_there() -> None:
+def test_every_public_name_exists() -> None:
     assert all(getattr(foldcell, name) for name in foldcell.__all__)
     with pytest.raises(AttributeError, match="no attribute 'unfold'"):
         _ = foldcell.unfold

@@ -1,4 +1,4 @@
-"""`foldcell.optimise` by one simulation, against the closed form of the paper's first guess."""
+"""`foldcell.optimise` with one simulation, against the closed form of the paper's initial arc."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skills.trajectory.bezier import initial_controls
 from skills.vocabulary import GraspId
 
 
-def test_the_initial_arcs_of_one_fold() -> None:
+def test_optimise_returns_the_initial_arcs_of_one_fold() -> None:
     folds = foldcell.optimise("small_towel", step=1, method="initial")
     assert len(folds) == 1
     fold = folds[0]
@@ -45,6 +45,6 @@ def test_the_initial_arcs_of_one_fold() -> None:
         ({"garment": "small_towel", "settings": {"optimiser": {"threads": 0}}}, "threads"),
     ],
 )
-def test_wrong_arguments_are_told(arguments: dict[str, Any], words: str) -> None:
+def test_optimise_refuses_wrong_arguments_by_name(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(foldcell.ConfigurationError, match=words):
         foldcell.optimise(**arguments)

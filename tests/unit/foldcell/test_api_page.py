@@ -16,7 +16,7 @@ def blocks() -> list[str]:
 
 
 @pytest.mark.slow
-def test_the_examples_run(
+def test_the_examples_of_the_api_page_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -32,7 +32,7 @@ def test_the_examples_run(
     assert "'best'" in capsys.readouterr().out
 
 
-def test_the_page_tells_of_every_function() -> None:
+def test_the_api_page_describes_every_function() -> None:
     import foldcell
 
     text = PAGE.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`foldcell.perceive` of drawn pictures whose key points are known."""
+"""`foldcell.perceive` for rendered pictures with known key points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.scenes import TOWEL_NAMES, render, towel_scene
 
 @pytest.fixture(scope="module")
 def taken() -> tuple[CameraFrame, CameraFrame, np.ndarray]:
-    """A medium towel and the empty table by the shipped cell's camera, and the true corners (4, 2)."""
+    """Pictures of a medium towel and of the empty table by the shipped camera, and the true corners (4, 2)."""
     scene, corners = towel_scene(0)
     calibration = camera_calibration(load_settings())
     return render(scene, calibration), render(replace(scene, polygons=[]), calibration, 1), corners
@@ -31,7 +31,9 @@ def worst(seen: foldcell.PerceivedGarment, corners: np.ndarray) -> float:
     return max(np.linalg.norm(seen.keypoints[n] - p) for n, p in zip(TOWEL_NAMES, corners, strict=True))
 
 
-def test_arrays_by_the_cells_camera(taken: tuple[CameraFrame, CameraFrame, np.ndarray]) -> None:
+def test_perceive_finds_the_towel_in_arrays_from_the_cells_camera(
+    taken: tuple[CameraFrame, CameraFrame, np.ndarray],
+) -> None:
     frame, bare, corners = taken
     seen = foldcell.perceive(
         frame.rgb, frame.depth, reference=bare.rgb, reference_depth=bare.depth, garment="medium_towel"
@@ -41,11 +43,13 @@ def test_arrays_by_the_cells_camera(taken: tuple[CameraFrame, CameraFrame, np.nd
     assert seen.confidence > 0.8
     assert worst(seen, corners) < 0.008
     x, y = seen.contour.T
-    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))  # positive: counter-clockwise
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))  # positive means counter-clockwise
     assert area == pytest.approx(0.24, rel=0.05)
 
 
-def test_files_are_read_as_the_arrays(taken: tuple[CameraFrame, CameraFrame, np.ndarray], tmp_path: Path) -> None:
+def test_picture_files_give_the_same_result_as_arrays(
+    taken: tuple[CameraFrame, CameraFrame, np.ndarray], tmp_path: Path
+) -> None:
     frame, _, _ = taken
     cv2.imwrite(str(tmp_path / "rgb.png"), frame.rgb[:, :, ::-1])
     np.save(tmp_path / "depth.npy", frame.depth)
@@ -56,7 +60,7 @@ def test_files_are_read_as_the_arrays(taken: tuple[CameraFrame, CameraFrame, np.
     assert np.array_equal(by_arrays.contour, by_files.contour)
 
 
-def test_no_garment_is_a_failure_and_no_error() -> None:
+def test_a_picture_without_a_garment_returns_a_failure_and_raises_no_error() -> None:
     table = np.random.default_rng(0).normal(170, 2, (240, 320, 3)).astype(np.uint8)
     seen = foldcell.perceive(table, unit="px")
     assert seen.failure is not None and seen.failure.kind is FailureKind.NO_GARMENT
@@ -83,6 +87,6 @@ DEPTH = np.ones((480, 640), np.float32)
         ({"rgb": PICTURE, "settings": {"perception": {"metod": "plain"}}}, "metod"),
     ],
 )
-def test_wrong_arguments_are_told(arguments: dict[str, Any], words: str) -> None:
+def test_perceive_refuses_wrong_arguments_by_name(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(foldcell.ConfigurationError, match=words):
         foldcell.perceive(**arguments)

@@ -1,4 +1,4 @@
-"""`foldcell.fold` and `foldcell.load_run`: a run of the simulated cell, and what is read of it afterwards."""
+"""`foldcell.fold` and `foldcell.load_run`: a run of the simulated cell, and its record."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.runs import PLAIN
 
 
 def begun(logs: Path) -> Any:
-    """A run of a few lines that nobody has ended yet: (the journal, the run)."""
+    """A run with a few entries that has not ended. Returns (journal, run)."""
     journal = Journal.open(journal_path(logs))
     run = journal.begin_run(garment="small_towel", seed=4, driver="sim", versions={"foldcell": "0.1.0"})
     run.event(0.5, "idle", "started")
@@ -41,14 +41,14 @@ def ended(tmp_path: Path) -> Iterator[Path]:
     yield run.directory
 
 
-def test_a_run_by_each_of_its_names(ended: Path) -> None:
+def test_load_run_accepts_folder_id_prefix_and_last(ended: Path) -> None:
     by_folder = foldcell.load_run(ended)
     for name in (ended.name, ended.name[:12], "last", str(ended)):
         assert foldcell.load_run(name, logs=ended.parent).id == by_folder.id == ended.name
     assert by_folder.folder == ended
 
 
-def test_figures_and_effects(ended: Path) -> None:
+def test_load_run_returns_figures_events_and_effects(ended: Path) -> None:
     run = foldcell.load_run(ended)
     assert (run.status, run.garment, run.seed, run.driver) == ("not_folded", "small_towel", 4, "sim")
     assert run.versions == {"foldcell": "0.1.0"}
@@ -74,7 +74,7 @@ def test_an_interrupted_run_has_no_result(tmp_path: Path) -> None:
     assert len(read.effects) == 3
 
 
-def test_a_run_that_has_not_ended_is_refused(tmp_path: Path) -> None:
+def test_load_run_refuses_a_run_that_has_not_ended(tmp_path: Path) -> None:
     journal, run = begun(tmp_path)
     with pytest.raises(foldcell.ConfigurationError, match="has not ended"):
         foldcell.load_run("last", logs=tmp_path)
@@ -82,7 +82,7 @@ def test_a_run_that_has_not_ended_is_refused(tmp_path: Path) -> None:
     journal.close()
 
 
-def test_a_run_that_there_is_not(ended: Path, tmp_path: Path) -> None:
+def test_load_run_refuses_an_unknown_run(ended: Path, tmp_path: Path) -> None:
     with pytest.raises(foldcell.ConfigurationError, match="no run '2001'"):
         foldcell.load_run("2001", logs=ended.parent)
     with pytest.raises(foldcell.StorageError):
@@ -98,15 +98,19 @@ def test_a_run_that_there_is_not(ended: Path, tmp_path: Path) -> None:
         ({"garment": "small_towel", "settings": "nowhere.yaml"}, "nowhere.yaml"),
     ],
 )
-def test_fold_refuses_before_there_is_a_run(arguments: dict[str, Any], words: str, tmp_path: Path) -> None:
+def test_fold_refuses_wrong_arguments_before_a_run_begins(
+    arguments: dict[str, Any], words: str, tmp_path: Path
+) -> None:
     with pytest.raises(foldcell.ConfigurationError, match=words):
         foldcell.fold(logs=tmp_path, **arguments)
     assert not journal_path(tmp_path).exists()
 
 
 @pytest.mark.slow
-def test_a_run_is_read_as_it_was_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The set-points are compared with what passed the arms' port."""
+def test_load_run_returns_the_result_and_the_set_points_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The set-points are compared with the commands at the arms' port."""
     passed: list[tuple[float, np.ndarray, np.ndarray, bool]] = []
     from cell.recording.transcript.port_recorder import PortRecorder
 

@@ -1,4 +1,4 @@
-"""The camera's bracket: its view, and its turn with the head."""
+"""The camera's bracket: its view, and its motion with the head."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def pixel(point: Array, pan: float = 0.0) -> Array:
     return np.array([u / w, v / w])
 
 
-def test_the_camera_looks_at_its_target_with_far_up_and_left_left() -> None:
+def test_the_camera_sees_its_target_with_far_at_the_top_and_left_at_the_left() -> None:
     target = np.array(TARGET)
     np.testing.assert_allclose(pixel(target), [INTRINSICS.cx, INTRINSICS.cy], atol=1e-9)
-    assert pixel(target + np.array([0.1, 0, 0]))[1] < INTRINSICS.cy  # further from the robot is up
-    assert pixel(target + np.array([0, 0.1, 0]))[0] < INTRINSICS.cx  # the robot's left is left
+    assert pixel(target + np.array([0.1, 0, 0]))[1] < INTRINSICS.cy  # up in the picture is further from the robot
+    assert pixel(target + np.array([0, 0.1, 0]))[0] < INTRINSICS.cx  # left in the picture is the robot's left
 
 
 def test_the_camera_sees_the_table_where_garments_lie() -> None:
@@ -30,9 +30,9 @@ def test_the_camera_sees_the_table_where_garments_lie() -> None:
 
 
 def test_the_head_panel_is_below_every_line_of_sight() -> None:
-    panel = np.array([0.2155, 0.0, 0.765])  # its upper front edge
+    panel = np.array([0.2155, 0.0, 0.765])  # the panel's upper front edge
     p = np.linalg.inv(T_base_camera()) @ np.append(panel, 1.0)
-    assert p[2] > 0, "it is before the camera"
+    assert p[2] > 0, "the panel is in front of the camera"
     assert INTRINSICS.fy * p[1] / p[2] + INTRINSICS.cy > INTRINSICS.height
 
 

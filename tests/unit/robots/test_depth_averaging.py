@@ -14,7 +14,7 @@ def noisy(count: int, deviation: float = 0.002) -> list[np.ndarray]:
     return [(1.1 + deviation * rng.standard_normal(SHAPE)).astype(np.float32) for _ in range(count)]
 
 
-def test_noise_goes_down_with_the_root_of_the_number_of_exposures() -> None:
+def test_noise_decreases_with_the_root_of_the_number_of_exposures() -> None:
     for count in (2, 8, 32):
         error = mean_depth(noisy(count)) - 1.1
         assert abs(error.std() - 0.002 / np.sqrt(count)) < 0.1 * 0.002 / np.sqrt(count)

@@ -1,4 +1,4 @@
-"""Baxter's body in PyBullet: poses, stiffness, and self-collision."""
+"""Baxter's body in PyBullet: poses, stiffness and self-collision."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pinocchio_pose(q: Array, side: Side) -> pin.SE3:
     return data.oMf[model.pin_model.getFrameId(model.tool_frame[side])]
 
 
-def test_tool_pose_is_pinocchios(client: int) -> None:
+def test_tool_poses_agree_with_pinocchio(client: int) -> None:
     body = BaxterBody(client)
     limits = load_model().planning
     rng = np.random.default_rng(2)
@@ -60,10 +60,10 @@ def test_stretched_arms_do_not_sag(client: int) -> None:
         pb.stepSimulation(physicsClientId=client)
     q, _, effort, _ = body.read()
     assert np.abs(q - STRETCHED).max() < 0.007
-    assert np.abs(effort[[1, 8]]).min() > 30.0  # S1 does carry the arm
+    assert np.abs(effort[[1, 8]]).min() > 30.0  # joint S1 carries the arm's weight
 
 
-def test_neighbouring_links_leave_each_other_alone(client: int) -> None:
+def test_neighbouring_links_do_not_collide(client: int) -> None:
     body = BaxterBody(client)
     body.place(load_model().q_park, 0.0, OPEN)
     for _ in range(60):
@@ -78,7 +78,7 @@ def test_arms_do_not_pass_through_each_other(client: int) -> None:
     start = STRETCHED.copy()
     body.place(start, 0.0, OPEN)
     goal = start.copy()
-    goal[[0, 7]] = [-1.2, 1.2]  # both upper arms across the body
+    goal[[0, 7]] = [-1.2, 1.2]  # both upper arms reach across the body
     touched = False
     for k in range(480):
         share = min(1.0, k / 360)
@@ -88,17 +88,17 @@ def test_arms_do_not_pass_through_each_other(client: int) -> None:
     left, _ = body.tool_pose(Side.LEFT)
     right, _ = body.tool_pose(Side.RIGHT)
     assert touched
-    assert left[1] > right[1] - 0.05  # still on their own sides
+    assert left[1] > right[1] - 0.05  # the arms are still on their own sides
 
 
-def test_files_name_no_package_and_only_what_they_are_for() -> None:
+def test_robot_files_use_no_package_paths_and_only_the_needed_meshes() -> None:
     moving, seen = moving_urdf().read_text(), seen_urdf().read_text()
     assert "package://" not in moving + seen
     assert "<visual" not in moving and "<collision" in moving
     assert "<collision" not in seen and "<visual" in seen
 
 
-def test_files_outlive_the_installation_that_wrote_them() -> None:
+def test_robot_files_work_without_the_installation_that_wrote_them() -> None:
     """A cache that points into another clone's environment breaks when that clone is deleted."""
     for urdf in (moving_urdf(), seen_urdf()):
         meshes = [Path(m.attrib["filename"]) for m in ET.parse(urdf).iter("mesh")]

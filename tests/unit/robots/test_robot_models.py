@@ -1,5 +1,5 @@
-"""What every RobotModel has to keep, by Baxter and by a robot that is nothing like it: kinematics, inverse
-kinematics, timing, collision, and a whole fold planned."""
+"""Requirements on every RobotModel, tested with Baxter and with a very different robot: kinematics, inverse
+kinematics, timing, collision, and planning a whole fold."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Table, ToolPath
 from tests.builders.stops import stop_profile
-from tests.pandas import load_pandas
+from tests.panda_arms import load_pandas
 from tests.tool_paths import path_deviation
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
@@ -37,7 +37,7 @@ def drawn(model: RobotModel, rng: np.random.Generator) -> Array:
     return rng.uniform(model.planning.lower, model.planning.upper)
 
 
-def test_vectors_are_left_then_right(model: RobotModel) -> None:
+def test_joint_vectors_have_the_left_arm_first(model: RobotModel) -> None:
     assert len(model.joint_names) == 14 == len(set(model.joint_index.tolist()))
     for side in Side:
         assert all(name.startswith(str(side)) for name in model.joint_names[arm_slice(side)])
@@ -70,8 +70,8 @@ def test_kinematics_equal_pinocchio(model: RobotModel) -> None:
             assert np.abs(ik.jacobian(model.chains[side], arm) - J[:, columns]).max() < 1e-12
 
 
-def test_poses_of_random_joints_are_found_again(model: RobotModel) -> None:
-    """At least 99.9 %: none of 200 may be missed."""
+def test_inverse_kinematics_reaches_the_poses_of_random_joints(model: RobotModel) -> None:
+    """At least 99.9 % must be reached, so none of 200 may fail."""
     rng = np.random.default_rng(2)
     starts = np.array([drawn(model, rng) for _ in range(60)])
     for k in range(200):
@@ -112,8 +112,8 @@ def test_parked_arms_are_free_and_crossed_ones_are_not(model: RobotModel, checke
     assert met == {"table", "robot"}
 
 
-def test_a_fold_is_planned_and_passes_the_last_check(model: RobotModel, checker: CollisionChecker) -> None:
-    """The far edge of a small towel onto its near edge."""
+def test_a_planned_fold_passes_the_execution_check(model: RobotModel, checker: CollisionChecker) -> None:
+    """The fold lays the far edge of a small towel onto its near edge."""
     t = np.linspace(0.0, 3.0, 301)
     u = t / 3.0
     share = u**3 * (10 - 15 * u + 6 * u**2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import yaml
 
 from calibration.effects import Grip, Listen, Reach, Touch
 from calibration.table import TableSettings, calibrate_table
+from cell.calibrating import session
 from cell.calibrating.reach import holding_board
 from cell.calibrating.session import CalibrationRequest, calibrate
 from cell.commands.main import main
@@ -24,16 +26,49 @@ from cell.config.calibration_file import (
 )
 from cell.config.cell_settings import load_settings
 from cell.control.ticks import TICK_S
-from cell.hardware.assembly import load_robot
+from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.camera import camera_calibration
-from cell.recording.journal import Journal
-from cell.simulation.ports import _Arms
+from cell.hardware.workcell import Workcell
+from cell.recording.journal import Journal, RunJournal
 from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError, FailureKind
-from robots.ports import Ports, Side, arm_slice
+from robots.ports import Arms, JointSetpoint, JointState, Ports, Side, arm_slice
 from skills.motion.kinematics import ik
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Table
+
+SetPoint = tuple[np.ndarray, np.ndarray]
+"""Joint positions (14,) [rad] and velocities (14,) [rad/s]."""
+
+
+class ObservedArms:
+    """Arms that note every set-point before they pass it on."""
+
+    def __init__(self, arms: Arms, noted: list[SetPoint]) -> None:
+        self._arms, self._noted = arms, noted
+        self.command_timeout = arms.command_timeout
+
+    def state(self) -> JointState:
+        return self._arms.state()
+
+    def enable(self) -> None:
+        self._arms.enable()
+
+    def command(self, q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
+        self._noted.append((np.array(q), np.array(qd)))
+        return self._arms.command(q, qd)
+
+
+@pytest.fixture
+def set_points(monkeypatch: pytest.MonkeyPatch) -> list[SetPoint]:
+    """All set-points that the arms get."""
+    noted: list[SetPoint] = []
+
+    def observed(request: Any, robot: Any, ports: Ports, *others: Any) -> Workcell:
+        return assemble(request, robot, replace(ports, arms=ObservedArms(ports.arms, noted)), *others)
+
+    monkeypatch.setattr(session, "assemble", observed)
+    return noted
 
 
 def foldcell(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, dict[str, Any], str]:
@@ -42,16 +77,15 @@ def foldcell(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[in
     return code, json.loads(out.splitlines()[-1]), err
 
 
-def test_the_table_is_found_to_a_millimetre_and_the_cell_reads_it(tmp_path: Path, capsys, monkeypatch) -> None:
-    told: list[np.ndarray] = []
-    command = _Arms.command
-    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(np.array(q)), command(self, q, qd))[1])
+def test_the_table_is_found_to_a_millimetre_and_the_settings_read_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], set_points: list[SetPoint]
+) -> None:
     code, report, err = foldcell(capsys, "calibrate", "table", "--seed", 3, "--points", 3, "--logs", tmp_path)
     assert code == 0 and report["result"] == "done" and "point 3 of 3" in err
     assert abs(report["simulated_truth"]["height_error_mm"]) < 1.5 < abs(report["change_mm"])
 
-    acceleration = np.abs(np.diff(told, n=2, axis=0)).max(axis=0) / TICK_S**2
-    assert (acceleration <= load_robot(load_settings()).planning.acceleration).all(), "a set-point that jumps"
+    acceleration = np.abs(np.diff([q for q, _ in set_points], n=2, axis=0)).max(axis=0) / TICK_S**2
+    assert (acceleration <= load_robot(load_settings()).planning.acceleration).all(), "no set-point jumps"
 
     (tmp_path / "cell.yaml").write_text(f"table: {{calibration: {report['file']}}}\n")
     settings = load_settings(tmp_path / "cell.yaml")
@@ -99,7 +133,7 @@ def test_a_stop_ends_a_calibration_immediately(tmp_path: Path) -> None:
     assert last.name == "make_safe" and last.payload["event"] == "held"
 
 
-def test_only_a_refused_plan_is_returned_to_the_procedure(tmp_path: Path) -> None:
+def test_a_procedure_gets_refused_plans_and_no_other_failures(tmp_path: Path) -> None:
     asked: list[object] = []
 
     def stubborn(_: object):  # type: ignore[no-untyped-def]
@@ -133,35 +167,35 @@ def test_a_procedure_that_breaks_leaves_the_cell_safe(tmp_path: Path) -> None:
 
 
 def test_losing_the_journal_ends_a_calibration_with_the_arms_held(
-    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch, set_points: list[SetPoint]
 ) -> None:
-    """Exit 3, not 64: the arms have moved. After the touch that cannot be noted they are only told to stand."""
-    opened, told = Journal.open, []
+    """The exit code is 3 and not 64, because the arms have moved. The journal cannot record the first touch. After
+    that, the arms get only the set-point that holds them."""
+    opened, write_intent, journals = Journal.open, RunJournal.intent, []
 
-    def journal(path: Path) -> Journal:
-        opening = opened(path)
-        monkeypatch.setattr(opening, "_write", lambda sql, values: write(opening, sql, values))
-        return opening
+    def keep(path: Path) -> Journal:
+        journals.append(opened(path))
+        return journals[-1]
 
-    def write(opening: Journal, sql: str, values: tuple) -> int:
-        if "touch" in values:
-            opening._connection.execute("PRAGMA query_only = ON")
-            told.clear()
-        return Journal._write(opening, sql, values)
+    def intent(run: RunJournal, t: float, state: str, effect: str, payload: Any = None) -> int:
+        if effect == "touch":
+            journals[0]._connection.execute("PRAGMA query_only = ON")
+            set_points.clear()
+        return write_intent(run, t, state, effect, payload)
 
-    command = _Arms.command
-    monkeypatch.setattr(_Arms, "command", lambda self, q, qd: (told.append(qd), command(self, q, qd))[1])
-    monkeypatch.setattr("cell.runs.ownership.Journal.open", journal)
+    monkeypatch.setattr(RunJournal, "intent", intent)
+    monkeypatch.setattr("cell.runs.ownership.Journal.open", keep)
     code, report, err = foldcell(capsys, "calibrate", "table", "--points", 3, "--logs", tmp_path)
     assert code == 3 and "held where they are" in report["hint"] and "journal.db" in err
-    assert len(told) == 1 and not np.any(told[0])
+    assert len(set_points) == 1 and not np.any(set_points[0][1])
     monkeypatch.undo()
     with Journal.open(journal_path(tmp_path), readonly=True) as kept:
         assert kept.run("last").status == "interrupted"
 
 
-def test_lens_and_pose_are_found_one_after_the_other(tmp_path: Path, capsys) -> None:
-    """The second calibration reads what the first one wrote; both are nearer to the truth than the drawings."""
+def test_the_lens_is_calibrated_first_and_then_the_camera_pose(tmp_path: Path, capsys) -> None:
+    """The second calibration reads the file of the first one. Both results are nearer to the truth than the
+    nominal values."""
     cell, lens, eye = (tmp_path / name for name in ("cell.yaml", "lens.yaml", "eye.yaml"))
     common = ("--seed", 2, "--logs", tmp_path / "logs")
     code, report, _ = foldcell(capsys, "calibrate", "camera", "--views", 6, *common, "--output", lens)
@@ -199,11 +233,11 @@ def test_bad_arguments_are_refused_before_anything_moves(line: tuple, word: str,
     assert not (tmp_path / "logs").exists()
 
 
-# the files
+# calibration files
 
 
 def test_a_camera_file_follows_the_table_to_its_new_height(tmp_path: Path) -> None:
-    """The camera hangs where it hangs in the base frame, whatever the table's height is found to be."""
+    """In the base frame the camera's place does not change with the measured height of the table."""
     nominal = camera_calibration(load_settings())
     path = tmp_path / "camera.yaml"
     path.write_text(calibration_text(nominal, table_height=-0.10))
@@ -212,7 +246,7 @@ def test_a_camera_file_follows_the_table_to_its_new_height(tmp_path: Path) -> No
     assert low.T_base_table @ moved.T_table_camera == pytest.approx(
         load_settings().table.T_base_table @ nominal.T_table_camera
     )
-    path.write_text(calibration_text(nominal))  # an older file does not say
+    path.write_text(calibration_text(nominal))  # an older file does not state the table's height
     assert load_camera_calibration(path, low).T_table_camera == pytest.approx(nominal.T_table_camera)
 
 
@@ -234,24 +268,24 @@ def test_tactile_thresholds_replace_those_of_the_settings(tmp_path: Path) -> Non
         ("camera", table_text(-0.1)),
     ],
 )
-def test_files_that_are_no_calibration_are_refused(group: str, text: str, tmp_path: Path) -> None:
+def test_other_files_are_refused_as_calibrations(group: str, text: str, tmp_path: Path) -> None:
     (tmp_path / "found.yaml").write_text(text)
     (tmp_path / "cell.yaml").write_text(f"{group}:\n  calibration: found.yaml\n")
     with pytest.raises(ConfigurationError, match=rf"cell\.yaml:2: {group}\.calibration.*found\.yaml"):
         load_settings(tmp_path / "cell.yaml")
 
 
-# the board in a hand
+# a board in a hand
 
 
-def test_plans_include_the_board_in_a_hand() -> None:
-    """What is free for the bare hand is not free where the card would go through the table."""
+def test_motion_plans_include_a_board_in_the_hand() -> None:
+    """A pose that is free for the bare hand is refused if the card would go through the table."""
     settings = load_settings()
     robot = load_robot(settings)
     bare = CollisionChecker(robot, settings.table)
     with_card = CollisionChecker(holding_board(robot, Side.LEFT), settings.table)
     assert with_card.pairs > bare.pairs
-    T = np.eye(4)  # pointing forwards and down, so that the card reaches 0.2 m beyond the tips
+    T = np.eye(4)  # the hand points forwards and down, so the card reaches 0.2 m beyond the tips
     T[:3, :3] = np.column_stack(([0.0, 1.0, 0.0], [0.6, 0.0, 0.8], [0.8, 0.0, -0.6]))
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
     seeds = np.random.default_rng(7).uniform(robot.planning.lower[:7], robot.planning.upper[:7], (12, 7))

@@ -20,7 +20,7 @@ def test_only_an_open_question_can_be_approved() -> None:
     assert asking.may() == {Event.ABORT} and len(said) == 1
 
 
-def test_a_pause_is_not_called_noted() -> None:
+def test_a_pause_is_refused_during_a_calibration() -> None:
     answers, commands, asking = io.StringIO(), CommandQueue(), CalibrationPrompts(lambda _: None)
     terminal = TerminalOperator(commands, io.StringIO(), answers, may=asking.may)
     terminal.take("pause")

@@ -38,7 +38,7 @@ METHOD, BUDGET = "two_parameter", 14
 
 @dataclass(frozen=True)
 class Bowl:
-    """A stand-in simulation that likes one height of the arc; what lay there before shows in what comes out."""
+    """A stand-in simulation with one best height of the arc. Its result also depends on the initial positions."""
 
     sleep_s: float = 0.0
 
@@ -58,7 +58,7 @@ class Bowl:
 
 @cache
 def _target(start: tuple[float, float]) -> np.ndarray:
-    """The ideal shape of the step that takes hold there."""
+    """The ideal shape of the step that has a grasp at this point."""
     for garment in (TOWEL, SMALL):
         state = garment.flat_state(*garment.poses.middle)
         mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
@@ -87,7 +87,8 @@ def test_every_step_has_an_entry_with_its_provenance(serial: Library) -> None:
         assert entry.material == garment.material and entry.size_m == garment.size_m
         assert entry.edge_length == garment.mesh_edge_m and entry.max_tool_speed == garment.max_tool_speed
         assert 0.0 < entry.dissimilarity <= entry.dissimilarity_initial + 1e-3
-        assert entry.method == METHOD and 4 < entry.simulations <= BUDGET and entry.version  # more than probes
+        # more simulations than the initial probes
+        assert entry.method == METHOD and 4 < entry.simulations <= BUDGET and entry.version
         assert set(entry.inner) == {GraspId.LEFT, GraspId.RIGHT}
 
 
@@ -140,7 +141,7 @@ def test_a_resumed_build_makes_the_same_library_after_an_interruption(tmp_path: 
 
 
 def test_a_resumed_build_makes_the_same_library_after_a_kill(tmp_path: Path, serial: Library) -> None:
-    """SIGKILL, at no chosen moment after the first entry."""
+    """The process gets SIGKILL at a random moment after the first entry."""
     code = (
         "from pathlib import Path; from cell.campaigns.library.unfinished_build import UnfinishedBuild\n"
         "from cell.campaigns.library.build import *\n"
@@ -196,7 +197,7 @@ def test_a_build_keeps_unfinished_entries_of_other_garments(tmp_path: Path, seri
     beside = UnfinishedBuild(tmp_path / "library.json", [SMALL])
     assert beside.library.entries == ()
     beside.keep(other)
-    cut_short.keep(serial.entries[1])  # both are under way
+    cut_short.keep(serial.entries[1])  # both builds are running
     (again,) = UnfinishedBuild(tmp_path / "library.json", [SMALL]).library.entries
     assert again.garment == "small_towel"
     beside.end()
@@ -204,7 +205,7 @@ def test_a_build_keeps_unfinished_entries_of_other_garments(tmp_path: Path, seri
     assert {(e.garment, e.step) for e in left} == {("medium_towel", "half"), ("medium_towel", "quarter")}
 
 
-def test_two_builds_at_once_lose_nothing(tmp_path: Path, serial: Library) -> None:
+def test_two_concurrent_builds_lose_no_entry(tmp_path: Path, serial: Library) -> None:
     begin = threading.Barrier(2)
 
     def build(garment: Garment, entry: LibraryEntry) -> None:
@@ -218,8 +219,8 @@ def test_two_builds_at_once_lose_nothing(tmp_path: Path, serial: Library) -> Non
     assert len(UnfinishedBuild(tmp_path / "library.json", BOTH).library.entries) == 40
 
 
-def test_the_folder_of_a_build_is_made_for_its_first_entry(tmp_path: Path, serial: Library) -> None:
-    """`foldcell library build --output arcs/library.json`."""
+def test_a_build_creates_its_output_folder(tmp_path: Path, serial: Library) -> None:
+    """For example `foldcell library build --output arcs/library.json`."""
     UnfinishedBuild(tmp_path / "arcs" / "library.json", [TOWEL]).keep(serial.entries[0])
     assert len(UnfinishedBuild(tmp_path / "arcs" / "library.json", [TOWEL]).library.entries) == 1
 
@@ -235,7 +236,7 @@ def test_a_garment_with_a_changed_plan_is_built_again(tmp_path: Path, serial: Li
     assert len(UnfinishedBuild(tmp_path / "library.json", [TOWEL]).library.entries) == 2
 
 
-def test_a_garment_ends_at_the_step_that_fails_and_the_others_are_built() -> None:
+def test_a_failed_step_ends_its_garment_and_other_garments_are_built() -> None:
     def fails(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         if material == TOWEL.material:
             raise CellError("no")
@@ -262,7 +263,7 @@ def test_an_exception_in_the_report_callback_ends_all_searches() -> None:
 
     with ThreadPoolExecutor(2) as pool, pytest.raises(OSError, match="No space"):
         build_library([TOWEL, SMALL], METHOD, predict=count, budget=BUDGET, report=full, executor=pool, at_once=2)
-    assert len(calls) <= 3 * BUDGET, "the other garment's search does not run on to its end"
+    assert len(calls) <= 3 * BUDGET, "the search for the other garment ends early"
     with pytest.raises(ValueError, match="at least one"):
         built(at_once=0)
 
@@ -307,7 +308,7 @@ def test_the_build_command_writes_the_library_and_reports(
 
 
 def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Arcs are judged with the lift before them, at the speed at which this cell folds."""
+    """Arcs are evaluated together with the lift before them, at this cell's folding speed."""
     lifts = []
 
     class Watching(Bowl):

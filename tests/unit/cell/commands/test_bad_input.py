@@ -1,6 +1,7 @@
-"""Bad input through the real commands, nothing faked: 64, a message that helps, and not a byte written.
+"""Bad input through the real commands: exit code 64, a helpful message, and no byte written.
 
-What single readers refuse stands in test_config.py and test_garments.py; here it is that a command stops in time.
+test_cell_settings.py and test_garment_file.py test what each reader refuses. These tests check that a command
+stops before it writes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from cell.support.process.lock import OwnerLock
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the user stands; logs would go to a folder that does not exist yet."""
+    """The user's current folder. The logs folder does not exist yet."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path / "logs"))
     return tmp_path
@@ -34,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Runs a line that must be refused, and returns its message."""
+    """Runs a command line that must be refused, and returns its message."""
 
     def run(line: str, *parts: str) -> str:
         before = contents(folder)
@@ -44,7 +45,7 @@ def refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., s
         assert captured.err.startswith("foldcell: ")
         for part in parts:
             assert part in captured.err
-        assert contents(folder) == before, "something was written"
+        assert contents(folder) == before, "nothing was written"
         if "--json" in line:
             answer = json.loads(captured.out.rstrip("\n").split("\n")[-1])
             assert answer["exit_code"] == 64 and answer["error"] in captured.err
@@ -54,7 +55,7 @@ def refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., s
 
 
 def contents(folder: Path) -> dict[str, Any]:
-    """Every name below a folder, with the bytes and the time of what is a file."""
+    """All names below a folder, and the time and bytes of each file."""
     return {
         str(p.relative_to(folder)): (p.stat().st_mtime_ns, p.read_bytes()) if p.is_file() else None
         for p in sorted(folder.rglob("*"))
@@ -197,7 +198,7 @@ def in_millimetres(text: str) -> bytes:
 def test_an_unusable_calibration_is_refused(
     refused: Callable[..., str], folder: Path, spoil: Callable[[str], bytes] | None
 ) -> None:
-    """The message names the settings file with its line, the key, and the calibration file."""
+    """The message names the settings file and line, the key, and the calibration file."""
     (folder / "cell.yaml").write_text("# mine\ncamera:\n  calibration: camera.yaml\n")
     if spoil is None:
         (folder / "camera.yaml").mkdir()
@@ -212,12 +213,12 @@ def test_an_unusable_calibration_is_refused(
 
 @pytest.mark.parametrize("logs", ["a_file", "a_file/logs", "/proc/logs", "/proc/1/task/logs"])
 def test_unwritable_logs_are_refused(refused: Callable[..., str], folder: Path, logs: str) -> None:
-    """Also for root, whom no permission binds."""
+    """This also holds for root, who ignores permissions."""
     (folder / "a_file").write_text("in the way")
     refused(f"fold small_towel --logs {logs}", logs, "--logs DIR")
 
 
-def test_the_environment_can_name_the_logs(
+def test_unwritable_logs_named_by_the_environment_are_refused(
     refused: Callable[..., str], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (folder / "a_file").write_text("in the way")

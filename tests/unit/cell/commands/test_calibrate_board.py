@@ -24,7 +24,7 @@ def written(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 
 def png(path: Path) -> tuple[np.ndarray, float]:
-    """(h, w) picture, and the length of a pixel that the file states [mm]."""
+    """(h, w) picture, and the pixel size that the file states [mm]."""
     content = path.read_bytes()
     at = content.index(b"pHYs")
     across, down, unit = struct.unpack(">IIB", content[at + 4 : at + 13])
@@ -36,7 +36,7 @@ def png(path: Path) -> tuple[np.ndarray, float]:
 
 
 def corners_mm(picture: np.ndarray, pixel: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices and places (n, 2) [mm] of the corners that the calibrations find."""
+    """Indices and positions (n, 2) [mm] of the corners that the detector finds."""
     view = find_board(cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB))
     assert view is not None
     return view.index, view.pixels * pixel
@@ -54,7 +54,9 @@ def test_the_printed_board_is_found_at_its_stated_size(tmp_path: Path, capsys) -
     meant = 1e3 * BOARD.corners[index, :2]
     gaps = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (places, meant)]
     assert np.abs(gaps[0] - gaps[1]).max() < 0.02
-    assert (places - meant).mean(axis=0) == pytest.approx([297 / 2, 210 / 2], abs=0.1), "in the page's middle"
+    assert (places - meant).mean(axis=0) == pytest.approx([297 / 2, 210 / 2], abs=0.1), (
+        "the board is in the middle of the page"
+    )
     assert told["square_mm"] == 36.0 and told["pattern_mm"] == [7 * 36.0, 5 * 36.0]
 
 
@@ -62,11 +64,13 @@ def test_the_ruler_has_its_printed_length(tmp_path: Path, capsys) -> None:
     told = written(tmp_path / "board.png", capsys)
     picture, pixel = png(tmp_path / "board.png")
     below = picture[round((210 + told["pattern_mm"][1]) / 2 / pixel) + 10 :, :]
-    line = below[int(np.argmax((below == 0).sum(axis=1)[: round(9 / pixel)]))]  # above the line to cut along
+    line = below[int(np.argmax((below == 0).sum(axis=1)[: round(9 / pixel)]))]  # above the cutting line
     x = np.flatnonzero(line == 0)
     run = max(np.split(x, np.flatnonzero(np.diff(x) > 1) + 1), key=len)
-    assert (run[-1] - run[0]) * pixel == pytest.approx(told["ruler_mm"], abs=0.35), "with half a pen at each end"
-    upper = below[: round(3.8 / pixel)]  # over the line: the two long ticks
+    assert (run[-1] - run[0]) * pixel == pytest.approx(told["ruler_mm"], abs=0.35), (
+        "half a line width is added at each end"
+    )
+    upper = below[: round(3.8 / pixel)]  # above the line are the two long ticks
     first, last = ((upper[:, i : i + 200] == 0).any(axis=0).nonzero()[0].mean() + i for i in (200, 1350))
     assert (last - first) * pixel == pytest.approx(told["ruler_mm"], abs=0.05)
 
@@ -79,7 +83,7 @@ def test_text_and_ruler_do_not_disturb_the_detection() -> None:
     assert np.abs(places - places.mean(axis=0) - 1e3 * BOARD.corners[index, :2]).max() < 0.2
 
 
-def test_the_pdf_is_the_same_page(tmp_path: Path, capsys) -> None:
+def test_the_pdf_shows_the_same_page_as_the_picture(tmp_path: Path, capsys) -> None:
     written(tmp_path / "board.pdf", capsys)
     content = (tmp_path / "board.pdf").read_bytes()
     box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", content)

@@ -25,7 +25,7 @@ def call(tmp_path, capsys):
     return run
 
 
-def test_friction_file_and_recording(call, tmp_path):
+def test_calibrate_friction_writes_a_garment_file_and_a_recording(call, tmp_path):
     out = tmp_path / "mine.yaml"
     code, told = call("friction", "small_towel", "--height", 0.3, "--length", 0.8, "--output", out)
     assert code == 0 and told["agrees"] and told["simulated"]
@@ -38,7 +38,7 @@ def test_friction_file_and_recording(call, tmp_path):
     new["material"]["friction_angle_deg"] = old["material"]["friction_angle_deg"]
     assert new == old
     assert next(line for line in SHIPPED.splitlines() if line.startswith("#")) in out.read_text()
-    # a file that exists is kept unless the operator says otherwise
+    # an existing file is overwritten only with --replace
     before = out.read_text()
     code, told = call("friction", out, "--height", 0.3, "--length", 0.8, "--output", out)
     assert code == 64 and "--replace" in told["hint"] and out.read_text() == before
@@ -52,7 +52,7 @@ def test_a_measured_bending_length_is_not_marked_as_assumed(call, tmp_path):
     assert "thickness" in fabric.assumed
 
 
-def test_shear_states_the_fabric_by_its_strip(call):
+def test_calibrate_shear_writes_the_stretch_of_the_reference_strip(call):
     code, told = call("shear", "small_towel", "--l1", 0.5275, "--l2", 0.516)
     assert code == 0 and told["agrees"]
     fabric = load_garment(told["file"]).material
@@ -92,7 +92,7 @@ def test_a_bad_call_is_refused_and_writes_nothing(call, tmp_path, line):
         "",
     ],
 )
-def test_any_layout_of_a_garment_file_is_edited(material):
+def test_garment_files_of_any_layout_can_be_edited(material):
     data = yaml.safe_load(SHIPPED)
     del data["material"]
     text = material + yaml.safe_dump(data, sort_keys=False)
@@ -107,13 +107,13 @@ def test_any_layout_of_a_garment_file_is_edited(material):
     assert {k: v for k, v in found.items() if k != "material"} == data
 
 
-def test_unindented_comments_keep_comments_and_layout_of_the_file():
+def test_an_edit_preserves_layout_and_unindented_comments():
     text = SHIPPED.replace("material:\n", "material:\n# measured on the bench\n")
     edited = with_material(text, "mine", {"thickness": 0.003}, {"thickness": "a gauge"}, ())
     assert "# measured on the bench" in edited and len(edited.splitlines()) == len(text.splitlines())
 
 
-def test_a_value_out_of_range_makes_no_file():
+def test_a_value_out_of_range_writes_no_file():
     with pytest.raises(ConfigurationError):
         with_material(SHIPPED, "mine", {"bending_length": 3.0}, {}, ())
 

@@ -1,4 +1,4 @@
-"""The command line: names, exit codes, messages and the last JSON line. The run itself is faked."""
+"""The command line: names, exit codes, messages and the last JSON line. The run itself is a fake."""
 
 import errno
 import io
@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import types
+from argparse import ArgumentParser, _SubParsersAction
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -109,23 +110,18 @@ def last_json(text: str) -> dict[str, Any]:
 # the command line itself
 
 
+def nested(parser: ArgumentParser) -> dict[str, ArgumentParser]:
+    """The parsers of a command's subcommands, by name."""
+    groups = [a.choices for a in parser._actions if isinstance(a, _SubParsersAction)]
+    return dict(groups[0]) if groups else {}
+
+
 def test_help_names_every_command() -> None:
     answer = subprocess.run([sys.executable, "-m", "cell.commands.main", "--help"], capture_output=True, text=True)
     assert answer.returncode == 0
-    for name in [
-        "fold",
-        "supervise",
-        "hil",
-        "trials",
-        "perceive",
-        "optimise",
-        "library",
-        "garment",
-        "runs",
-        "report",
-        "replay",
-        "doctor",
-    ]:
+    commands = nested(build_parser())
+    assert {"fold", "supervise", "doctor"} <= commands.keys()
+    for name in commands:
         assert f"\n    {name}" in answer.stdout
 
 
@@ -157,33 +153,29 @@ def test_help_imports_nothing_heavy() -> None:
         "runs --last none",
     ],
 )
-def test_a_bad_line_is_a_usage_error(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_command_line_is_a_usage_error(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line.split()) == 64
     captured = capsys.readouterr()
     assert "foldcell" in captured.err and "Traceback" not in captured.err
 
 
-def test_a_bad_line_with_json_still_ends_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_command_line_with_json_still_ends_in_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fold", "--json"]) == 64
     assert last_json(capsys.readouterr().out)["exit_code"] == 64
 
 
-def test_every_command_has_its_module() -> None:
-    """A command that is listed can be called."""
-    lines = (
-        "fold g", "supervise g", "trials", "perceive i.png", "optimise g", "library build", "library show",
-        "garment list", "garment check f", "garment show g", "runs", "report r", "replay r", "doctor",
-        "calibrate table", "calibrate camera", "calibrate hand-eye", "calibrate tactile",
-    )  # fmt: skip
-    for line in lines:
-        options = build_parser().parse_args(line.split())
-        assert callable(options.run)
+def test_every_command_and_subcommand_can_be_called() -> None:
+    parsers = list(nested(build_parser()).values())
+    while parsers:
+        parser = parsers.pop()
+        parsers.extend(nested(parser).values())
+        assert nested(parser) or callable(parser.get_default("run")), parser.prog
 
 
 # fold and supervise
 
 
-def test_fold_hands_the_request_on(fake: FakeRun, tmp_path: Path) -> None:
+def test_fold_passes_its_options_to_the_run(fake: FakeRun, tmp_path: Path) -> None:
     settings = tmp_path / "cell.yaml"
     settings.write_text("motion: {velocity_scale: 0.5}")
     line = f"fold medium_towel --seed 7 --cell {settings} --logs {tmp_path / 'here'} --live --realtime --json"
@@ -225,7 +217,7 @@ def test_the_summary_names_the_run_folder(fake: FakeRun, capsys: pytest.CaptureF
 def test_the_summary_names_gaps_of_the_recording(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], tmp_path: Path, there: bool
 ) -> None:
-    """And where it is only if there is one."""
+    """The recording's place is printed only if the recording exists."""
     if there:
         (tmp_path / "run.rrd").touch()
     lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7, "live_dropped": 0}
@@ -248,7 +240,9 @@ def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: py
     )
 
 
-def test_the_summary_names_the_reason_of_not_folded(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_summary_names_the_reason_why_a_run_is_not_folded(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
     failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
     fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
     assert main(["fold", "vest"]) == 2
@@ -264,7 +258,7 @@ def test_the_summary_names_the_reason_of_not_folded(fake: FakeRun, capsys: pytes
         ({"done": False, "accepted": None, "observed_iou": None, "attempts": 0}, "half: not made"),
     ],
 )
-def test_the_summary_shows_how_far_each_fold_got(
+def test_the_summary_shows_the_outcome_of_each_fold(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
 ) -> None:
     fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
@@ -279,7 +273,7 @@ def test_a_run_without_observations_has_a_summary(fake: FakeRun, capsys: pytest.
 
 
 @pytest.mark.parametrize("code", [0, 2, 3, 130, 143])
-def test_the_runs_exit_code_is_the_commands(fake: FakeRun, code: int) -> None:
+def test_the_command_exits_with_the_runs_exit_code(fake: FakeRun, code: int) -> None:
     fake.answer = Result(FIGURES, code)
     assert main(["fold", "medium_towel", "--json"]) == code
 
@@ -294,7 +288,7 @@ def test_the_runs_exit_code_is_the_commands(fake: FakeRun, code: int) -> None:
         (KeyboardInterrupt(), 130),
     ],
 )
-def test_known_errors_are_messages(
+def test_known_errors_are_printed_as_messages(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], error: BaseException, code: int
 ) -> None:
     fake.answer = error
@@ -321,7 +315,7 @@ def test_an_unknown_error_leaves_its_traceback_in_a_file(
     assert "Traceback" in kept.read_text() and "fold_once" in kept.read_text()
 
 
-# bad input: a clear message, 64, nothing moves, nothing is left behind
+# bad input: a clear message, exit code 64, no motion, no files
 
 
 def bad_input(capsys: pytest.CaptureFixture[str], fake: FakeRun, line: list[str], *parts: str) -> None:
@@ -370,7 +364,7 @@ def test_read_only_logs_are_a_usage_error(
 
 @pytest.fixture
 def journal_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three runs: one folded, one killed in the middle of a grasp, one under way (its lock is held)."""
+    """Three runs: one folded, one was killed during a grasp, one is running (its lock is held)."""
     monkeypatch.setenv("FOLDCELL_LOGS", str(tmp_path))
     journal = Journal.open(tmp_path / "journal.db")
     first = journal.begin_run(garment="medium_towel", seed=1, driver="sim", wall_clock=lambda: 1e9)
@@ -422,14 +416,16 @@ def test_an_empty_list_of_runs_is_printed(tmp_path: Path, capsys: pytest.Capture
     assert not (tmp_path / "none").exists()
 
 
-def test_report_of_a_run(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_summarises_a_finished_run(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", "2001"]) == 0
     text = capsys.readouterr().out
     assert "folded" in text and "report.html" in text
     assert "missed_grasp: nothing between the pads" in text
 
 
-def test_report_of_an_interrupted_run(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_of_an_interrupted_run_has_an_unfinished_effect_and_no_page(
+    journal_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["report", "2004", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     assert answer["status"] == "interrupted" and answer["report"] is None
@@ -451,7 +447,7 @@ def test_report_says_why_a_run_has_no_page(
     assert all(part in text for part in says) and not_says not in text
 
 
-def test_replay_says_where_the_recording_is(
+def test_replay_prints_the_path_of_the_recording(
     journal_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -461,7 +457,9 @@ def test_replay_says_where_the_recording_is(
     assert "run.rrd" in text and "no display" in text
 
 
-def test_replay_without_a_recording(journal_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_replay_of_a_run_without_a_recording_is_refused(
+    journal_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["replay", "2004"]) == 64
     assert "has no recording" in capsys.readouterr().err
 
@@ -489,7 +487,7 @@ def test_a_closed_output_pipe_is_no_error(journal_file: Path) -> None:
 
 
 def test_unwritable_output_is_reported(journal_file: Path) -> None:
-    """Not as a bug, nor as a traceback with an exit code of Python's own."""
+    """It is reported neither as a bug nor with a traceback and Python's exit code."""
     command = f"{sys.executable} -m cell.commands.main runs --logs {journal_file} --json > /dev/full"
     answer = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert answer.returncode == 64
@@ -508,7 +506,8 @@ def test_closed_or_full_streams_do_not_stop_a_command(journal_file: Path, closed
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("line", ["runs --help", "garment list"])
 def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffered: str) -> None:
-    """A pager that stands: by its signal, not with a traceback. What waits in a buffer is not waited for again."""
+    """The reader is a pager that does not read. The command ends by the signal, without a traceback, and does not
+    wait again for buffered output."""
     reader, full = os.pipe()
     try:
         os.set_blocking(full, False)
@@ -534,7 +533,7 @@ def test_a_command_blocked_by_a_full_pipe_can_be_terminated(line: str, unbuffere
         os.close(full)
 
 
-def test_closed_streams_are_safe_to_write_to_in_a_child_process() -> None:
+def test_a_child_process_can_write_to_closed_streams() -> None:
     child = "import os; os.write(1, b'into the first file that is opened')"
     script = f"""
 import subprocess, sys
@@ -547,7 +546,7 @@ with lasting_streams():
 
 
 def test_a_stream_with_a_small_encoding_does_not_stop_a_command(tmp_path: Path) -> None:
-    """A name with an umlaut in a terminal of another code page was called a bug, and the result was lost."""
+    """Before, a name with an umlaut on an ASCII terminal was reported as a bug, and the result was lost."""
     script = "import sys; from cell.commands.main import main; sys.exit(main(sys.argv[1:]))"
     folder = tmp_path / "Wäsche"
     folder.mkdir()
@@ -568,7 +567,7 @@ def test_a_stream_with_a_small_encoding_does_not_stop_a_command(tmp_path: Path) 
 def test_a_run_keeps_its_exit_code_if_its_output_is_closed(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, error: int
 ) -> None:
-    """`foldcell fold vest | head` of a garment that was not folded has not gone well."""
+    """`foldcell fold vest | head` must report a garment that was not folded."""
     gone = io.StringIO()
     monkeypatch.setattr(gone, "write", Mock(side_effect=OSError(error, "gone")))
     monkeypatch.setattr(sys, "stdout", gone)
@@ -580,7 +579,7 @@ def test_a_run_keeps_its_exit_code_if_its_output_is_closed(
 # garments
 
 
-def test_garment_list(capsys: pytest.CaptureFixture[str]) -> None:
+def test_garment_list_names_the_shipped_garments(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["garment", "list", "--json"]) == 0
     names = [g["name"] for g in last_json(capsys.readouterr().out)["garments"]]
     assert "medium_towel" in names
@@ -595,12 +594,12 @@ def test_garment_check_draws_valid_plans_and_names_errors(
     text = capsys.readouterr().out
     assert "medium_towel: good" in text and text.count("bad.yaml: ") == 1
     picture = cv2.imread(str(tmp_path / "medium_towel.png"))
-    assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # a panel for each fold
+    assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # one panel per fold
     colours = {tuple(c) for c in picture.reshape(-1, 3)}
     assert {(240, 226, 214), (44, 52, 208)} <= colours  # cloth and fold line (BGR)
 
 
-def test_garment_show(capsys: pytest.CaptureFixture[str]) -> None:
+def test_garment_show_prints_the_garment(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["garment", "show", "medium_towel"]) == 0
     text = capsys.readouterr().out
     assert "near_left" in text and "bare_table" in text and "assumed" in text
@@ -610,7 +609,7 @@ def test_garment_show(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def picture(path: Path, garment: bool) -> Path:
-    """A table as the nominal camera sees it: even grey, with the medium towel as an even dark rectangle."""
+    """A table seen by the nominal camera: uniform grey, with the medium towel as a uniform dark rectangle."""
     from cell.config.cell_settings import load_settings
     from cell.config.garments.garment_file import load_garment
     from cell.hardware.camera import camera_calibration
@@ -641,7 +640,7 @@ def test_perceive_finds_the_key_points_of_a_picture(tmp_path: Path, capsys: pyte
     assert Path(answer["overlay"]).parent == tmp_path
 
 
-def test_perceive_without_a_garment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_perceive_reports_a_picture_without_a_garment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     empty = picture(tmp_path / "empty.png", False)
     assert main(["perceive", str(empty), "--reference", str(empty), "--json"]) == 2
     assert last_json(capsys.readouterr().out)["recognised"] is False
@@ -664,7 +663,7 @@ def test_perceive_refuses_a_picture_of_another_size(tmp_path: Path, capsys: pyte
     assert "64 x 48" in capsys.readouterr().err
 
 
-def test_depth_files(tmp_path: Path) -> None:
+def test_depth_files_are_read_in_metres_and_other_arrays_are_refused(tmp_path: Path) -> None:
     from cell.support.files.picture_file import read_depth
 
     cv2.imwrite(str(tmp_path / "d.png"), np.array([[1100, 0]], np.uint16))
@@ -715,7 +714,7 @@ def test_optimise_checks_its_arguments_first(
 # trials
 
 
-def test_trials_make_the_table(
+def test_trials_report_runs_successes_and_interval(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
@@ -730,7 +729,7 @@ def test_trials_make_the_table(
 
 
 def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same seeds over again are no more evidence: the interval would be too narrow."""
+    """Repeated seeds are no further evidence, and the interval would be too narrow."""
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel, small_towel,medium_towel", "--n", "2"]) == 0
     runs = sorted((r.garment, r.seed) for r in fake.requests)
@@ -748,19 +747,20 @@ def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
     assert [(folder / "library.json").read_text() for folder in logs] == ["the user's"] * 3
 
 
-def test_an_interrupted_campaign_keeps_the_runs_that_it_has(
+def test_an_interrupted_campaign_keeps_the_finished_runs(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
-    lines = iter(["the first run"])
 
-    def line(_: object) -> str:
-        try:
-            return next(lines)
-        except StopIteration:
-            raise KeyboardInterrupt from None
+    class InterruptedOutput(io.StringIO):
+        """The operator presses Ctrl-C when the second run is reported."""
 
-    monkeypatch.setattr("cell.commands.run.trials._line", line)
+        def write(self, text: str) -> int:
+            if "2/9" in text:
+                raise KeyboardInterrupt
+            return super().write(text)
+
+    monkeypatch.setattr(sys, "stdout", InterruptedOutput())
     assert main(["trials", "--garments", "medium_towel", "--n", "9", "--workers", "1"]) == 130
     (file,) = tmp_path.rglob("trials.json")
     kept = json.loads(file.read_text())
@@ -777,7 +777,7 @@ def test_a_dead_worker_is_reported_with_the_table(
     assert "2 runs were not performed" in capsys.readouterr().out
 
 
-def test_trials_of_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_trials_of_an_unknown_garment_are_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["trials", "--garments", "medium_towel,sock"]) == 64
     assert fake.requests == []
 
@@ -785,7 +785,7 @@ def test_trials_of_an_unknown_garment(fake: FakeRun, capsys: pytest.CaptureFixtu
 # the library
 
 
-def test_library_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_library_show_reports_a_damaged_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "library.json").write_text("{broken")
     assert main(["library", "show", "--logs", str(tmp_path), "--json"]) == 0
     answer = last_json(capsys.readouterr().out)

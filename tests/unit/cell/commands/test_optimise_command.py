@@ -1,6 +1,6 @@
-"""`foldcell optimise` on a garment and a fold plan that somebody brought: a file and no code.
+"""`foldcell optimise` for a user's garment file with a new fold plan.
 
-The exported tool poses are read back and compared with the curves by an evaluation of our own.
+The exported tool poses are read back and compared with an independent evaluation of the curves.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SPEED = 0.30
 
 
 def napkin() -> dict[str, Any]:
-    """A square towel folded twice over its diagonals: another plan than any that is shipped."""
+    """A square towel that is folded twice along its diagonals. No shipped garment has this plan."""
     a = SIDE / 2
     return {
         "title": "Napkin, folded to a triangle",
@@ -71,7 +71,7 @@ def write(folder: Path, data: dict[str, Any]) -> Path:
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """What the command says as JSON, and the folder with both exports."""
+    """The command's JSON output, and the folder with both exports."""
     folder = tmp_path_factory.mktemp("own")
     path = write(folder, napkin())
     import contextlib
@@ -86,7 +86,8 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path
 
 
 def test_a_user_plan_gets_steps_and_target_shapes(tmp_path: Path) -> None:
-    """Against the folded square by hand: corners at (0.58 +- 0.18, +- 0.18), mirrored in the diagonals."""
+    """Compared with a hand calculation: the square's corners at (0.58 +- 0.18, +- 0.18), mirrored in the
+    diagonals."""
     garment = load_garment(write(tmp_path, napkin()))
     state = garment.flat_state(*garment.poses.middle)
     first, second = plan_folds(state, garment).unwrap()
@@ -106,7 +107,7 @@ def test_a_user_plan_gets_steps_and_target_shapes(tmp_path: Path) -> None:
 
     mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, 1)
     target = target_vertices(mesh, second.lines, garment.material)
-    assert np.all(target[:, 1] <= -np.abs(target[:, 0] - 0.58) + 1e-6), "all of it in the last triangle"
+    assert np.all(target[:, 1] <= -np.abs(target[:, 0] - 0.58) + 1e-6), "all cloth is in the last triangle"
     assert target[:, 2].max() == pytest.approx(3.5 * garment.material.thickness), "four layers"
 
 
@@ -117,7 +118,7 @@ def test_a_new_plan_gets_trajectories_by_simulation(told: tuple[dict[str, Any], 
     for step in answer["steps"]:
         assert step["failure"] is None and step["simulations"] == 1
         assert 0.0 < step["dissimilarity_m"] < 0.05 * SIDE * np.sqrt(2)
-        assert len(step["control_points_m"]) == 1, "one corner, one arm"
+        assert len(step["control_points_m"]) == 1, "one corner is moved by one arm"
 
 
 def de_casteljau(control: np.ndarray, u: float) -> np.ndarray:
@@ -128,7 +129,7 @@ def de_casteljau(control: np.ndarray, u: float) -> np.ndarray:
 
 
 def nearest(control: np.ndarray, point: np.ndarray) -> tuple[float, float]:
-    """Parameter of the curve's nearest point and its distance [m], by ever finer sampling."""
+    """Parameter of the curve's nearest point and its distance [m], found by successively finer sampling."""
     low, high = 0.0, 1.0
     for _ in range(7):
         u = np.linspace(low, high, 21)
@@ -138,12 +139,12 @@ def nearest(control: np.ndarray, point: np.ndarray) -> tuple[float, float]:
     return float(u[k]), away[k]
 
 
-def test_the_export_reads_back_as_the_trajectory(told: tuple[dict[str, Any], Path]) -> None:
+def test_the_exported_poses_follow_the_trajectory(told: tuple[dict[str, Any], Path]) -> None:
     answer, folder = told
     with (folder / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"], (
-        "units in the head"
+        "the header states the units"
     )
     garment = load_garment(folder / "napkin.yaml")
     plan = plan_folds(garment.flat_state(*garment.poses.middle), garment).unwrap()
@@ -159,7 +160,9 @@ def test_the_export_reads_back_as_the_trajectory(told: tuple[dict[str, Any], Pat
         rising = t < t[-1] - step["duration_s"] - 1e-5
         lift, up, arc = step["lift_m"], position[rising], position[~rising].copy()
         assert np.allclose(up[:, :2], position[0, :2], atol=1e-6) and np.all(np.diff(up[:, 2]) > 0)
-        assert arc[0] == pytest.approx(position[0] + (0, 0, lift), abs=1e-5), "straight up before the arc"
+        assert arc[0] == pytest.approx(position[0] + (0, 0, lift), abs=1e-5), (
+            "the tool moves straight up before the arc"
+        )
         left = np.linspace(1, 0, len(arc))
         arc[:, 2] -= lift * left**2 * (3 - 2 * left)
         t, position = t[~rising], arc
@@ -207,7 +210,7 @@ def test_both_export_formats_hold_the_same_poses(told: tuple[dict[str, Any], Pat
 
 
 def moved_line(shift: float) -> list[dict[str, float]]:
-    """A line across the square, parallel to x, `shift` times its side to the right of its left edge."""
+    """A line parallel to x at `shift` times the square's side from its left edge."""
     return [{"near_left": 1 - shift, "near_right": shift}, {"far_left": 1 - shift, "far_right": shift}]
 
 

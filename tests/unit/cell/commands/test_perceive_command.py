@@ -16,7 +16,7 @@ KEYS = {"category", "confidence", "keypoints", "unit", "accepted", "reason", "co
 
 
 def photograph(path: Path, size: tuple[int, int], garment: bool = True) -> np.ndarray:
-    """An even table with an even towel, and the towel's corners in pixels (4, 2)."""
+    """A uniform table with a uniform towel, and the towel's corners (4, 2) [pixels]."""
     w, h = size
     image = np.clip(np.random.default_rng(0).normal(170, 2, (h, w, 3)), 0, 255).astype(np.uint8)
     corners = np.array([[0.3, 0.25], [0.72, 0.22], [0.74, 0.71], [0.31, 0.75]]) * size
@@ -27,7 +27,7 @@ def photograph(path: Path, size: tuple[int, int], garment: bool = True) -> np.nd
 
 
 @pytest.mark.parametrize("size", [(1280, 960), (900, 700)])
-def test_a_photograph_is_measured_in_its_pixels(
+def test_key_points_of_a_photograph_are_in_pixels(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], size: tuple[int, int]
 ) -> None:
     corners = photograph(tmp_path / "towel.png", size)
@@ -49,7 +49,9 @@ def test_a_refused_picture_has_the_same_json_keys_and_a_reason(
     assert not answer["accepted"] and answer["reason"] == "no_garment" and answer["keypoints"] == {}
 
 
-def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_identical_picture_is_refused_as_the_empty_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     photograph(tmp_path / "towel.png", (640, 480))
     image = str(tmp_path / "towel.png")
     assert main(["perceive", image, "--reference", image, "--unit", "px", "--json"]) == 2
@@ -61,7 +63,8 @@ def test_a_frozen_camera_is_no_empty_table(tmp_path: Path, capsys: pytest.Captur
     ("kind", "seed", "error"), [("towel", 18, 0.02), ("skirt", 5, 0.03), ("shorts", 4, 0.05), ("vest", 42, 0.05)]
 )
 def test_garments_in_independently_drawn_photographs_are_measured(kind: str, seed: int, error: float) -> None:
-    """Tilted, unevenly lit, vignetted, JPEG; error: over the garment's diagonal."""
+    """The photographs are tilted, unevenly lit, vignetted and JPEG-compressed. Errors are relative to the
+    garment's diagonal."""
     picture = drawn(kind, seed)
     seen = look_at(picture, [load_garment(name) for name in list_garments()]).unwrap()
     assert seen.state.category == kind

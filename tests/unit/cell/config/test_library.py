@@ -1,4 +1,5 @@
-"""Library files: written completely or not at all, user entries before shipped ones, damage contained."""
+"""Library files: they are written completely or not at all, user entries take precedence, and damage stays
+local."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ TOWEL = load_garment("medium_towel")
 
 
 def perfect(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
-    """A stand-in simulation: the fold comes out 3 mm high, whatever the arc."""
+    """A stand-in simulation: any arc gives the target shape, 3 mm too high."""
     state = TOWEL.flat_state(*TOWEL.poses.middle)
     steps = plan_folds(state, TOWEL).unwrap()
     start = next(iter(paths.values())).position[0, :2]
@@ -46,7 +47,7 @@ def built() -> Library:
     return build_library([TOWEL], method="initial", predict=perfect)
 
 
-def test_user_entries_come_first_and_accumulate(tmp_path: Path, built: Library) -> None:
+def test_user_entries_take_precedence_and_accumulate(tmp_path: Path, built: Library) -> None:
     shipped = load_library().library
     half, quarter = built.entries
     add_entry(tmp_path, half)
@@ -60,7 +61,7 @@ def test_user_entries_come_first_and_accumulate(tmp_path: Path, built: Library) 
 
 
 def test_concurrent_additions_lose_no_entry(tmp_path: Path, built: Library) -> None:
-    """As when a run ends while a build writes its results."""
+    """This happens when a run ends while a build writes its results."""
     begin = threading.Barrier(2)
 
     def add(who: str) -> None:
@@ -101,7 +102,7 @@ def test_a_folder_that_is_a_file_is_a_storage_error(tmp_path: Path, built: Libra
 def test_a_folder_that_may_not_be_read_is_a_storage_error(
     tmp_path: Path, built: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its lock is taken on it; a run goes on without the entry."""
+    """The lock file is in this folder. A run continues without the entry."""
     monkeypatch.setattr(
         "cell.config.library.library_file.os.open",
         Mock(side_effect=PermissionError(errno.EACCES, "Permission denied")),
@@ -110,7 +111,9 @@ def test_a_folder_that_may_not_be_read_is_a_storage_error(
         add_entry(tmp_path, built.entries[0])
 
 
-def test_a_broken_file_is_refused_by_name_and_set_aside_not_overwritten(tmp_path: Path, built: Library) -> None:
+def test_a_broken_file_is_refused_by_name_and_renamed_instead_of_overwritten(
+    tmp_path: Path, built: Library
+) -> None:
     path = user_library_path(tmp_path)
     path.write_text("{ broken")
     loaded = load_library(tmp_path)
@@ -135,7 +138,7 @@ def test_a_damaged_entry_does_not_affect_the_others(tmp_path: Path, built: Libra
 
 @pytest.mark.parametrize("name", TOWELS)
 def test_the_shipped_library_has_every_towel_step(name: str) -> None:
-    """Shipped entries are whole, belong to the garment files as they are now, and are good folds."""
+    """Shipped entries are complete, belong to the present garment files, and give good folds."""
     library, refused = from_json(shipped_library_path().read_text())
     assert not refused
     garment = load_garment(name)
@@ -144,7 +147,7 @@ def test_the_shipped_library_has_every_towel_step(name: str) -> None:
         assert isinstance(entry, LibraryEntry) and entry.garment == name
         assert entry.material == garment.material and entry.size_m == pytest.approx(garment.size_m)
         diagonal = float(np.hypot(*garment.size_m))
-        # A shorter arc may cost a little of D: the objective weighs both.
+        # A shorter arc may have a slightly larger D, because the objective weighs both.
         assert entry.dissimilarity <= entry.dissimilarity_initial + 5e-4
         assert entry.dissimilarity < 0.025 * diagonal
         found = trajectory_from(entry, step, garment.material.thickness)

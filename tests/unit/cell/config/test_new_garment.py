@@ -13,18 +13,18 @@ import pytest
 from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
 
-OWN = {  # a T-shirt of one's own [m]: longer, narrower, with shorter sleeves than the shipped one
+OWN = {  # a user's T-shirt [m]: longer and narrower than the shipped one, with shorter sleeves
     "hem_right": (-0.36, -0.22), "armpit_right": (0.13, -0.22), "cuff_lower_right": (0.08, -0.34),
     "cuff_upper_right": (0.21, -0.40), "shoulder_right": (0.31, -0.19), "collar_right": (0.36, -0.08),
     "collar_left": (0.36, 0.08), "shoulder_left": (0.31, 0.19), "cuff_upper_left": (0.21, 0.40),
     "cuff_lower_left": (0.08, 0.34), "armpit_left": (0.13, 0.22), "hem_left": (-0.36, 0.22),
 }  # fmt: skip
 METRE = 1050.0
-"""Pixels."""
+"""Picture size [pixels]."""
 
 
 def photograph(path: Path, points: np.ndarray, angle: float) -> None:
-    """The cloth from straight above on an even table; table x is up in the picture, y to the left."""
+    """The cloth on a uniform table, seen from straight above. Table x points up in the picture, y to the left."""
     image = np.clip(np.random.default_rng(0).normal(170, 2, (960, 1280, 3)), 0, 255).astype(np.uint8)
     c, s = np.cos(angle), np.sin(angle)
     xy = points @ np.array([[c, s], [-s, c]])
@@ -61,7 +61,7 @@ def test_a_new_shirt_is_made_from_a_photograph(
     assert set(own.material.assumed) == set(like.material.assumed)
     capsys.readouterr()
     assert main(["garment", "check", "my_shirt.yaml"]) == 0
-    assert main(line) == 64 and "exists" in capsys.readouterr().err, "nothing is written over"
+    assert main(line) == 64 and "exists" in capsys.readouterr().err, "an existing file is not overwritten"
     assert main([*line, "--replace"]) == 0 and "next" in capsys.readouterr().out
 
 
@@ -87,7 +87,7 @@ def test_invalid_input_is_refused_with_its_reason(
     assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name]
 
 
-def test_another_kind_of_garment_makes_no_file(
+def test_a_photograph_of_another_garment_type_writes_no_file(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

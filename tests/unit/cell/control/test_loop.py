@@ -42,15 +42,15 @@ LIMITS, GRASP, ONE = ExecutionLimits(), GraspSettings(), np.ones(14)
 JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 KINDS = ("trajectory", "hold", "hands", "descent", "press")
 AT = 0.2
-"""When something goes wrong [s]: on the way in each kind of motion."""
+"""Time at which a fault occurs [s]: during the motion, for each kind of motion."""
 TOP = 0.05
 WAY = Descent(np.linspace(0.0, 0.3, 61)[:, None] * np.ones(7), np.linspace(0.0, 0.06, 61), 0.05)
-"""Each joint turns by 5 rad for a metre of the hand's way."""
+"""Each joint turns by 5 rad per metre of the hand's path."""
 AIR = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
 
 
 class Recorded:
-    """A telemetry that keeps nothing."""
+    """Telemetry that records nothing."""
 
     def joints(self, state: JointState) -> None: ...
 
@@ -60,7 +60,7 @@ class Recorded:
 
 
 class OverTable(Hands):
-    """Hands whose height is the first joint of each arm."""
+    """Hands whose height is the position of the first joint of each arm."""
 
     def height(self, side: Side, q: Array) -> float:
         return TOP - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
@@ -68,14 +68,15 @@ class OverTable(Hands):
 
 @dataclass
 class Bench:
-    """A fake cell and the loop that runs a motion with it."""
+    """A fake cell and the loop that runs a motion in it."""
 
     cell: FakeCell
     ports: Ports
     loop: ControlLoop
 
     def run(self, kind: str, commands: CommandQueue | None = None) -> Outcome[Any]:
-        """One motion of that kind, of 0.4 s and more. Tactile cells that give no numbers end each of them."""
+        """Run one motion of this kind, which takes at least 0.4 s. Tactile readings that are not numbers end every
+        kind."""
         robot: Any = None
         table: Any = None
         hands = OverTable(self.ports, robot, table, Recorded())
@@ -107,7 +108,7 @@ class Bench:
 
 
 def counted(side: Side, reading: Any, ticks: int) -> int | Outcome[int]:
-    """A hand that works for 0.6 s."""
+    """A hand controller that works for 0.6 s."""
     bad = validate_reading(reading, GRASP)
     if bad:
         return Outcome(failure=bad)
@@ -115,7 +116,7 @@ def counted(side: Side, reading: Any, ticks: int) -> int | Outcome[int]:
 
 
 def sweep(seconds: float = 2.0) -> ArmTrajectory:
-    """All joints turn by 0.3 rad with least jerk."""
+    """All joints turn by 0.3 rad with minimum jerk."""
     t = np.linspace(0.0, seconds, 201)
     u = (t / seconds)[:, None]
     q = 0.3 * u**3 * (10 - 15 * u + 6 * u**2) * ONE
@@ -135,7 +136,7 @@ def spoil_tactile(cell: FakeCell) -> None:
 
 
 def push_arms(cell: FakeCell) -> None:
-    """Somebody takes hold of both arms."""
+    """A person pushes both arms."""
     cell.follows, cell.q = False, cell.q + 0.2
 
 
@@ -144,7 +145,7 @@ def push_arms(cell: FakeCell) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stop_ends_a_motion_within_a_tick(kind: str) -> None:
-    """The fake raises on a set-point to a stopped robot."""
+    """The fake raises an error on a set-point to a stopped robot."""
     b = bench(kind)
     b.cell.at(AT, lambda: b.ports.stop.trigger("button"))
     failure = b.run(kind).failure
@@ -159,7 +160,7 @@ def test_straying_arms_are_commanded_to_hold_where_they_are(kind: str) -> None:
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.TRACKING_ERROR and failure.values["off_rad"] > 0.19
     assert b.cell.now == pytest.approx(AT) and b.cell.commands[-1][1] == pytest.approx(b.cell.q)
-    assert b.loop.last_command.q is None, "what comes next begins where they stand"
+    assert b.loop.last_command.q is None, "the next motion begins at the arms' position"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -179,13 +180,15 @@ def test_an_altered_set_point_is_followed_by_a_hold(kind: str, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_silent_arms_are_not_commanded_to_their_last_known_position(kind: str) -> None:
+def test_arms_with_a_stale_state_are_not_commanded_to_it(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.STALE_STATE
     known = AT + LIMITS.stale_s + 2 * TICK_S
-    assert b.cell.now <= (known + 0.65 if kind == "trajectory" else known), "only a path is left at rest"
+    assert b.cell.now <= (known + 0.65 if kind == "trajectory" else known), (
+        "only a motion on a path comes to rest first"
+    )
     assert b.loop.last_command.q is not None and b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1])
 
 
@@ -196,11 +199,11 @@ def test_a_failure_watched_by_the_motion_ends_it(kind: str) -> None:
     failure = b.run(kind).failure
     assert failure is not None and failure.kind is K.HARDWARE_FAULT and "left" in failure.what
     assert b.cell.now <= AT + (0.65 if kind == "trajectory" else TICK_S)
-    assert b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay where they were sent"
+    assert b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay at the last set-point"
 
 
 class Late:
-    """A clock whose program is once held up at AT."""
+    """A clock whose program stalls once, at AT."""
 
     def __init__(self, clock: Any, seconds: float) -> None:
         self._clock, self._seconds = clock, seconds
@@ -216,7 +219,7 @@ class Late:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_after_a_late_tick_there_is_still_one_set_point_a_tick(kind: str) -> None:
-    """The fake raises on a set-point that jumps."""
+    """The fake raises an error on a set-point that jumps."""
     in_time, late = bench(kind), bench(kind, lambda clock: Late(clock, 0.15))
     ended = in_time.run(kind), late.run(kind)
     assert [e.failure and e.failure.kind for e in ended] == [K.NO_CONTACT if kind == "descent" else None] * 2
@@ -227,7 +230,7 @@ def test_after_a_late_tick_there_is_still_one_set_point_a_tick(kind: str) -> Non
     assert late.cell.q == pytest.approx(in_time.cell.q, abs=1e-3)
     q = np.array([q[0] for _, q in late.cell.commands])
     if kind == "trajectory":
-        assert abs(q[held_up[0] + 2] - q[held_up[0] + 1]) < 1e-4, "it starts from rest"
+        assert abs(q[held_up[0] + 2] - q[held_up[0] + 1]) < 1e-4, "the motion starts from rest"
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -252,7 +255,7 @@ def test_silent_arms_do_not_begin_a_motion(kind: str) -> None:
     failure = b.run(kind).failure
     assert b.cell.commands == []
     if kind == "hold":
-        assert failure is None and b.cell.now == pytest.approx(5.6), "there is nothing to begin: it only waits"
+        assert failure is None and b.cell.now == pytest.approx(5.6), "this motion only waits, so it has no start"
     else:
         assert failure is not None and failure.kind is K.STALE_STATE and b.cell.now == 5.0
 
@@ -267,7 +270,7 @@ def test_a_stop_ends_waiting_for_silent_arms() -> None:
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "trajectory"])
 def test_a_motion_without_a_path_defers_a_pause(kind: str) -> None:
-    """The order waits in the queue until the run comes to a motion or a state that heeds it."""
+    """The command stays in the queue until a motion or a state takes it."""
     b, commands = bench(kind), CommandQueue()
     b.cell.at(AT, lambda: commands.put(Event.PAUSE))
     b.run(kind, commands)
@@ -275,11 +278,11 @@ def test_a_motion_without_a_path_defers_a_pause(kind: str) -> None:
     assert np.diff([t for t, _ in b.cell.commands]) == pytest.approx(TICK_S)
 
 
-# a motion that is held up on its path
+# a paused motion
 
 
 def rested(b: Bench, spoil: Callable[[], None], at: float = 1.4) -> Outcome[Any]:
-    """A trajectory is paused at AT, and something happens while the arms rest."""
+    """A trajectory is paused at AT, and `spoil` is called at time `at` [s], while the arms rest."""
     commands = CommandQueue()
     b.cell.at(AT, lambda: commands.put(Event.PAUSE))
     b.cell.at(at, spoil)
@@ -293,7 +296,7 @@ def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
     q = np.array([q[0] for _, q in b.cell.commands])
     assert np.diff(q).min() >= -1e-12, "it never goes back"
     times = np.array([t for t, _ in b.cell.commands])
-    assert np.ptp(q[(times > AT + 0.65) & (times < 1.9)]) == 0.0, "at rest 0.6 s after it was asked for"
+    assert np.ptp(q[(times > AT + 0.65) & (times < 1.9)]) == 0.0, "the arms rest 0.6 s after the pause command"
     assert b.cell.q == pytest.approx(0.3)
 
 
@@ -309,7 +312,7 @@ def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
 def test_resting_arms_are_checked_like_moving_ones(
     spoil: Callable[[Bench], None], kind: FailureKind, known: float
 ) -> None:
-    """There is nothing to bring to rest any more: the motion ends at once."""
+    """The arms are at rest already, so the motion ends immediately."""
     b = bench("trajectory")
     failure = rested(b, lambda: spoil(b)).failure
     assert failure is not None and failure.kind is kind
@@ -317,7 +320,7 @@ def test_resting_arms_are_checked_like_moving_ones(
 
 
 def test_the_first_failure_is_reported() -> None:
-    """The cells fall silent, and while the arms are brought to rest their state is lost, too."""
+    """The tactile cells fall silent. While the arms come to rest, their state is lost too."""
     b = bench("trajectory")
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
     b.cell.at(AT + 0.1, lambda: setattr(b.cell, "frozen_since", b.cell.now))
@@ -325,11 +328,11 @@ def test_the_first_failure_is_reported() -> None:
     assert failure is not None and failure.kind is K.HARDWARE_FAULT
 
 
-# what passes between the loop and a motion
+# the interface between loop and motion
 
 
 class Script:
-    """A motion that stands still, rests on order, and keeps its feedback."""
+    """A motion that stands still, rests when ordered to, and notes its feedback."""
 
     def __init__(self, begins: Array | None = None, ticks: int = 5) -> None:
         self.heard: list[Feedback] = []
@@ -382,8 +385,8 @@ def test_a_motion_that_the_loop_ends_is_closed() -> None:
     assert script.closed and len(script.heard) == 1
 
 
-def test_a_motion_that_can_be_left_gets_no_stale_state() -> None:
-    """A hand's controller would close its gripper by it."""
+def test_a_motion_that_may_end_at_any_time_gets_no_stale_state() -> None:
+    """A hand controller would close its gripper because of this state."""
     b, heard = bench("hold"), list[Feedback]()
     b.cell.at(2 * TICK_S, lambda: setattr(b.cell, "frozen_since", b.cell.now))
 
@@ -413,7 +416,7 @@ def test_a_motion_may_end_before_its_first_set_point() -> None:
 
 
 def test_an_exception_in_a_motion_propagates() -> None:
-    """A driver that refuses, or a bug, is no failure of the motion's own."""
+    """An error of the driver or a bug is not turned into a failure of the motion."""
     b = bench("hold")
 
     def broken(start: JointState) -> Motion[str]:
@@ -425,7 +428,7 @@ def test_an_exception_in_a_motion_propagates() -> None:
 
 
 def test_the_driver_is_called_in_the_same_order_on_every_tick() -> None:
-    """Command, tick, stop, state: what a transcript of the ports is compared by."""
+    """The order is command, tick, stop, state. Replay compares transcripts by this order."""
     b, asked = bench("hold"), list[str]()
 
     def noting(part: Any, name: str, *methods: str) -> Any:

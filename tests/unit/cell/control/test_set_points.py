@@ -21,7 +21,7 @@ from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
 OFF = 0.008
-"""What the reading differs from the last set-point by [rad]."""
+"""Difference between the reading and the last set-point [rad]."""
 MOST = 6.0 * OFF / 0.25**2
 """Peak acceleration of a minimum-jerk move over OFF in 0.25 s is 5.77 OFF / 0.25^2 [rad/s2]."""
 
@@ -38,7 +38,7 @@ def standing(seconds: float = 0.5) -> ArmTrajectory:
 
 
 def still(work: Workcell, control: Any) -> Outcome[Any]:
-    """The left hand at work while the arms stand."""
+    """The left hand works while the arms stand still."""
     return each_hand(work.loop, work.hands, {Side.LEFT: None}, control)
 
 
@@ -55,7 +55,7 @@ def test_the_blend_weight_falls_from_one_to_zero() -> None:
 
 
 @pytest.mark.parametrize("kind", ["stream", "wait", "hands"])
-def test_the_next_set_point_is_the_last_one(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motion_begins_at_the_last_set_point(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, last_command = FakeCell(), LastCommand(np.full(14, OFF))
     work = fake_workcell(cell, last_command=last_command)
     if kind == "stream":
@@ -94,12 +94,12 @@ def test_hands_and_waiting_arms_are_checked_like_a_motion(
         failure = still(fake_workcell(cell), lambda side, reading, state: state).failure
     assert failure is not None and failure.kind is kind and cell.now < 0.5
     if kind is FailureKind.TRACKING_ERROR:
-        assert cell.commands[-1][1] == pytest.approx(cell.q), "they hold where they were pushed to"
+        assert cell.commands[-1][1] == pytest.approx(cell.q), "the arms hold where they were pushed to"
 
 
 @pytest.mark.parametrize("off", [0.03, 0.055])
 def test_hands_do_not_start_if_the_arms_were_moved(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Somebody pushed an arm in a pause: a way that was planned from elsewhere would begin with a jump."""
+    """A person pushed an arm during a pause. A path planned from the old position would begin with a jump."""
     monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
     cell.q = cell.q + off
@@ -111,7 +111,7 @@ def test_hands_do_not_start_if_the_arms_were_moved(off: float, monkeypatch: pyte
 
 @pytest.mark.parametrize("sag", [0.009, 0.018])
 def test_hands_on_sagging_arms_start_at_the_last_set_point(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Arms that hang below their set-point are not elsewhere: their way begins at the set-point."""
+    """Arms that sag below their set-point have not been moved, so their path begins at the set-point."""
     monkeypatch.setattr(Hands, "read", lambda *_: None)
     cell = FakeCell()
     cell.follows = False
@@ -123,7 +123,7 @@ def test_hands_on_sagging_arms_start_at_the_last_set_point(sag: float, monkeypat
 
 @pytest.mark.parametrize("off", [0.3, -0.3])
 def test_arms_do_not_return_to_a_distant_last_set_point(off: float) -> None:
-    """Somebody jogged the arms: they begin where they stand."""
+    """A person jogged the arms, so the motion begins at their present position."""
     cell = FakeCell()
     wait(fake_workcell(cell, last_command=LastCommand(np.full(14, off))).loop, 0.1)
     assert np.abs(cell.commands[0][1]).max() == 0.0
@@ -149,7 +149,7 @@ def test_a_hand_that_never_finishes_is_a_fault_while_the_arms_are_held(
 
 @pytest.mark.parametrize("sag", [0.0, OFF])
 def test_hand_velocities_are_the_derivative_of_the_set_points(sag: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A robot that is fed its velocities forward would be kicked by any other."""
+    """A robot that uses the velocities as feed-forward would jump otherwise."""
     monkeypatch.setattr(Hands, "read", lambda hands, side, state: hands.ports.clock.now())
     cell, told = FakeCell(), []
     cell.q = cell.q - sag

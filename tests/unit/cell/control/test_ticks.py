@@ -45,7 +45,7 @@ def test_a_small_delay_is_caught_up() -> None:
 
 
 def test_a_long_stall_is_not_caught_up() -> None:
-    """One set-point a tick, whatever happened: the arms have not gone on meanwhile."""
+    """After a stall there is still one set-point per tick, because the arms have not moved on meanwhile."""
     seen = beats(Late(0.0, 0.3), 5)
     assert seen == pytest.approx([0.01, 0.32, 0.33, 0.34, 0.35])
 
@@ -58,7 +58,7 @@ def test_a_stall_that_stops_the_arms_is_reported() -> None:
 
 
 def test_a_suspended_program_stops_the_robot() -> None:
-    """Somebody may have come near arms that stood: they must not move on as if nothing had been."""
+    """A person may have come near the resting arms, so they must not simply move on."""
     cell = ports(Late(0.0, LOST_S + 0.1))
     ticks = Ticks(cell)
     ticks.wait()

@@ -37,13 +37,13 @@ def control(commands: CommandQueue | None = None) -> PathControl:
 
 
 def derivatives(cell: FakeCell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position of joint 0 as commanded, and its first and second differences over time."""
+    """Commanded position of joint 0, and its first and second differences over time."""
     q = np.array([q[0] for _, q in cell.commands])
     return q, np.diff(q) / TICK_S, np.diff(q, 2) / TICK_S**2
 
 
 def ramp(distance: float = 0.5, duration: float = 1.0) -> ArmTrajectory:
-    """A minimum-jerk motion of every joint."""
+    """A minimum-jerk motion of all joints."""
     t = np.linspace(0.0, duration, 101)
     s = t / duration
     shape = s**3 * (10 - 15 * s + 6 * s**2)
@@ -64,7 +64,7 @@ def test_the_arms_receive_every_set_point_and_arrive() -> None:
 
 
 def test_the_interpolant_is_the_closed_form() -> None:
-    """Between samples the table must give the minimum-jerk polynomial that it was made from."""
+    """Between its samples the trajectory follows the minimum-jerk polynomial from which it was sampled."""
     for t in np.linspace(0.0, 1.0, 333):
         q, qd = ramp().at(float(t))
         assert q[0] == pytest.approx(0.5 * t**3 * (10 - 15 * t + 6 * t**2), abs=1e-6)
@@ -85,11 +85,12 @@ def test_a_fault_during_a_motion_is_reported_by_its_kind(spoil, kind) -> None:
     outcome = stream(loop(cell.ports()), ramp(duration=2.0), None, control())
     assert outcome.failure is not None
     assert outcome.failure.kind is kind
-    assert cell.now < 1.2, "it went on to the end of the motion"
+    assert cell.now < 1.2, "the motion ends before its last set-point"
 
 
 def test_nothing_is_sent_after_a_stop() -> None:
-    """The fake raises on a set-point to a stopped robot: the stream must see the stop within a tick."""
+    """The fake raises an error on a set-point to a stopped robot, so the stream must detect the stop within a
+    tick."""
     cell = FakeCell()
     cell.at(0.5, lambda: setattr(cell, "stop_reason", "button"))
     assert stream(loop(cell.ports()), ramp(), None, control()).failure is not None
@@ -110,7 +111,7 @@ def test_a_start_two_degrees_off_is_refused_before_anything_is_sent(off: float) 
 
 @pytest.mark.parametrize("spoil", [lambda c: setattr(c, "frozen_since", 4.0), lambda c: c.q.fill(np.nan)])
 def test_arms_without_a_valid_state_are_not_moved(spoil) -> None:
-    """Their state is stale or not finite, so the start of a motion is unknown."""
+    """The arms' state is stale or not finite, so the start of a motion is unknown."""
     cell = FakeCell()
     cell.now = 5.0
     spoil(cell)
@@ -118,10 +119,10 @@ def test_arms_without_a_valid_state_are_not_moved(spoil) -> None:
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     hold(cell.ports(), LIMITS)
     assert wait(loop(cell.ports(), LastCommand(np.zeros(14))), 0.3) is None
-    assert not cell.commands, "nor told to hold, or what they were told before"
+    assert not cell.commands, "the arms get no command to hold and no repetition of an earlier command"
 
 
-def test_a_state_that_is_no_number_ends_a_motion() -> None:
+def test_a_state_that_is_not_a_number_ends_a_motion() -> None:
     cell = FakeCell()
     cell.at(0.3, lambda: setattr(cell, "follows", False))
     cell.at(0.3, lambda: cell.q.fill(np.nan))
@@ -130,8 +131,8 @@ def test_a_state_that_is_no_number_ends_a_motion() -> None:
 
 
 @pytest.mark.parametrize(("sag", "seconds"), [(0.005, 1.0), (0.02, 1.0 + LIMITS.settle_s)])
-def test_a_motion_ends_when_the_arms_arrived_or_will_not_come_nearer(sag: float, seconds: float) -> None:
-    """Arms that hang a little below their last set-point are where they can be."""
+def test_a_motion_ends_when_the_arms_have_arrived_or_have_come_to_rest(sag: float, seconds: float) -> None:
+    """Arms that sag a little below their last set-point have arrived as far as possible."""
     cell = FakeCell()
     cell.at(0.9, lambda: setattr(cell, "follows", False))
     cell.at(0.95, lambda: setattr(cell, "q", np.full(14, 0.5 - sag)))
@@ -150,13 +151,13 @@ def test_arms_with_a_state_of_the_maximum_age_are_commanded_to_hold() -> None:
 
 
 def test_waiting_keeps_the_arms_commanded() -> None:
-    """The driver holds after 0.2 s without a command; a wait must not rely on that."""
+    """The driver holds the arms after 0.2 s without a command. A wait must not rely on this."""
     cell = FakeCell()
     assert wait(loop(cell.ports()), 0.5) is None
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
 
 
-def test_a_wait_ends_with_what_is_watched_for() -> None:
+def test_a_wait_ends_with_a_watched_failure() -> None:
     cell, times = FakeCell(), []
     slipped = Failure(FailureKind.SLIPPED, "gone")
 
@@ -168,7 +169,7 @@ def test_a_wait_ends_with_what_is_watched_for() -> None:
     assert cell.now == pytest.approx(0.3) and times == pytest.approx(np.arange(1, 31) * TICK_S)
 
 
-# --- on the path: pause, resume, an early end ----------------------------------------------------------
+# --- on the path: pause, resume, early end --------------------------------------------------------------
 
 
 def paused(pause: float, resume: float) -> tuple[FakeCell, object, PathControl]:
@@ -195,8 +196,8 @@ def test_a_pause_rests_within_600_ms_and_resumes_where_it_stopped(pause: float) 
     q, v, a = derivatives(cell)
     resting = np.flatnonzero((np.abs(v) < 1e-9) & (q[1:] > 1e-6) & (q[1:] < 0.5 - 1e-6))
     assert resting[0] * TICK_S <= pause + 0.6 + 2 * TICK_S
-    assert held.waited_s == pytest.approx(0.4, abs=0.05), "only the rest is waiting, not the way to it"
-    assert np.diff(q).min() > -1e-12, "it never goes back"
+    assert held.waited_s == pytest.approx(0.4, abs=0.05), "only the time at rest counts as waiting"
+    assert np.diff(q).min() > -1e-12, "the motion never goes backwards"
     assert np.abs(v).max() <= PLANNING.velocity[0]
     assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
     assert np.abs(np.diff(a)).max() / TICK_S <= PROTECTIVE.jerk[0]
@@ -210,7 +211,7 @@ def test_a_pause_during_a_restart_is_smooth() -> None:
     q, v, a = derivatives(cell)
     assert cell.q == pytest.approx(0.5) and np.diff(q).min() > -1e-12
     assert np.abs(a).max() <= PROTECTIVE.acceleration[0]
-    assert np.abs(v[240:300]).max() < 1e-9, "at rest 0.6 s after the second pause"
+    assert np.abs(v[240:300]).max() < 1e-9, "the arms rest 0.6 s after the second pause"
 
 
 @pytest.mark.parametrize("off", [2.0, -2.0])
@@ -228,7 +229,8 @@ def test_arms_moved_during_a_pause_do_not_continue(off: float) -> None:
 def test_commanded_velocities_are_the_derivative_of_the_set_points(
     pause: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also while the clock runs down and up: a robot that is fed them forward would be kicked by any other."""
+    """This also holds while the path clock slows down and speeds up. A robot that uses them as feed-forward would
+    jump otherwise."""
     cell, commands, told = FakeCell(), CommandQueue(), []
     if pause is not None:
         cell.at(pause, lambda: commands.put(Event.PAUSE))
@@ -251,7 +253,9 @@ def test_a_pause_is_recorded_with_its_times() -> None:
     assert stream(loop(cell.ports()), ramp(duration=1.5), None, held).ok
     (paused, rested, told, speed), (resumed, went_on, from_there, still) = kept
     assert (paused, resumed) == ("paused", "resumed")
-    assert speed < 2e-3 and still < 1e-9, "kept in the last tick of the way to rest, and before the first away"
+    assert speed < 2e-3 and still < 1e-9, (
+        "a pause is recorded in its last tick before rest, a resume in its first tick after rest"
+    )
     assert told["asked_s"] == pytest.approx(0.5, abs=2 * TICK_S) and 1.0 <= rested <= 1.2
     assert went_on == pytest.approx(1.5, abs=2 * TICK_S) and from_there["path_s"] == told["path_s"]
 
@@ -295,8 +299,8 @@ def test_a_watched_failure_ends_softly_on_the_path() -> None:
     assert abs(v[-1]) < 0.02 and np.abs(a).max() <= PROTECTIVE.acceleration[0]
 
 
-def test_silent_arms_are_not_commanded_to_their_last_known_position() -> None:
-    """A hold at a state 0.1 s old would tear the arms back by what they moved since."""
+def test_arms_with_a_stale_state_are_not_commanded_to_it() -> None:
+    """A hold at a state that is 0.1 s old would pull the arms back by the distance moved since."""
     cell = FakeCell()
     cell.at(0.5, lambda: setattr(cell, "frozen_since", cell.now))
     failure = stream(loop(cell.ports()), ramp(), None, control()).failure
@@ -328,11 +332,11 @@ def test_altered_set_points_are_detected() -> None:
     assert failure.values["clipped"] and np.abs(cell.q).max() < 0.31
 
 
-# arms that are off their set-point
+# arms away from their set-point
 
 
 def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
-    """All joints some degrees off where they were sent, at place [rad], for so long."""
+    """A cell whose joints are `off` degrees away from `place` [rad] for `lasts` seconds."""
     cell = FakeCell(q=np.full(14, place + np.deg2rad(off)))
     cell.at(lasts, lambda: cell.q.fill(place))
     return cell
@@ -341,11 +345,11 @@ def displaced(lasts: float, place: float = 0.0, off: float = 3.0) -> FakeCell:
 @pytest.mark.parametrize("place", [0.0, 0.4])
 @pytest.mark.parametrize("off", [3.0, -3.0])
 def test_dropped_arms_get_time_to_recover(place: float, off: float) -> None:
-    """What is planned from the depth of a drop begins with a jump once the arms are back."""
+    """A motion planned while the arms are dropped would begin with a jump once they have recovered."""
     cell = displaced(0.4, place, off)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.full(14, place))) is None
     assert cell.now == pytest.approx(0.4, abs=2 * TICK_S)
-    assert cell.commands == [], "they are sent there already"
+    assert cell.commands == [], "the arms are already commanded to this position"
 
 
 def test_waiting_for_dropped_arms_has_a_time_limit() -> None:
@@ -374,7 +378,7 @@ def test_arms_without_a_previous_command_are_not_waited_for() -> None:
 
 
 def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:
-    """Ports whose program is held up for 0.15 s at a moment; and the stalls that are still to come."""
+    """Ports whose program stalls for 0.15 s at given times, and the list of stalls still to come."""
     ports, stalls = cell.ports(), [at]
 
     class Stalling:
@@ -392,7 +396,7 @@ def stalling(cell: FakeCell, at: float) -> tuple[Ports, list[float]]:
 
 @pytest.mark.parametrize("at", [0.6, 0.9, 1.3])
 def test_a_stall_does_not_end_a_pause(at: float) -> None:
-    """While coming to rest or at rest: only a resume lets the arms continue."""
+    """A stall occurs while the arms come to rest or are at rest. Only a resume lets the arms continue."""
     cell, commands = FakeCell(), CommandQueue()
     cell.at(0.5, lambda: commands.put(Event.PAUSE))
     cell.at(1.8, lambda: commands.put(Event.RESUME))
@@ -404,7 +408,7 @@ def test_a_stall_does_not_end_a_pause(at: float) -> None:
 
 @pytest.mark.parametrize("at", [0.1, 0.5, 0.9])
 def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
-    """The arms have come to rest meanwhile: the path's speed would be a jump."""
+    """The arms come to rest during the stall, so continuing at the path's speed would be a jump."""
     cell = FakeCell()
     ports, stalls = stalling(cell, at)
     outcome = stream(loop(ports), ramp(), None, control())
@@ -413,6 +417,6 @@ def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
     gap = int(np.argmax(np.diff([t for t, _ in cell.commands]) > 0.1)) + 1
     assert 0 < gap < len(q) - 10
     after = np.diff(q[gap - 1 :]) / TICK_S
-    assert abs(after[0]) < 0.05, "as slow as after a pause"
+    assert abs(after[0]) < 0.05, "the restart is as slow as after a pause"
     assert np.abs(np.diff(after)).max() / TICK_S <= PROTECTIVE.acceleration[0]
     assert np.diff(q).min() > -1e-12 and np.abs(after).max() <= PLANNING.velocity[0]

@@ -22,21 +22,21 @@ from tests.workcells import fake_workcell
 
 SAFE = frozenset({Effect.MAKE_SAFE, Effect.HOLD})
 STILL = SAFE | {Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.ASK_OPERATOR, Effect.ASK_APPROVAL}
-"""Effects that leave no arm elsewhere than it was made safe."""
+"""Effects that do not move the arms away from the safe pose."""
 USUAL = {
     Effect.INSPECT: Event.ALL_FOLDED,
     Effect.NEXT_STEP: Event.ALL_FOLDED,
     Effect.REENTER: Event.LOOK_AGAIN,
 } | {question: Event.ABORT for question in (Effect.ASK_APPROVAL, Effect.ASK_OPERATOR, Effect.WAIT)}
-"""What ends an effect that goes well; else DONE."""
+"""The event of each effect that succeeds. Other effects end with DONE."""
 BUGS = (ZeroDivisionError("a bug"), AssertionError(), InternalError("a bug"), StorageError("a file is gone"))
 
 
 def ways() -> dict[tuple[State, Effect], tuple[Row, ...]]:
-    """The shortest way through the table to each state and what is done in it."""
+    """The shortest path through the table to each state and effect."""
     found: dict[tuple[State, Effect], tuple[Row, ...]] = {}
     ends: list[tuple[State, tuple[Row, ...]]] = [(State.IDLE, ())]
-    for state, way in ends:  # which grows
+    for state, way in ends:  # the list grows during the loop
         for row in (row for row in complete_table() if row.state is state and row.event is not Event.UNRECORDED):
             if (row.target, row.effect) not in found:
                 found[row.target, row.effect] = (*way, row)
@@ -48,7 +48,7 @@ WAYS = ways()
 
 
 class FakeJournal:
-    """Takes every line and keeps none."""
+    """A journal that accepts every entry and keeps none."""
 
     def __init__(self) -> None:
         self._lines = count(1)
@@ -62,7 +62,8 @@ class FakeJournal:
 def run_to(
     place: tuple[State, Effect], misbehave: Callable[[RunContext], Result], cell: Workcell
 ) -> tuple[RunEnd, list[Effect]]:
-    """A run along the way to a place, where the effect misbehaves each time; -> its end, the effects in order."""
+    """A run to this state, whose effect misbehaves each time. Returns the end of the run and its effects in
+    order."""
     way = list(WAYS[place])
     journal_file: Any = FakeJournal()
     done: list[Effect] = []
@@ -104,7 +105,7 @@ def raising(error: Exception) -> Callable[[RunContext], Result]:
 
 
 def misbehaviours() -> Iterator[tuple[str, Callable[[RunContext], Result], bool]]:
-    """What goes wrong, and whether the cell may try again by itself."""
+    """All failures: a description, the misbehaviour, and whether the cell may recover automatically."""
     for kind in FailureKind:
         yield f"fails: {kind}", failing(Failure(kind, "it failed")), kind in RECOVERIES
     for kind in (FailureKind.STOPPED, FailureKind.ABORTED, FailureKind.CAMERA_FAULT):

@@ -1,4 +1,4 @@
-"""The runner: journal entries around every effect; operator, stop and crash between two effects."""
+"""The runner: journal entries around every effect, and the operator, stops and crashes between two effects."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def photographed(cell: Any, context: RunContext) -> Result:
 
 
 class Rig:
-    """A runner over effects that do nothing but take a second of cell time, except those that a test replaces."""
+    """A runner whose effects take one second of cell time and do nothing else, except those that a test
+    replaces."""
 
     def __init__(self, run: RunJournal, journal: Journal) -> None:
         self.cell = FakeCell()
@@ -69,7 +70,8 @@ class Rig:
         return lambda: self.workcell.commands.put(command)
 
     def answer(self, question: Effect, *answers: Callable[[], object]) -> None:
-        """The operator thinks for PATIENCE before each answer; waiting takes as long on the wall."""
+        """The operator answers this question in this order, each time after PATIENCE. The wait takes as long in
+        real time."""
         self.answers[question] = list(answers)
 
     def run(self, context: RunContext | None = None, first: Event = Event.START) -> RunEnd:
@@ -107,7 +109,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
 
 
 def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
-    """An effect that fails so often, and then works."""
+    """An effect that fails this many times and then succeeds."""
     left = [times]
 
     def effect(cell: Any, context: RunContext) -> Result:
@@ -119,7 +121,7 @@ def failing(kind: FailureKind, times: int = 1) -> EffectFunction:
     return effect
 
 
-# the straight way, and the journal
+# a run without failures, and its journal
 
 
 def test_a_run_without_failures_ends_folded(rig: Rig) -> None:
@@ -134,7 +136,7 @@ def test_the_intent_is_on_disk_before_the_effect_and_its_result_after_it(rig: Ri
     seen = []
 
     def read_the_journal(cell: Any, context: RunContext) -> Result:
-        with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process would
+        with Journal.open(rig.journal.path, readonly=True) as reader:  # as another process reads it
             intent = reader.last_intent(rig.journal_file.id)
         assert intent is not None
         seen.append((intent.begun.name, intent.begun.state, intent.begun.cell_time, intent.result))
@@ -166,8 +168,8 @@ def test_a_failure_is_noted_with_its_hint_and_figures(rig: Rig) -> None:
     assert failed.payload["values"] == {"n": 0}
 
 
-def test_an_earlier_failure_is_not_recorded_with_later_successes(rig: Rig) -> None:
-    """What the operator says, and a plan that waits for approval, would stand in the journal as failed."""
+def test_a_later_success_is_not_recorded_with_an_earlier_failure(rig: Rig) -> None:
+    """Otherwise an operator's command or a plan that awaits approval would have a failure in the journal."""
     approving(rig)
     rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
     rig.special[Effect.RETREAT] = failing(K.HARDWARE_FAULT)
@@ -205,7 +207,7 @@ def test_observers_receive_every_step(rig: Rig) -> None:
 # failures
 
 
-def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> None:
+def test_hands_near_the_garment_are_cleared_before_the_next_attempt(rig: Rig) -> None:
     rig.special[Effect.FOLD] = failing(K.SLIPPED)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(Effect.FOLD)
@@ -214,7 +216,9 @@ def test_hands_near_the_garment_are_cleared_before_the_next_try(rig: Rig) -> Non
 
 @pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
 @pytest.mark.parametrize("kind", [K.STALE_STATE, K.TRACKING_ERROR, K.START_MISMATCH, K.IN_COLLISION])
-def test_a_garment_released_during_a_fold_is_looked_for(rig: Rig, effect: Effect, kind: FailureKind) -> None:
+def test_a_garment_released_during_a_fold_is_located_in_a_new_picture(
+    rig: Rig, effect: Effect, kind: FailureKind
+) -> None:
     held: Any = {Side.LEFT: object()}
     rig.special[Effect.GRASP] = lambda c, x: Result(Event.DONE, context_with(x, held=held))
     rig.special[effect] = failing(kind)
@@ -239,10 +243,10 @@ def pushed(cell: FakeCell) -> None:
 
 
 @pytest.mark.parametrize("spoil", [frozen_state, pushed])
-def test_pushed_or_silent_arms_during_a_recovery_wait_are_made_safe(
+def test_arms_that_are_pushed_or_silent_during_a_recovery_wait_are_made_safe(
     rig: Rig, spoil: Callable[[FakeCell], None]
 ) -> None:
-    rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # it waits for a second before it looks again
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT)  # the recovery waits for one second before the next picture
     begun = STRAIGHT.index(Effect.LOOK) + 2
     rig.cell.at(begun + 0.3, lambda: spoil(rig.cell))
     end = rig.run()
@@ -263,7 +267,7 @@ def test_a_driver_error_during_a_question_makes_the_cell_safe(rig: Rig) -> None:
     assert end.context.failure is not None and end.context.failure.what == "the clock stands still"
 
 
-def test_an_event_that_the_state_does_not_know_is_a_crash_and_no_traceback(rig: Rig) -> None:
+def test_an_event_without_a_transition_is_a_crash_and_makes_the_cell_safe(rig: Rig) -> None:
     rig.special[Effect.LOOK] = lambda c, x: Result(Event.NEXT_FOLD, x)
     end = rig.run()
     assert end.state is State.FAULT and Effect.MAKE_SAFE in rig.performed
@@ -271,7 +275,7 @@ def test_an_event_that_the_state_does_not_know_is_a_crash_and_no_traceback(rig: 
     assert "next_fold" in end.context.failure.what
 
 
-# what the operator leaves out
+# skipped folds
 
 
 LINE = FoldLine(np.zeros(2), np.array([1.0, 0.0]))
@@ -304,7 +308,7 @@ def test_a_skipped_fold_is_reported_and_the_garment_is_not_folded(rig: Rig) -> N
 
 
 def refused_fold(rig: Rig) -> None:
-    """One fold, which is made, looked at and refused; the operator is asked."""
+    """A run with one fold that is made, inspected and refused. The operator is asked."""
     rig.attended()
     seen = inspection(diagnosis=K.SAG)
     shape: Any = SimpleNamespace(vertices=np.zeros((3, 3)))
@@ -325,7 +329,7 @@ def refused_fold(rig: Rig) -> None:
 
 
 def test_an_inspected_fold_that_is_skipped_counts_as_made(rig: Rig) -> None:
-    """Somebody has looked at it, and finds it good enough."""
+    """The operator has seen the inspected fold and accepts it."""
     refused_fold(rig)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.SKIP))
     end = rig.run()
@@ -333,7 +337,7 @@ def test_an_inspected_fold_that_is_skipped_counts_as_made(rig: Rig) -> None:
 
 
 def test_a_fold_undone_and_skipped_does_not_count_as_made(rig: Rig) -> None:
-    """Whoever says to try again has laid the garment as it was before the fold."""
+    """An operator who chooses to retry has laid the garment back to its shape before the fold."""
     refused_fold(rig)
 
     def lost() -> None:
@@ -346,7 +350,7 @@ def test_a_fold_undone_and_skipped_does_not_count_as_made(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("kind", [K.MISSED_GRASP, K.UNREACHABLE, K.STALE_STATE, K.HARDWARE_FAULT])
-def test_an_effect_that_always_fails_ends_the_run_safe(rig: Rig, kind: FailureKind) -> None:
+def test_an_effect_that_always_fails_ends_the_run_safely(rig: Rig, kind: FailureKind) -> None:
     rig.special[Effect.GRASP] = failing(kind, 1000)
     end = rig.run()
     assert end.state is State.NOT_FOLDED
@@ -362,13 +366,13 @@ def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
     rig.special[Effect.LOOK] = silent
     end = rig.run()
     assert end.state is State.NOT_FOLDED
-    assert rig.performed.count(Effect.LOOK) == 3, "it is tried again twice"
+    assert rig.performed.count(Effect.LOOK) == 3, "the effect is retried twice"
     failed = [e.payload for e in rig.entries("result") if e.name == "look"]
     assert all((f["kind"], f["values"]) == ("camera_fault", {"waited_s": 2.0}) for f in failed)
 
 
 @pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
-def test_a_crash_makes_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
+def test_a_crash_makes_the_cell_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
     def crash(cell: Any, context: RunContext) -> Result:
         raise ZeroDivisionError("of course")
 
@@ -397,7 +401,7 @@ def test_a_crash_while_making_safe_holds_the_arms(rig: Rig) -> None:
 def test_a_stop_ends_the_run_before_the_next_effect(rig: Rig, effect: Effect) -> None:
     rig.after[effect] = lambda: rig.workcell.ports.stop.trigger("button")
     end = rig.run()
-    if effect is Effect.INSPECT:  # the stop comes when all is done
+    if effect is Effect.INSPECT:  # the stop comes after the last fold
         assert end.state is State.FOLDED
         return
     assert end.state is State.STOPPED
@@ -421,7 +425,7 @@ def test_a_stop_while_making_safe_ends_stopped(rig: Rig) -> None:
 # the operator
 
 
-def test_approval_leads_to_the_approach(rig: Rig) -> None:
+def test_an_approved_plan_is_approached(rig: Rig) -> None:
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
     rig.answer(Effect.ASK_APPROVAL, rig.say(Event.APPROVE))
@@ -435,7 +439,7 @@ def test_approval_leads_to_the_approach(rig: Rig) -> None:
     assert end.context.waited_s == pytest.approx(PATIENCE, abs=0.02)
 
 
-def test_a_plan_that_is_not_approved_is_not_moved(rig: Rig) -> None:
+def test_a_plan_that_is_not_approved_is_not_executed(rig: Rig) -> None:
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
     rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
@@ -444,7 +448,7 @@ def test_a_plan_that_is_not_approved_is_not_moved(rig: Rig) -> None:
     assert Effect.APPROACH not in rig.performed
 
 
-def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
+def test_a_refused_plan_is_followed_by_a_new_picture(rig: Rig) -> None:
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
     rig.answer(Effect.ASK_APPROVAL, rig.say(Event.RETRY), rig.say(Event.APPROVE))
@@ -454,8 +458,8 @@ def test_a_plan_that_is_sent_back_starts_with_a_new_look(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_an_approval_holds_for_one_plan_only(rig: Rig) -> None:
-    """QueuedCommand twice at the first fold, it must not approve the second."""
+def test_an_approval_is_for_one_plan_only(rig: Rig) -> None:
+    """An approval given twice for the first fold must not approve the second one."""
     rig.attended(approve=True)
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
     rig.special[Effect.INSPECT] = lambda c, x: Result(Event.NEXT_FOLD, x)
@@ -465,7 +469,7 @@ def test_an_approval_holds_for_one_plan_only(rig: Rig) -> None:
     assert rig.performed.count(Effect.APPROACH) == 1
 
 
-def test_pause_holds_between_two_effects_until_resume(rig: Rig) -> None:
+def test_a_pause_between_two_effects_lasts_until_resume(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     end = rig.run()
@@ -478,7 +482,7 @@ def test_pause_holds_between_two_effects_until_resume(rig: Rig) -> None:
     assert rig.cell.commands == []
 
 
-def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -> None:
+def test_events_within_an_effect_are_recorded_between_its_intent_and_result(rig: Rig) -> None:
     def fold(cell: Any, context: RunContext) -> Result:
         cell.note("paused", {"path_s": 1.25})
         return Result(Event.DONE, context)
@@ -488,7 +492,7 @@ def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -
     rig.observers = (remarks,)
     rig.run()
     assert [(r.kind, r.title, r.text) for r in remarks.list] == [("command", "paused", "while folding")], (
-        "those who look on are told, too"
+        "observers get the event too"
     )
     entries = list(rig.journal.entries(rig.journal_file.id))
     k = next(k for k, e in enumerate(entries) if e.name == "paused")
@@ -497,7 +501,7 @@ def test_events_within_an_effect_stand_between_its_intent_and_result(rig: Rig) -
     assert entries[k + 1].answers == entries[k - 1].sequence
 
 
-def test_a_motion_postponed_by_a_pause_starts_after_it(rig: Rig) -> None:
+def test_a_motion_postponed_by_a_pause_starts_after_the_pause(rig: Rig) -> None:
     rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME))
     assert rig.run().state is State.FOLDED
@@ -506,7 +510,7 @@ def test_a_motion_postponed_by_a_pause_starts_after_it(rig: Rig) -> None:
     assert rig.performed[at + 1] is Effect.LIFT
 
 
-def test_pause_twice_in_one_run(rig: Rig) -> None:
+def test_a_run_can_be_paused_twice(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.after[Effect.FOLD] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME), rig.say(Event.RESUME))
@@ -514,14 +518,14 @@ def test_pause_twice_in_one_run(rig: Rig) -> None:
     assert rig.performed.count(Effect.WAIT) == 2
 
 
-def test_abort_while_paused(rig: Rig) -> None:
+def test_a_paused_run_can_be_aborted(rig: Rig) -> None:
     rig.after[Effect.LIFT] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.ABORT))
     assert rig.run().state is State.NOT_FOLDED
     assert rig.performed[-4:] == [Effect.LIFT, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
-def test_stop_while_paused(rig: Rig) -> None:
+def test_a_paused_run_can_be_stopped(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, lambda: rig.workcell.ports.stop.trigger("button"))
     assert rig.run().state is State.STOPPED
@@ -536,7 +540,7 @@ def test_the_result_names_the_final_cause_and_not_a_recovered_failure(rig: Rig) 
 
 
 @pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.LIFT])
-def test_abort_between_two_effects_makes_safe(rig: Rig, effect: Effect) -> None:
+def test_an_abort_between_two_effects_makes_the_cell_safe(rig: Rig, effect: Effect) -> None:
     rig.after[effect] = rig.say(Event.ABORT)
     assert rig.run().state is State.NOT_FOLDED
     assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
@@ -570,7 +574,7 @@ def test_the_operator_is_asked_after_the_last_recovery(rig: Rig) -> None:
     assert end.context.waited_s > 0
 
 
-# a journal that takes no more lines
+# a journal that can no longer be written
 
 
 def lose(rig: Rig) -> None:
@@ -582,7 +586,7 @@ def test_losing_the_journal_ends_the_run_with_the_arms_held(rig: Rig, effect: Ef
     rig.after[effect] = lambda: lose(rig)
     end = rig.run()
     assert end.state is State.FAULT
-    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves that the journal does not know of"
+    assert rig.performed[-2:] == [effect, Effect.HOLD], "nothing moves without a journal entry"
     failure = end.context.failure
     assert failure.kind is K.UNRECORDED and "journal.db" in failure.what
     assert "held where they are" in failure.hint and "read-only" in failure.hint
@@ -623,8 +627,8 @@ def approving(rig: Rig) -> None:
     rig.special[Effect.PLAN_MOTION] = lambda c, x: Result(Event.APPROVAL_NEEDED, x)
 
 
-def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
-    """A key pressed twice at one fold must not approve the next one unseen."""
+def test_an_approval_given_before_the_plan_exists_is_void(rig: Rig) -> None:
+    """A key pressed twice for one fold must not approve the next fold unseen."""
     approving(rig)
     rig.after[Effect.PLAN_MOTION] = rig.say(Event.APPROVE)
     rig.answer(Effect.ASK_APPROVAL, rig.say(Event.ABORT))
@@ -632,8 +636,8 @@ def test_approval_given_before_the_plan_was_there_is_void(rig: Rig) -> None:
     assert end.state is State.NOT_FOLDED and Effect.APPROACH not in rig.performed
 
 
-def test_an_approval_given_with_the_question_counts(rig: Rig) -> None:
-    """Whoever watches may answer at once: what was noted must not get lost."""
+def test_an_approval_given_as_the_question_opens_counts(rig: Rig) -> None:
+    """An operator may answer immediately, and a noted answer must not get lost."""
 
     class Hasty:
         def entered(self, t: float, step: Step) -> None:
@@ -647,7 +651,7 @@ def test_an_approval_given_with_the_question_counts(rig: Rig) -> None:
     assert rig.run().state is State.FOLDED
 
 
-def test_a_stop_found_by_the_driver_is_reported_in_the_same_words(rig: Rig) -> None:
+def test_a_stop_reported_by_the_driver_has_the_same_message_as_any_stop(rig: Rig) -> None:
     def refused(cell: Any, context: RunContext) -> Result:
         cell.ports.stop.trigger("the button")
         raise DriverError(K.STOPPED, "stopped: the button", "reset the stop, then enable the arms")
@@ -660,7 +664,7 @@ def test_a_stop_found_by_the_driver_is_reported_in_the_same_words(rig: Rig) -> N
 
 
 def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) -> None:
-    """Killed between the two, a run knows at least as much as its journal."""
+    """A run killed between the two writes has a checkpoint that is at least as new as its journal."""
     kept: list[tuple[str, bool]] = []
 
     def keep(context: RunContext) -> None:
@@ -669,11 +673,13 @@ def test_the_checkpoint_is_written_before_the_result_in_the_journal(rig: Rig) ->
 
     rig.keep = keep
     rig.run()
-    assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], "the last fold is judged again"
+    assert kept == [(effect.value, True) for effect in STRAIGHT[:-1]], (
+        "the last inspection has no checkpoint and is repeated"
+    )
 
 
 def test_the_checkpoint_is_written_after_effects_without_a_journal_entry(rig: Rig) -> None:
-    """A fold that the operator lets pass moves the plan on."""
+    """An accepted fold advances the plan without an effect."""
     indices: list[int] = []
     rig.attended()
     drift = Failure(K.STUCK_ON_FINGER, "it clings")

@@ -1,4 +1,4 @@
-"""Assembling a workcell from its settings: motion limits and who is asked."""
+"""Assembling a workcell from its settings: motion limits, collision margins, and whether an operator attends."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ def test_an_approving_operator_is_also_asked_after_the_last_recovery(tmp_path: P
 
 
 def fingers_at(cell: Workcell, height: float) -> np.ndarray:
-    """The left hand points down, its finger tips so high above the table [m]; they end 5.15 mm beyond the tool."""
+    """Joints (14,) with the left hand pointing down and its fingertips at this height above the table [m]. The
+    fingers end 5.15 mm beyond the tool centre point."""
     T = np.eye(4)
     T[:3, :3] = tool_rotation(np.zeros(1), np.zeros(1), np.zeros(1))[0]
     T[:3, 3] = [0.65, 0.25, cell.table.height + height + 0.00515]
@@ -67,7 +68,8 @@ def fingers_at(cell: Workcell, height: float) -> np.ndarray:
 
 
 def test_the_execution_margin_is_two_millimetres_smaller_than_the_planning_margin(tmp_path: Path) -> None:
-    """The arms stand a little off: else a way that was planned would be refused when it is begun."""
+    """The arms deviate a little from the plan, so with equal margins a planned path could be refused at its
+    start."""
     cell = put_together(tmp_path)
     verdicts = [
         (cell.checker.in_collision(q), cell.execution_checker.in_collision(q))

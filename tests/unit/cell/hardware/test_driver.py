@@ -31,7 +31,7 @@ def test_ros_drivers_without_ros_name_the_packages_to_install(name: str, monkeyp
     check_cell("sim", TOWEL)
 
 
-def test_only_the_robot_is_no_simulation() -> None:
+def test_every_driver_except_ros_is_a_simulation() -> None:
     assert [name for name in driver.DRIVERS if not is_simulated(name)] == ["ros"]
 
 
@@ -40,4 +40,4 @@ def test_simulated_drivers_refuse_an_unknown_garment() -> None:
     with pytest.raises(ConfigurationError):
         check_cell("sim", wrong)
     if installation.find_ros() is not None:
-        check_cell("ros", wrong)  # what lies on a real table is nobody's setting
+        check_cell("ros", wrong)  # a real cell does not check the garment's name

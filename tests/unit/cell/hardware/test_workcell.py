@@ -1,4 +1,4 @@
-"""Computing beside the cell: a stop is seen meanwhile, and the declared time is charged."""
+"""Computing on a worker thread: a stop is detected meanwhile, and the declared time is charged."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def test_a_stop_abandons_the_computation(workers: ThreadPoolExecutor) -> None:
     threading.Timer(0.05, workcell.ports.stop.trigger, ["button"]).start()
     try:
         with pytest.raises(DriverError, match="button") as caught:
-            workcell.compute(2.5, free.wait)  # to wait for a result that is void would take for ever
+            workcell.compute(2.5, free.wait)  # waiting for the discarded result would take forever
         assert caught.value.kind is FailureKind.STOPPED
-        assert cell.now == 0.0, "time was charged for it"
+        assert cell.now == 0.0, "a discarded computation is not charged"
     finally:
         free.set()
 

@@ -1,4 +1,4 @@
-"""The person at a real cell: questions, waiting, and the ends of waiting."""
+"""The person at a real cell: questions, waits, and the ends of waits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.fakes import FakeCell
 
 
 class Asked:
-    """The attendant, asked on another thread."""
+    """An attendant who is asked on another thread."""
 
     def __init__(self) -> None:
         self.cell, self.commands = FakeCell(), CommandQueue()
@@ -65,7 +65,7 @@ def test_the_attendant_waits_for_the_confirmation(asked: Asked) -> None:
     assert not thread.is_alive() and asked.asked[1:] == [None]
 
 
-def test_an_earlier_approval_is_no_confirmation(asked: Asked) -> None:
+def test_an_approval_before_the_question_is_no_confirmation(asked: Asked) -> None:
     asked.commands.put(Event.APPROVE)
     thread = asked.ask(asked.person.lay_garment)
     thread.join(0.3)
@@ -76,20 +76,22 @@ def test_an_earlier_approval_is_no_confirmation(asked: Asked) -> None:
 
 
 def test_an_abort_is_no_confirmation(asked: Asked) -> None:
-    """Otherwise the next effect would follow, and pads could close on fingers."""
+    """Otherwise the next effect would begin, and pads could close on fingers."""
     thread = asked.ask(lambda: asked.person.bring_board(BoardPlace.LEFT_HAND))
     assert "left gripper" in str(asked.asked[0])
     asked.commands.put(Event.ABORT)
     thread.join(10.0)
     assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
-    assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, "it is said once"
+    assert asked.asked[-1] is None and asked.commands.take({Event.ABORT}) is None, (
+        "the abort is not left in the queue"
+    )
 
 
-def test_a_closed_terminal_ends_the_waiting(asked: Asked) -> None:
-    """The terminal was closed: else the robot would wait for ever with its motors on."""
+def test_a_closed_terminal_ends_the_wait(asked: Asked) -> None:
+    """Otherwise the robot would wait forever with its motors on."""
     thread = asked.ask(asked.person.lay_garment)
     asked.commands.close()
-    for _ in range(2):  # and whatever is asked for next
+    for _ in range(2):  # the next question ends too
         thread.join(10.0)
         assert not thread.is_alive()
         assert asked.refused is not None and asked.refused.kind is FailureKind.ABORTED
@@ -98,7 +100,7 @@ def test_a_closed_terminal_ends_the_waiting(asked: Asked) -> None:
     thread.join(10.0)
 
 
-def test_a_stop_ends_the_waiting(asked: Asked) -> None:
+def test_a_stop_ends_the_wait(asked: Asked) -> None:
     thread = asked.ask(asked.person.lay_garment)
     asked.cell.stop_reason = "the button"
     thread.join(10.0)
@@ -106,7 +108,7 @@ def test_a_stop_ends_the_waiting(asked: Asked) -> None:
 
 
 def test_a_script_continues_while_the_attendant_waits(asked: Asked) -> None:
-    """It is carried out on the way of the cell's clock."""
+    """The wait advances the cell's clock, which carries out the script."""
     clock = asked.cell.ports().clock
     asked.person.clock = clock
     asked.cell.at(0.5, lambda: asked.commands.put(Event.APPROVE) and None)
@@ -115,7 +117,7 @@ def test_a_script_continues_while_the_attendant_waits(asked: Asked) -> None:
     assert not thread.is_alive() and asked.refused is None and clock.now() >= 0.5
 
 
-def test_the_page_asks_and_takes_the_answer() -> None:
+def test_the_page_shows_the_question_and_takes_the_answer() -> None:
     board = RunStatus("run-1", "small_towel", 3, simulated=False)
     board.entered(1.0, Step(State.PHOTOGRAPHING, Event.DONE, State.AWAITING_GARMENT, Effect.AWAIT_GARMENT))
     assert Event.APPROVE not in board.allowed() and board.snapshot()["question"] is None
@@ -126,4 +128,4 @@ def test_the_page_asks_and_takes_the_answer() -> None:
     board.ask(None)
     assert board.snapshot()["question"] is None and Event.APPROVE not in board.allowed()
     board.ask("lay it again")
-    assert not board.answers(question["number"]), "an answer belongs to its question"
+    assert not board.answers(question["number"]), "an answer to an earlier question is refused"

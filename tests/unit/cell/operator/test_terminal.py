@@ -28,19 +28,19 @@ def test_letters_and_words_become_commands_in_order() -> None:
     assert commands.take({Event.RETRY}) is Event.RETRY
 
 
-def test_every_key_is_an_operators_command() -> None:
+def test_every_operator_command_has_a_key() -> None:
     assert set(KEYS.values()) == OPERATOR_EVENTS
 
 
 def test_an_unknown_command_is_reported_and_ignored() -> None:
     commands, answers = typed("\nfold it\n")
     assert "'fold it' is no command" in answers
-    assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # only the end of the input
+    assert commands.take(OPERATOR_EVENTS) is Event.ABORT  # the abort comes from the end of the input
 
 
 def test_a_command_that_is_not_allowed_now_is_refused() -> None:
-    """It would be void, and the operator believe that it was said: an answer before the question, a resume of
-    nothing."""
+    """Otherwise the operator would believe that a void command was accepted: an answer before the question, or a
+    resume without a pause."""
     commands, answers = CommandQueue(), io.StringIO()
     may = {Event.PAUSE, Event.ABORT}
     operator = TerminalOperator(commands, io.StringIO(), answers, may=lambda: frozenset(may))
@@ -52,7 +52,7 @@ def test_a_command_that_is_not_allowed_now_is_refused() -> None:
     assert "skip: accepted" in answers.getvalue() and commands.take(OPERATOR_EVENTS) is Event.SKIP
 
 
-def test_a_terminal_that_is_gone_ends_the_run() -> None:
+def test_a_closed_terminal_aborts_the_run() -> None:
     commands, _ = typed("")
     assert commands.take({Event.ABORT}) is Event.ABORT
 
@@ -78,7 +78,7 @@ def test_progress_shows_a_failure_once() -> None:
     lines = ProgressLines(stream)
     context = RunContext().with_failure(Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "regrasp"))
     lines.performed(2.0, STEP, Result(Event.FAILED, context))
-    lines.performed(3.0, STEP, Result(Event.DONE, context))  # the old failure is still known, but over
+    lines.performed(3.0, STEP, Result(Event.DONE, context))  # the context still has the earlier failure
     assert stream.getvalue().count("missed_grasp: nothing between the pads (regrasp)") == 1
 
 
@@ -87,7 +87,7 @@ class Screen(io.StringIO):
         return True
 
 
-def test_the_bar_of_long_computing_makes_room_for_the_next_line() -> None:
+def test_the_progress_bar_is_cleared_before_the_next_line() -> None:
     screen = Screen()
     lines = ProgressLines(screen)
     lines.computing(3, 60, "simulations at most")
@@ -103,7 +103,7 @@ def test_progress_without_a_stream_writes_nothing() -> None:
     lines.entered(2.0, STEP)
 
 
-def test_progress_survives_a_reader_that_is_gone() -> None:
+def test_progress_continues_if_its_reader_is_gone() -> None:
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as stream:
@@ -114,8 +114,8 @@ def test_progress_survives_a_reader_that_is_gone() -> None:
             stream.close()
 
 
-def test_the_next_runs_operator_follows_at_the_same_terminal() -> None:
-    """Runs of a campaign share a terminal: a line goes to the run that is under way."""
+def test_the_terminals_next_line_goes_to_the_next_run() -> None:
+    """Runs of a campaign share a terminal. A typed line goes to the current run."""
     ours, theirs = os.pipe()
     first, second = CommandQueue(), CommandQueue()
     with os.fdopen(ours) as source, os.fdopen(theirs, "w") as keyboard:
@@ -130,4 +130,4 @@ def test_the_next_runs_operator_follows_at_the_same_terminal() -> None:
         assert second.wait({Event.ABORT}, 10.0) is Event.ABORT and first.take(OPERATOR_EVENTS) is None
         third = CommandQueue()
         TerminalOperator(third, source, io.StringIO()).start()
-        assert third.wait({Event.ABORT}, 10.0) is Event.ABORT, "nobody is left to answer"
+        assert third.wait({Event.ABORT}, 10.0) is Event.ABORT, "a run on a closed terminal is aborted"

@@ -31,15 +31,15 @@ def test_a_picture_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert not back.rgb.flags.writeable and not back.depth.flags.writeable
 
 
-def test_equal_pictures_are_kept_once_and_others_apart(tmp_path: Path) -> None:
+def test_equal_pictures_are_stored_once_and_different_ones_separately(tmp_path: Path) -> None:
     store = FrameStore(tmp_path / "frames")
     names = [store.put(p) for p in (picture(1), picture(1), picture(2), picture(1, stamp=1.5))]
     assert names[0] == names[1] and len(set(names)) == 3
     assert len(list((tmp_path / "frames").iterdir())) == 3
 
 
-def test_no_byte_of_a_picture_may_change(tmp_path: Path) -> None:
-    """Wherever the file is damaged: the picture that was kept, or an error that says so."""
+def test_a_changed_byte_of_a_picture_is_detected_or_harmless(tmp_path: Path) -> None:
+    """For damage at any place of the file, the store returns the original picture or raises an error."""
     store = FrameStore(tmp_path)
     frame = picture(1)
     name = store.put(frame)

@@ -69,7 +69,7 @@ def test_a_run_is_running_until_it_ends(tmp_path: Path) -> None:
     assert journal.run("last").status == "running"
     run.end("not_folded")
     assert journal.run("last").status == "not_folded"
-    assert list(run.directory.iterdir()) == []  # the lock file is gone with the run
+    assert list(run.directory.iterdir()) == []  # the run's end removes the lock file
 
 
 def test_a_run_whose_end_could_not_be_written_is_interrupted(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_run_whose_end_could_not_be_written_is_interrupted(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("lines", [1, 2, 5, 40])
-def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, lines: int) -> None:
+def test_kill_9_loses_no_acknowledged_entry(tmp_path: Path, lines: int) -> None:
     journal_file = tmp_path / "journal.db"
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(journal_file)], stdout=subprocess.PIPE, text=True)
     assert writer.stdout is not None
@@ -99,21 +99,21 @@ def test_kill_9_loses_nothing_that_was_acknowledged(tmp_path: Path, lines: int) 
         kinds = {e.sequence: e.kind for e in entries}
         for kind, sequence in acknowledged:
             assert kinds[int(sequence)] == kind
-        assert len(entries) - len(acknowledged) in (0, 1)  # at most one was written and not yet acknowledged
+        assert len(entries) - len(acknowledged) in (0, 1)  # at most one entry was written but not yet acknowledged
         last = journal.last_intent(run_id)
         assert last is not None and last.begun.payload["number"] == last.begun.sequence // 2
         assert (last.result is None) == (entries[-1].kind == "intent")
 
 
 def test_a_killed_run_is_interrupted_even_if_its_pid_is_reused(tmp_path: Path) -> None:
-    """Another process may get a dead owner's pid: the lock decides, not the number."""
+    """Another process may get a dead owner's pid, so the lock decides and not the pid."""
     journal, run = begin(tmp_path)
     run.abandon()
     assert journal.run(run.id).pid == os.getpid()
     assert journal.run(run.id).status == "interrupted"
 
 
-def test_last_intent(tmp_path: Path) -> None:
+def test_the_last_intent_is_the_newest_one(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
     assert journal.last_intent(run.id) is None
     first = run.intent(0.0, "looking", "look")
@@ -135,7 +135,7 @@ def test_a_result_needs_an_open_intent(tmp_path: Path) -> None:
         run.result(intent, 0.2)
 
 
-def test_nothing_follows_the_end(tmp_path: Path) -> None:
+def test_an_ended_run_accepts_no_more_entries(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
     run.end("folded")
     with pytest.raises(InternalError, match="too late"):
@@ -145,7 +145,7 @@ def test_nothing_follows_the_end(tmp_path: Path) -> None:
     assert journal.run("last").result == "folded"
 
 
-def test_lines_from_several_threads_have_no_gaps(tmp_path: Path) -> None:
+def test_entries_from_several_threads_have_no_gaps(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
     threads = [
         threading.Thread(target=lambda k=k: [run.event(0.0, "s", f"{k}-{i}") for i in range(20)]) for k in range(4)
@@ -156,7 +156,7 @@ def test_lines_from_several_threads_have_no_gaps(tmp_path: Path) -> None:
         t.join()
     entries = journal.entries(run.id)
     assert [e.sequence for e in entries] == list(range(1, 81))
-    for k in range(4):  # each thread's own order is kept
+    for k in range(4):  # each thread's entries keep their order
         assert [e.name for e in entries if e.name.startswith(f"{k}-")] == [f"{k}-{i}" for i in range(20)]
 
 
@@ -174,7 +174,7 @@ def test_several_processes_share_a_new_journal(tmp_path: Path) -> None:
     assert len({r.id for r in runs}) == 4 and all(r.status == "folded" for r in runs)
 
 
-def test_runs_of_the_same_second_get_their_own_folders(tmp_path: Path) -> None:
+def test_runs_of_the_same_second_get_separate_folders(tmp_path: Path) -> None:
     journal = Journal.open(tmp_path / "journal.db")
     runs = [
         journal.begin_run(garment="../../evil name", seed=3, driver="sim", wall_clock=lambda: 1e9)
@@ -188,7 +188,7 @@ def test_runs_of_the_same_second_get_their_own_folders(tmp_path: Path) -> None:
     assert all(r.directory.parent == tmp_path for r in runs)
 
 
-def test_runs_are_found_by_id_beginning_folder_or_last(tmp_path: Path) -> None:
+def test_runs_are_found_by_id_prefix_folder_or_last(tmp_path: Path) -> None:
     journal = Journal.open(tmp_path / "journal.db")
     with pytest.raises(ConfigurationError, match="no runs yet"):
         journal.run("last")
@@ -202,7 +202,7 @@ def test_runs_are_found_by_id_beginning_folder_or_last(tmp_path: Path) -> None:
         journal.run("nothing")
 
 
-# files that are no journals, folders that cannot be written
+# other files, and folders that cannot be written
 
 
 def test_a_newer_journal_is_refused_and_left_unchanged(tmp_path: Path) -> None:
@@ -243,11 +243,11 @@ def test_a_missing_folder_is_refused_without_making_a_journal(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_a_storage_error_and_keeps_what_was_written(tmp_path: Path) -> None:
+def test_a_full_disk_is_a_storage_error_and_earlier_entries_are_kept(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
     run.event(0.0, "looking", "first")
     pages = journal._connection.execute("PRAGMA page_count").fetchone()[0]
-    journal._connection.execute(f"PRAGMA max_page_count={pages}")  # SQLite's own SQLITE_FULL
+    journal._connection.execute(f"PRAGMA max_page_count={pages}")  # SQLite then reports SQLITE_FULL
     with pytest.raises(StorageError, match="disk is full"):
         for i in range(1000):
             run.event(1.0, "looking", "more", {"text": "x" * 1000, "number": i})
@@ -255,10 +255,10 @@ def test_a_full_disk_is_a_storage_error_and_keeps_what_was_written(tmp_path: Pat
     assert written[0].name == "first"
     assert [e.sequence for e in written] == list(range(1, len(written) + 1))
     journal._connection.execute("PRAGMA max_page_count=1000000")
-    assert run.event(2.0, "looking", "after") == len(written) + 1  # no number was lost
+    assert run.event(2.0, "looking", "after") == len(written) + 1  # the sequence has no gap
 
 
-def test_a_run_that_cannot_be_noted_leaves_no_folder(tmp_path: Path) -> None:
+def test_a_run_without_a_journal_entry_leaves_no_folder(tmp_path: Path) -> None:
     journal = Journal.open(tmp_path / "journal.db")
     journal._connection.execute("PRAGMA query_only=ON")
     with pytest.raises(StorageError, match="read-only"):
@@ -266,7 +266,7 @@ def test_a_run_that_cannot_be_noted_leaves_no_folder(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == []
 
 
-def test_reading_needs_no_permission_to_write(lockable: Any) -> None:
+def test_reading_needs_no_write_permission(lockable: Any) -> None:
     journal, run = begin(lockable.folder)
     run.end("folded")
     journal.close()
@@ -287,7 +287,7 @@ def test_a_journal_in_a_read_only_folder_is_not_opened_for_writing(lockable: Any
         Journal.open(lockable.folder / "journal.db")
 
 
-def test_reading_while_a_run_is_written(tmp_path: Path) -> None:
+def test_a_journal_can_be_read_while_a_run_writes_to_it(tmp_path: Path) -> None:
     _, run = begin(tmp_path)
     run.event(0.0, "looking", "first")
     with Journal.open(tmp_path / "journal.db", readonly=True) as reader:
@@ -296,14 +296,14 @@ def test_reading_while_a_run_is_written(tmp_path: Path) -> None:
         assert [e.name for e in reader.entries(run.id)] == ["first", "second"]
 
 
-def test_reading_what_is_not_there(tmp_path: Path) -> None:
+def test_reading_a_missing_journal_is_a_storage_error(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="no journal"):
         Journal.open(tmp_path / "journal.db", readonly=True)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_line_is_synchronous() -> None:
-    """FULL makes each commit reach the disk: without it a power cut loses acknowledged lines."""
+def test_every_commit_is_synchronous() -> None:
+    """With FULL, each commit reaches the disk. Otherwise a power cut would lose acknowledged entries."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder, Journal.open(Path(folder) / "journal.db") as journal:
@@ -321,7 +321,7 @@ class Value:
     where: Path
 
 
-def test_values_of_the_cell_become_json() -> None:
+def test_values_of_the_cell_are_converted_to_json() -> None:
     value = {
         Side.LEFT: Value(Side.RIGHT, np.array([[1.0, np.nan]]), Path("a/b")),
         "kind": FailureKind.DRIFT,

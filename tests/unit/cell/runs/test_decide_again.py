@@ -28,7 +28,7 @@ def other(at: int, **changes: Any) -> list[Entry]:
     return [*THEN[:at], replace(THEN[at], **changes), *THEN[at + 1 :]]
 
 
-def test_equal_entries_match_at_any_wall_time() -> None:
+def test_equal_entries_agree_at_any_wall_time() -> None:
     payload = {**THEN[2].payload, "wall": {"segment_s": 7.0}}
     assert first_difference(THEN, [replace(e, wall_time=2e9) for e in other(2, payload=payload)]) is None
 
@@ -72,7 +72,7 @@ def test_a_different_cell_time_is_reported() -> None:
     )  # fmt: skip
 
 
-def test_missing_entries_count_only_between_complete_journals() -> None:
+def test_missing_entries_are_reported_only_for_complete_journals() -> None:
     assert first_difference(THEN, THEN[:3], whole=False) is None
     assert first_difference(THEN[:3], THEN, whole=False) is None
     shorter, longer = first_difference(THEN, THEN[:3]), first_difference(THEN[:3], THEN)

@@ -1,4 +1,4 @@
-"""The owner of a cell, and the journal it leaves."""
+"""The owner of a cell, and the owner's journal."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def test_a_cell_has_one_owner_that_releases_it(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="in use"), owned_cell(tmp_path):
             pass
     assert signal.getsignal(signal.SIGINT) is before
-    with owned_cell(tmp_path):  # free again
+    with owned_cell(tmp_path):  # the cell is free again
         pass
 
 
-def test_a_run_that_is_not_ended_shows_as_interrupted(tmp_path: Path) -> None:
+def test_a_run_without_an_end_is_shown_as_interrupted(tmp_path: Path) -> None:
     settings = load_settings(None)
     with owned_cell(tmp_path) as (_, journal):
         with begun_run(journal, "small_towel", 7, "sim", settings) as run:
@@ -51,7 +51,7 @@ def test_a_run_that_is_not_ended_shows_as_interrupted(tmp_path: Path) -> None:
 def test_a_run_whose_cell_could_not_be_opened_names_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before the run begins an error is a refusal and not an interruption."""
+    """An error before the run begins is a refusal and not an interruption."""
     settings = load_settings(None)
     silent = ConfigurationError("no ROS master answers", "switch the robot on")
     with owned_cell(tmp_path) as (_, journal):

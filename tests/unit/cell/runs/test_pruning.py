@@ -18,7 +18,7 @@ LIGHT = ("report.html", "result.json", "cell.yaml")
 
 
 class Logs:
-    """Runs in a logs folder and in a campaign's, each a second after the last."""
+    """Runs in a logs folder and in a campaign's folder. Each begins one second after the previous one."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.clock = folder, 1000.0
@@ -64,7 +64,7 @@ def test_the_newest_runs_are_kept(logs: Logs) -> None:
 
 
 def test_the_newest_runs_are_kept_after_the_clock_was_set_back(logs: Logs) -> None:
-    """Within a journal its order is the truth; times are for runs of different ones."""
+    """Runs of one journal have its order. Times order only runs of different journals."""
     logs.clock = 5000.0
     first, second = logs.run("folded"), logs.run("folded")
     logs.clock = 1000.0
@@ -90,7 +90,7 @@ def test_pruning_removes_large_files_once(logs: Logs) -> None:
 
 
 def test_only_runs_with_a_checkpoint_are_checked_for_resuming(logs: Logs, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes the whole journal each time: hundreds of runs that are done would take minutes."""
+    """Each check reads the whole journal, so checking hundreds of finished runs would take minutes."""
     asked: list[str] = []
     monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
     cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")

@@ -23,7 +23,7 @@ def kept(tmp_path: Path, request: FoldRequest) -> Path:
     return folder
 
 
-def test_a_request_comes_back_with_the_exact_settings(tmp_path: Path) -> None:
+def test_a_request_is_read_back_with_the_exact_settings(tmp_path: Path) -> None:
     request = fold_request(tmp_path, seed=7, realtime=True)
     back = load_request(kept(tmp_path, request), request.logs, quiet=True)
     assert back.settings.fingerprint() == request.settings.fingerprint()
@@ -32,7 +32,7 @@ def test_a_request_comes_back_with_the_exact_settings(tmp_path: Path) -> None:
 
 
 def test_a_user_garment_file_is_kept_with_the_run(tmp_path: Path) -> None:
-    """Under a name that would else be that of the settings; the file it came from may change or go."""
+    """The garment file may have the name of the settings file, and the original may change or be deleted."""
     source = tmp_path / "mine" / "cell.yaml"
     source.parent.mkdir()
     source.write_bytes(shipped_garment_path("small_towel").read_bytes())
@@ -55,7 +55,7 @@ def test_a_run_folder_without_a_request_is_refused(tmp_path: Path, damage: str |
 
 
 def test_a_calibration_that_has_changed_since_is_refused(tmp_path: Path) -> None:
-    """What was seen and planned with the old one is void."""
+    """What the run saw and planned with the old calibration is void."""
     table = tmp_path / "table.yaml"
     table.write_text(table_text(-0.11), encoding="utf-8")
     request = fold_request(tmp_path, {"table": {"calibration": str(table)}})

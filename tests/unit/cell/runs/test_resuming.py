@@ -45,27 +45,29 @@ PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion
         (SEEN, RunContext(), E.LOOK_AGAIN),
         ([*SEEN, S.AWAITING_APPROVAL], PLANNED, E.LOOK_AGAIN),
         (SEEN + FOLD[:1], PLANNED, E.LOOK_AGAIN),
-        (SEEN + FOLD[:4], PLANNED, E.LOOK_AGAIN),  # it was in the hands: let go, look where it is
-        (SEEN + FOLD[:5], PLANNED, E.LOOK_AFTER),  # it was carried to its place
+        (SEEN + FOLD[:4], PLANNED, E.LOOK_AGAIN),  # the garment was in the hands: it is released and located
+        (SEEN + FOLD[:5], PLANNED, E.LOOK_AFTER),  # the garment was carried to its target
         (SEEN + FOLD, PLANNED, E.LOOK_AFTER),
-        (SEEN + FOLD, context_with(index=1), E.LOOK_AGAIN),  # judged, and the plan is one fold on
+        # the fold was inspected, and the plan is at the next fold
+        (SEEN + FOLD, context_with(index=1), E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:4], S.CLEARING, S.RECOVERING, S.GIVING_UP, S.NOT_FOLDED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:6], S.CLEARING, S.MAKING_SAFE, S.FAULT], PLANNED, E.LOOK_AFTER),
         ([*SEEN, *FOLD[:4], S.PAUSED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:4], S.STOPPED], PLANNED, E.LOOK_AGAIN),
-        ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # cut off once more
+        ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # interrupted again
         ([S.IDLE, S.RESUMING], RunContext(reentry=E.LAY), E.LAY),
-        ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),  # the states know better
+        # the states are newer than the saved reentry
+        ([S.RESUMING, S.LOOKING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AGAIN),
     ],
 )
-def test_a_resumed_run_enters_the_state_that_looks_first(
+def test_a_resumed_run_begins_with_the_picture_that_its_last_state_needs(
     way: list[State], context: RunContext, event: Event
 ) -> None:
     assert reentry_event(way, context) is event
 
 
 class Logs:
-    """A logs folder with runs that got somewhere."""
+    """A logs folder with interrupted runs."""
 
     def __init__(self, folder: Path) -> None:
         self.request = fold_request(folder, seed=4)
@@ -115,15 +117,15 @@ def test_a_resumed_run_has_the_saved_context(logs: Logs) -> None:
     assert (found.request.seed, found.request.garment, found.request.quiet) == (4, "small_towel", True)
     assert found.context.fold.index == 1 and found.context.attempts == failed.attempts
     assert found.context.reentry is E.LOOK_AGAIN
-    assert found.context.failure is None and found.context.waited_s == 0.0, "it waits for nobody any more"
+    assert found.context.failure is None and found.context.waited_s == 0.0, "the waiting time starts anew"
     assert not found.context.fold.held and not found.context.fold.biases, (
-        "the hands are opened before anything else"
+        "the hands are empty, because a resumed run first opens them"
     )
 
 
 @pytest.mark.parametrize(("through", "carried"), [(4, False), (5, True), (6, True)])
 def test_a_fold_whose_release_had_begun_is_inspected_first(logs: Logs, through: int, carried: bool) -> None:
-    """Also where the camera fails at the first look: what was believed is from before the release."""
+    """The checkpoint is from before the release, so the resumed run must know that the fold was carried."""
     logs.cut_off(through=through)
     assert logs.resume("last").context.fold.carried is carried
 
@@ -141,7 +143,7 @@ def test_a_folded_run_cannot_be_resumed(logs: Logs) -> None:
 
 
 def test_a_run_with_skipped_folds_cannot_be_resumed(logs: Logs) -> None:
-    """Its last fold was made: to go on would be to make it twice."""
+    """The last fold was made, so a resumed run would make it twice."""
     logs.cut_off(replace(PLANNED, through=True))
     with pytest.raises(ConfigurationError, match="finished its plan"):
         logs.resume("last")
@@ -197,7 +199,7 @@ def test_changed_settings_are_refused(logs: Logs, file: str) -> None:
 
 
 def test_a_run_can_be_resumed_once(logs: Logs) -> None:
-    """Its garment lies where the later run left it, at any wall-clock time."""
+    """The garment lies where the later run left it. The order of the runs does not depend on the wall clock."""
     first = logs.cut_off()
     logs.clock -= 3600.0
     later = logs.begin()
@@ -207,21 +209,21 @@ def test_a_run_can_be_resumed_once(logs: Logs) -> None:
     with pytest.raises(ConfigurationError, match=f"already resumed as {later.id}") as e:
         logs.resume(first)
     assert e.value.hint == f"foldcell resume {later.id}"
-    assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "it can be gone on with in turn"
+    assert logs.resume(later.id).context.reentry is E.LOOK_AFTER, "the later run can also be resumed"
 
 
 @pytest.mark.parametrize(("driver", "refused"), [("sim", False), ("emulator", False), ("ros", True)])
 def test_a_real_run_cannot_be_resumed_after_a_later_run(logs: Logs, driver: str, refused: bool) -> None:
-    """Each simulated run has a world of its own; there is one real table."""
+    """Each simulated run has its own world, but there is only one real table."""
     first = logs.cut_off(driver=driver)
-    logs.clock -= 3600.0  # no order of clocks counts
+    logs.clock -= 3600.0  # the order does not depend on the clock
     elsewhere = logs.begin("sim" if driver == "ros" else "ros")
     elsewhere.abandon()
     check_resumable(logs.journal, first)
-    failed = logs.begin(driver)  # the robot was off: it did nothing
+    failed = logs.begin(driver)  # the robot was off, so this run did nothing
     failed.abandon()
     assert logs.resume(first).run == logs.resume("last").run == first
-    rehearsed = logs.begin("sim" if driver == "ros" else "ros")  # at another table
+    rehearsed = logs.begin("sim" if driver == "ros" else "ros")  # a run at another table
     rehearsed.intent(0.0, S.PREPARING, "prepare")
     rehearsed.abandon()
     assert logs.resume(first).run == first
@@ -235,7 +237,7 @@ def test_a_real_run_cannot_be_resumed_after_a_later_run(logs: Logs, driver: str,
         assert logs.resume(first).run == first
 
 
-def test_a_missing_world_checkpoint_is_reported(logs: Logs) -> None:
+def test_a_missing_world_checkpoint_is_a_storage_error(logs: Logs) -> None:
     name = logs.cut_off()
     (logs.request.logs / name / "world.npz").unlink()
     with pytest.raises(StorageError, match="the simulated world"):
@@ -248,5 +250,5 @@ def test_a_folded_run_leaves_no_checkpoint(tmp_path: Path) -> None:
     checkpoint_writer.forget()
     checkpoint_writer.forget()
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / "world.npz").mkdir()  # what cannot be removed stays, and ends nothing
+    (tmp_path / "world.npz").mkdir()  # a file that cannot be removed stays, without an error
     checkpoint_writer.forget()

@@ -37,7 +37,7 @@ def restored(tmp_path: Path, folder: Path) -> FoldRequest:
 
 
 def test_replay_uses_the_user_library_of_the_run(tmp_path: Path) -> None:
-    """It was empty but for one entry; since then another was added, and a broken one beside it."""
+    """The library had one entry at the time of the run. Another entry was added later."""
     request = fold_request(tmp_path)
     shipped = load_library().library.entries
     add_entry(request.logs, replace(shipped[0], garment="mine"))
@@ -103,13 +103,13 @@ def test_a_cell_can_be_assembled_from_the_run_inputs(tmp_path: Path) -> None:
     assert len(cell.library().entries) == len(load_library().library.entries)
 
 
-def test_an_unreadable_library_counts_as_none(tmp_path: Path) -> None:
-    """So it is for the run itself."""
+def test_an_unreadable_library_counts_as_empty(tmp_path: Path) -> None:
+    """This is also so in the run itself."""
     request = fold_request(tmp_path)
     user_library_path(request.logs).mkdir()
     assert not user_library_path(kept(tmp_path, request)).exists()
 
 
-def test_replay_uses_the_present_shipped_library(tmp_path: Path) -> None:
+def test_the_shipped_library_is_not_saved_with_the_run(tmp_path: Path) -> None:
     folder = kept(tmp_path, fold_request(tmp_path))
     assert not user_library_path(folder).exists() and shipped_library_path().exists()

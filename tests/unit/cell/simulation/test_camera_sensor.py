@@ -26,7 +26,7 @@ Z = DEFAULT_TABLE.height
 
 
 def sheet() -> tuple[Array, np.ndarray]:
-    """A 0.40 x 0.60 m grid centred on 0: (n, 2) and its triangles."""
+    """A grid of 0.40 x 0.60 m centred on 0: vertices (n, 2) and triangles."""
     nx, ny = 11, 16
     x, y = np.meshgrid(np.linspace(-0.2, 0.2, nx), np.linspace(-0.3, 0.3, ny), indexing="ij")
     xy = np.column_stack((x.ravel(), y.ravel()))
@@ -72,7 +72,7 @@ def lying(xy: Array, height: float = 0.002) -> Array:
     return np.column_stack((xy + np.array([0.58, 0.0]), np.full(len(xy), Z + height)))
 
 
-def test_table_and_cloth_appear_at_their_projection(renderer: Renderer) -> None:
+def test_table_and_cloth_appear_at_their_pinhole_projections(renderer: Renderer) -> None:
     xy, _ = sheet()
     empty, laid = renderer.picture(shot(None)), renderer.picture(shot(lying(xy)))
     v, u = np.mgrid[80:400:16, 100:540:16].reshape(2, -1)
@@ -93,7 +93,7 @@ def test_both_sides_of_the_cloth_are_seen(renderer: Renderer) -> None:
     assert areas[1] == pytest.approx(areas[0], rel=0.01)
 
 
-def test_the_process_is_replaced_when_it_dies_and_draws_the_same(renderer: Renderer) -> None:
+def test_a_dead_render_process_is_replaced_and_draws_the_same_picture(renderer: Renderer) -> None:
     xy, _ = sheet()
     before = renderer.picture(shot(lying(xy)))
     pid = renderer.pid
@@ -119,7 +119,7 @@ def camera(seed: int = 7, ideal: bool = False) -> SimulatedCamera:
     return SimulatedCamera(Still(), K, NOISE, seed, lambda: shot(None), lambda: 2.5, ideal)  # type: ignore[arg-type]
 
 
-def test_depth_noise_grows_as_tabled_and_is_quantised() -> None:
+def test_depth_noise_grows_with_the_square_of_the_distance_and_depth_is_quantised() -> None:
     depth = camera().capture().depth
     flat = depth[20:180, 20:600]
     flat = flat[np.isfinite(flat)]
@@ -131,13 +131,13 @@ def test_depth_noise_grows_as_tabled_and_is_quantised() -> None:
     np.testing.assert_allclose(disparity, np.rint(disparity), atol=1e-3)
 
 
-def test_the_part_of_the_noise_that_lasts_stays_in_the_mean_of_many_exposures() -> None:
+def test_the_lasting_part_of_the_noise_remains_in_the_mean_of_many_exposures() -> None:
     c = camera()
     mean = c.capture(exposures=40).depth[20:180, 20:600] - 1.1
     lasting = NOISE.depth_lasting * NOISE.depth_sigma * 1.1**2
     assert np.nanstd(mean) == pytest.approx(lasting, rel=0.15)
     again = c.capture(exposures=40).depth[20:180, 20:600] - 1.1
-    assert np.corrcoef(mean.ravel(), again.ravel())[0, 1] > 0.8, "it is the same in every picture"
+    assert np.corrcoef(mean.ravel(), again.ravel())[0, 1] > 0.8, "the lasting part is the same in every picture"
 
 
 def test_depth_is_lost_almost_only_at_edges() -> None:
@@ -146,7 +146,7 @@ def test_depth_is_lost_almost_only_at_edges() -> None:
     assert lost[20:180, 20:600].mean() < 0.005
 
 
-def test_noise_belongs_to_the_picture_number() -> None:
+def test_the_noise_depends_only_on_seed_and_picture_number() -> None:
     one, other = camera(), camera()
     other.capture()
     first, second = one.capture(), one.capture()
@@ -157,7 +157,7 @@ def test_noise_belongs_to_the_picture_number() -> None:
     assert not first.rgb.flags.writeable and not first.depth.flags.writeable
 
 
-def test_faults_freeze_blacken_and_silence_it() -> None:
+def test_faults_freeze_blacken_and_silence_the_camera() -> None:
     c = camera()
     first = c.capture()
     c.frozen = True

@@ -1,4 +1,4 @@
-"""The cloth protocol of the simulated cell, with our solver and with MuJoCo's flex."""
+"""The cloth protocol of the simulated cell, with foldcell's solver and with MuJoCo's flex."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MESH = mesh_from_contour(np.array([[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], 
 WEIGHT = MATERIAL.areal_mass * 0.12 * 0.08 * GRAVITY
 DOWN = np.diag([1.0, -1.0, -1.0])
 EDGE = np.array([0.0, 0.035, 0.0])
-"""In the middle of the side at +y; the pads' line is along x."""
+"""The middle of the side at +y. The line between the pads is along x."""
 
 
 @pytest.fixture(params=["xpbd", "mujoco"])
@@ -48,7 +48,7 @@ def above(point: Array, height: float) -> Array:
 
 
 def lead(cloth: ClothBody, start: Array, end: Array, seconds: float) -> None:
-    """Hand 0 from start to end, pointing down, starting and stopping gently."""
+    """Move hand 0 from start to end, pointing down, with minimum jerk."""
     n = round(seconds * FRAME_RATE)
     s = np.linspace(0.0, 1.0, n + 1)
     path = start + np.outer(s**3 * (10 - 15 * s + 6 * s * s), end - start)
@@ -64,7 +64,7 @@ def lifted(world: str) -> ClothBody:
     return cloth
 
 
-def test_cloth_at_rest_stays(world: str) -> None:
+def test_cloth_at_rest_does_not_move(world: str) -> None:
     cloth = body(world)
     before = cloth.positions
     cloth.advance(60)
@@ -76,12 +76,12 @@ def test_cloth_between_the_pads_hangs_from_the_hand(world: str) -> None:
     cloth = lifted(world)
     assert cloth.held(0) and not cloth.held(1)
     top = cloth.positions[:, 2].max()
-    assert top == pytest.approx(0.2, abs=0.012)  # the hem beyond the line stands up
+    assert top == pytest.approx(0.2, abs=0.012)  # the hem beyond the held line stands up
     assert cloth.positions[:, 2].min() == pytest.approx(0.125, abs=0.015)
-    assert cloth.pinch_force(0)[2] == pytest.approx(-WEIGHT, rel=0.15)  # it swings a little
+    assert cloth.pinch_force(0)[2] == pytest.approx(-WEIGHT, rel=0.15)  # the cloth swings a little
 
 
-def test_open_pads_let_it_fall(world: str) -> None:
+def test_cloth_falls_from_open_pads(world: str) -> None:
     cloth = lifted(world)
     cloth.release(0)
     cloth.advance(60)
@@ -98,7 +98,7 @@ def test_pads_that_close_beside_the_cloth_hold_nothing(world: str) -> None:
     assert cloth.grip(0, EDGE, DOWN, 20.0).layers == 1
 
 
-def test_cloth_slips_out_of_pads_that_hardly_press(world: str) -> None:
+def test_cloth_slips_out_of_pads_with_too_little_force(world: str) -> None:
     cloth = lifted(world)
     cloth.set_grip_force(0, 0.3 * WEIGHT / (2.0 * cloth.pads.friction))
     cloth.advance(3)
@@ -106,7 +106,7 @@ def test_cloth_slips_out_of_pads_that_hardly_press(world: str) -> None:
 
 
 def test_a_hand_pushes_the_cloth(world: str) -> None:
-    """A finger that sweeps through where the cloth hangs takes it along, and is felt by the hand that holds it."""
+    """A finger that sweeps through the hanging cloth takes it along, and the holding hand feels the force."""
     cloth = lifted(world)
     n, radius = 45, 0.010
     y = np.linspace(-0.05, 0.065, n + 1)
@@ -148,8 +148,8 @@ def test_a_run_in_an_impossible_world_is_refused_before_it_begins(tmp_path: Path
     assert not list(tmp_path.rglob("journal.db"))
 
 
-def test_our_own_body_has_the_pieces_traits() -> None:
-    """Stiffer along material y: the towel hangs shorter by its y side than by its x side."""
+def test_the_anisotropy_of_a_garment_changes_how_its_cloth_hangs() -> None:
+    """Cloth that is stiffer along material y hangs shorter by its y side."""
     soft = replace(MATERIAL, stretch_fraction=0.1)
     drops = []
     for anisotropy in (1.0, 4.0):
@@ -164,8 +164,8 @@ def test_our_own_body_has_the_pieces_traits() -> None:
     assert drops[1] < drops[0]
 
 
-def test_friction_in_bending_is_a_trait_of_our_own_body() -> None:
-    """A wave that was pressed into the cloth stays in part, where cloth without friction forgets it."""
+def test_the_bending_friction_of_a_garment_keeps_a_part_of_a_wave() -> None:
+    """A wave pressed into the cloth remains in part. Without friction it disappears."""
     wave = MESH.lay_flat(0.003)
     wave[:, 2] += 0.006 * (1.0 + np.cos(2.0 * np.pi * wave[:, 0] / 0.06))
     heights = []

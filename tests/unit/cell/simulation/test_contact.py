@@ -19,7 +19,7 @@ def tips(a: float, b: float) -> np.ndarray:
 
 
 @given(depth, depth)
-def test_the_arm_gives_way_until_forces_balance(a: float, b: float) -> None:
+def test_the_arm_yields_until_the_forces_balance(a: float, b: float) -> None:
     felt = touch(tips(a, b), np.zeros(2), S)
     assert felt.force.sum() == pytest.approx(S.arm * felt.lift, abs=1e-9)
     assert (felt.force >= 0).all()
@@ -34,10 +34,10 @@ def test_force_grows_with_the_layers_pressed() -> None:
     assert touch(tips(0.006, 0.006), np.full(2, 0.005), S).force.max() == 0.0
 
 
-def test_the_tips_are_the_pads_apart() -> None:
+def test_the_distance_between_the_tips_follows_the_opening() -> None:
     a, b = fingertips(np.zeros(3), np.diag([1.0, -1.0, -1.0]), 0.03)
     assert np.linalg.norm(a - b) == pytest.approx(0.03 + PAD_THICKNESS)
-    assert a[1] < b[1]  # finger 0 is on the tool's +y
+    assert a[1] < b[1]  # finger 0 is on the tool's +y side
 
 
 def test_fingers_rest_on_the_layers_below_them() -> None:

@@ -1,4 +1,4 @@
-"""Injected faults wait for their conditions, happen once, and last for their duration."""
+"""Injected faults wait for their conditions, happen once and last for their duration."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_fault_waits_for_its_fold() -> None:
     assert drop is not None and drop.extent == pytest.approx(0.03) and drop.lasts == pytest.approx(0.4)
 
 
-def test_a_corner_drops_once_it_is_high_enough() -> None:
+def test_a_corner_is_dropped_at_the_given_height() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.DROPPED_CORNER, size=0.1))
     assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.09) is None

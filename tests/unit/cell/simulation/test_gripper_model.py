@@ -42,12 +42,12 @@ def test_a_gripper_refuses_before_calibration_and_follows_after_it() -> None:
         bench.gripper.command(0.02, 10.0)
     assert refusal.value.kind is FailureKind.GRIPPER_FAULT
     bench.gripper.calibrate()
-    bench.gripper.command(0.02, 10.0)  # waits its turn
+    bench.gripper.command(0.02, 10.0)  # this command waits for the calibration
     assert bench.gripper.state().moving
     bench.run(NOISE.calibration_time + 0.5)
     assert bench.gripper.state().calibrated
     assert bench.gripper.state().opening == pytest.approx(0.02)
-    assert bench.closings == []  # calibrating takes hold of nothing
+    assert bench.closings == []  # the calibration grips nothing
 
 
 def test_an_empty_gripper_closes_fully_without_force() -> None:

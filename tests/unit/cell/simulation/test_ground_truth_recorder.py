@@ -21,7 +21,7 @@ from skills.planning.plan import plan_folds
 
 @pytest.mark.parametrize("name", ["mine", "small_towel"])
 def test_a_user_garment_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> None:
-    """Of one fold only: judged by the shipped plan it would lie half a towel off."""
+    """The plan has only one fold. Scored by the shipped plan, the towel would be off by half its size."""
     data = yaml.safe_load(shipped_garment_path("small_towel").read_text())
     data |= {"plan": data["plan"][:1], "edge_pairs": [[["far_left", "near_left"], ["far_right", "near_right"]]]}
     path = tmp_path / f"{name}.yaml"

@@ -1,4 +1,4 @@
-"""The noise table: every figure with unit and source."""
+"""The noise table: every figure has a unit and a source."""
 
 from __future__ import annotations
 
@@ -47,6 +47,6 @@ def test_a_noise_table_with_wrong_keys_is_refused(copy: Path, change: str) -> No
         noise.load_noise()
 
 
-def test_a_range_is_drawn_from_end_to_end() -> None:
+def test_values_are_drawn_from_the_whole_range() -> None:
     drawn = [noise.Range(2.0, 3.0).draw(np.random.default_rng(k)) for k in range(200)]
     assert 2.0 <= min(drawn) < 2.1 and 2.9 < max(drawn) <= 3.0

@@ -28,7 +28,7 @@ def test_an_outline_is_a_simple_counter_clockwise_ring_of_the_garments_size(name
 
 
 @pytest.mark.parametrize("name", TOWELS)
-def test_keypoints_lie_on_the_contour_near_the_template(name: str) -> None:
+def test_key_points_lie_on_the_contour_near_the_template(name: str) -> None:
     garment = load_garment(name)
     outline = draw_outline(garment, NOISE, np.random.default_rng(4))
     assert set(outline.keypoints) == set(garment.keypoints)
@@ -38,13 +38,13 @@ def test_keypoints_lie_on_the_contour_near_the_template(name: str) -> None:
         assert np.linalg.norm(outline.keypoints[key] - point) < 0.02
 
 
-def test_corners_are_round_and_pieces_differ() -> None:
+def test_corners_are_round_and_differ_between_pieces() -> None:
     garment = load_garment("medium_towel")
     one, other = (draw_outline(garment, NOISE, np.random.default_rng(s)) for s in (1, 2))
     corner = draw_outline(garment, NOISE, np.random.default_rng(1), ideal=True)
     for key, point in zip(garment.keypoints, garment.template, strict=True):
         cut = np.linalg.norm(corner.keypoints[key] - point)
-        assert 0.001 < cut < 0.008  # (sqrt 2 - 1) of the radius: the sharp corner is off the cloth
+        assert 0.001 < cut < 0.008  # the sharp corner is outside the cloth by (sqrt 2 - 1) of the radius
     assert np.abs(one.contour - other.contour).max() > 1e-3
 
 
@@ -55,7 +55,7 @@ def test_a_garment_without_an_outline_uses_its_template() -> None:
     assert distance < 0.005
 
 
-def test_a_user_garment_of_any_name_is_laid() -> None:
+def test_a_user_garment_with_any_name_can_be_laid() -> None:
     garment = load_garment("t_shirt")
     smaller = replace(garment, template=0.8 * garment.template)
     outline = draw_outline(smaller, NOISE, np.random.default_rng(0), ideal=True)

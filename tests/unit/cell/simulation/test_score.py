@@ -1,4 +1,4 @@
-"""The scorer against exact folds, independent rasters, and each kind of failure."""
+"""The scorer against exact folds, independent rasters and each kind of failure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002
-CORNERS = {  # laid with its length across the table
+CORNERS = {  # the towel lies with its length across the table
     "near_right": np.array([-WIDTH / 2, -LENGTH / 2]),
     "far_right": np.array([WIDTH / 2, -LENGTH / 2]),
     "far_left": np.array([WIDTH / 2, LENGTH / 2]),
@@ -45,7 +45,7 @@ POSE = (0.62, 0.05, math.radians(20.0))
 
 
 def towel(edge: float = 0.02, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """An unstructured mesh of the towel, centred: (n, 2), (m, 3)."""
+    """An unstructured mesh of the towel, centred on 0: vertices (n, 2), triangles (m, 3)."""
     rng = np.random.default_rng(seed)
     x, y = (np.linspace(-s / 2, s / 2, round(s / edge) + 1) for s in (WIDTH, LENGTH))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -70,7 +70,7 @@ def garment(
     lines: tuple[FoldLine, ...] = (HALF,),
     pose: tuple[float, float, float] = POSE,
 ) -> FinalGarment:
-    """`final` (n, 3) is stated in the towel's own frame; everything is laid at `pose`."""
+    """The towel at the end of a run. final: (n, 3) vertices in the towel's frame. The result is laid at `pose`."""
     placed = np.column_stack([turned(final[:, :2], *pose), final[:, 2]])
     keypoints = {name: turned(p, *pose) for name, p in CORNERS.items()}
     return FinalGarment(
@@ -84,7 +84,7 @@ def garment(
 
 
 def folded(flat: np.ndarray, lines: tuple[FoldLine, ...] = (HALF,)) -> np.ndarray:
-    """The exact isometry of every vertex, stacked one layer on another."""
+    """The exact fold of every vertex: an isometry with stacked layers."""
     xy, layer = flat.copy(), np.zeros(len(flat))
     for k, line in enumerate(lines):
         moves = line.signed_distance(xy) > 0.0
@@ -97,7 +97,7 @@ def moved_part(flat: np.ndarray) -> np.ndarray:
     return HALF.signed_distance(flat) > 0.0
 
 
-# --- what must pass ------------------------------------------------------------------------------------
+# --- folds that must pass ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("lines", [(HALF,), (HALF, QUARTER)])
@@ -131,7 +131,7 @@ def test_creases_bulge_without_failing_the_height() -> None:
 
 @pytest.mark.parametrize("lines", [(HALF,), (HALF, QUARTER)], ids=["half", "quarter"])
 def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tuple[FoldLine, ...]) -> None:
-    """Cloth put exactly on the target opens its creases: that much is no fault of a fold."""
+    """Cloth placed exactly on the target opens its creases. A fold must not fail because of this."""
     outline = np.array([*CORNERS.values()])
     mesh = mesh_from_contour(outline, 0.020)
     material = Material(0.4, 0.03, 0.012, 0.0025, 0.41, 0.35, 0.6)
@@ -143,10 +143,10 @@ def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tu
     result = score(final)
     assert result.passed, result.to_json()
     assert result.iou > 0.92 and result.correspondence_m < 0.010
-    assert result.height_m > len(lines) * material.thickness, "it did settle: nothing is perfectly flat"
+    assert result.height_m > len(lines) * material.thickness, "the cloth has settled and is not perfectly flat"
 
 
-# --- what must fail ------------------------------------------------------------------------------------
+# --- folds that must fail ------------------------------------------------------------------------------
 
 
 def drifted(flat: np.ndarray, by: float) -> np.ndarray:
@@ -154,7 +154,7 @@ def drifted(flat: np.ndarray, by: float) -> np.ndarray:
 
 
 def piled(flat: np.ndarray, height: float, width: float = 0.08) -> np.ndarray:
-    """The moved half runs into the table before its target and stands up in a wave; its length is kept."""
+    """The moved half meets the table before its target and stands up in a wave of the same length."""
     final, moves = folded(flat), moved_part(flat)
     crest = LENGTH / 4
     along = np.linspace(0.0, LENGTH, 6001)
@@ -168,7 +168,7 @@ def piled(flat: np.ndarray, height: float, width: float = 0.08) -> np.ndarray:
 
 
 def sagged(flat: np.ndarray, by: float) -> np.ndarray:
-    """The moved edge between the arms lost its tension: its middle hangs `by` behind the corners."""
+    """The moved edge sagged: its middle lies `by` behind the corners [m]."""
     final, moves = folded(flat), moved_part(flat)
     across = 1.0 - (flat[moves, 0] / (WIDTH / 2)) ** 2
     final[moves, 1] += by * across * (flat[moves, 1] / (LENGTH / 2)) ** 2
@@ -176,9 +176,9 @@ def sagged(flat: np.ndarray, by: float) -> np.ndarray:
 
 
 def dropped(flat: np.ndarray, reach: float) -> np.ndarray:
-    """One corner was lost on the way and lies turned back along a diagonal, `reach` from the corner."""
+    """One corner was lost and lies turned back along a diagonal, at the distance `reach` from the corner [m]."""
     final, moves = folded(flat), moved_part(flat)
-    corner = np.array([-WIDTH / 2, -LENGTH / 2])  # where near_left should be
+    corner = np.array([-WIDTH / 2, -LENGTH / 2])  # the target of near_left
     bisector = np.array([1.0, 1.0]) / math.sqrt(2.0)
     depth = reach / math.sqrt(2.0) - (final[:, :2] - corner) @ bisector
     turned_back = moves & (depth > 0.0)
@@ -188,7 +188,7 @@ def dropped(flat: np.ndarray, reach: float) -> np.ndarray:
 
 
 def left_behind(flat: np.ndarray, radius: float = 0.25) -> np.ndarray:
-    """One corner never came along: it lies where it was, the cloth between is stretched over."""
+    """One corner stayed where it was, and the cloth beside it is stretched."""
     final = folded(flat)
     near = np.exp(-(((flat - CORNERS["near_left"]) / radius) ** 2).sum(axis=1))[:, None]
     final[:, :2] = (1 - near) * final[:, :2] + near * flat
@@ -231,14 +231,14 @@ def test_a_slight_flaw_still_passes(final: object) -> None:
     assert result.passed, result.to_json()
 
 
-def test_a_mirrored_fold_is_not_aligned_away() -> None:
+def test_a_mirrored_fold_fails() -> None:
     flat, triangles = towel()
     final = folded(flat)
     final[:, 0] *= -1.0
     assert "correspondence_m" in score(garment(flat, triangles, final)).failed
 
 
-def test_a_shrunk_fold_is_not_scaled_away() -> None:
+def test_a_shrunk_fold_fails() -> None:
     flat, triangles = towel()
     final = folded(flat)
     final[:, :2] *= 0.85
@@ -278,7 +278,7 @@ def test_the_score_does_not_depend_on_the_towels_pose(x: float, y: float, angle:
     final = sagged(flat, 0.02)
     a, b = score(garment(flat, triangles, final)), score(garment(flat, triangles, final, pose=(x, y, angle)))
     for name, figure in a.figures.items():
-        tolerance = 0.006 if name == "iou" else 5e-4  # rasters lie differently over the shape
+        tolerance = 0.006 if name == "iou" else 5e-4  # the raster lies differently over the shape
         assert b.figures[name].value == pytest.approx(figure.value, abs=tolerance), name
 
 
@@ -302,15 +302,15 @@ def test_the_order_of_vertices_and_triangles_does_not_matter() -> None:
         )
     )
     for name, figure in score(whole).figures.items():
-        # A piece with four corners is halved along either diagonal, which moves its barycentres a little.
+        # A piece with four corners may be split along either diagonal, which moves its barycentres a little.
         assert result.figures[name].value == pytest.approx(figure.value, abs=2e-5), name
 
 
-# --- its parts against others' -------------------------------------------------------------------------
+# --- parts of the scorer against independent implementations -------------------------------------------
 
 
 def test_the_silhouette_agrees_with_opencv_and_shapely() -> None:
-    """Intersection over union by our raster, by cv2.fillPoly, and by exact polygons."""
+    """Intersection over union by the scorer's raster, by cv2.fillPoly and by exact polygons."""
     flat, triangles = towel(0.03)
     final, wanted = sagged(flat, 0.05), fold_mesh(flat, triangles, (HALF,), flat)
     whole = garment(flat, triangles, final, pose=(0.0, 0.0, 0.0))
@@ -354,7 +354,8 @@ def test_pixels_on_shared_edges_belong_to_one_triangle() -> None:
     angle2=st.floats(-math.pi, math.pi),
 )  # fmt: skip
 def test_a_cut_and_folded_mesh_is_an_isometry(offset: float, angle: float, offset2: float, angle2: float) -> None:
-    """Areas kept, every triangle congruent to its rest shape, nothing left on a line's moving side."""
+    """Areas are kept, every triangle is congruent to its rest shape, and no cloth is left on the last line's
+    moving side."""
     lines = tuple(
         FoldLine(o * np.array([-math.sin(a), math.cos(a)]), np.array([math.cos(a), math.sin(a)]))
         for o, a in ((offset, angle), (offset2, angle2))
@@ -369,14 +370,15 @@ def test_a_cut_and_folded_mesh_is_an_isometry(offset: float, angle: float, offse
     assert lines[-1].signed_distance(cut.target).max() < 1e-6
 
 
-def test_the_target_is_what_the_planner_aims_at() -> None:
+def test_the_scorers_target_equals_the_planners_target() -> None:
     flat, triangles = towel()
     cut = fold_mesh(flat, triangles, (HALF, QUARTER), flat)
     np.testing.assert_allclose(cut.target, fold_xy((HALF, QUARTER), cut.attributes), atol=1e-6)
 
 
 def a_towel(name: str) -> Garment:
-    """A towel with a plan as the shipped ones have: either half onto the other, then either end."""
+    """A towel with a plan like that of the shipped towels: either half onto the other, then either end onto the
+    other."""
 
     def at(**weights: float) -> Anchor:
         return Anchor(tuple(weights.items()))
@@ -420,17 +422,17 @@ def test_every_variant_sequence_is_a_valid_target_and_the_preferred_one_is_first
     assert not score_plan(half_done, triangles, flat, keypoints, a_towel("t"), THICKNESS).passed
 
 
-def test_creases_are_as_long_as_the_fold_is_wide() -> None:
+def test_each_crease_is_as_long_as_its_fold_is_wide() -> None:
     flat, triangles = towel()
     creases = fold_mesh(flat, triangles, (HALF, QUARTER), flat).creases
     lengths = np.linalg.norm(creases[:, 0] - creases[:, 1], axis=1)
     assert lengths.sum() == pytest.approx(WIDTH + LENGTH, rel=1e-6)
     on_half = np.abs(creases[..., 1]).max(axis=1) < 1e-6
     assert lengths[on_half].sum() == pytest.approx(WIDTH, rel=1e-6)
-    assert creases[on_half, :, 0].min() > -1e-6, "the second fold has laid the first crease over"
+    assert creases[on_half, :, 0].min() > -1e-6, "the second fold has folded the first crease"
 
 
-def test_the_diagonal_is_the_rectangles_in_any_pose() -> None:
+def test_the_diagonal_of_a_garment_is_that_of_its_rectangle_in_any_pose() -> None:
     flat, _ = towel()
     for angle in (0.0, 0.4, 2.0):
         assert diagonal(turned(flat, 0.3, 0.1, angle)) == pytest.approx(math.hypot(LENGTH, WIDTH))
@@ -447,8 +449,8 @@ def test_key_points_just_off_a_rounded_corner_count_as_the_nearest_cloth() -> No
     assert result.edges_m < 1e-6
 
 
-def test_two_layers_are_counted_and_allowed() -> None:
-    """A two-layer garment folded once is four layers high and may be."""
+def test_the_layers_of_a_two_layer_garment_are_counted_and_allowed() -> None:
+    """A two-layer garment that is folded once may be four layers high."""
     flat, triangles = towel()
     both = np.vstack([flat, flat])
     tris = np.vstack([triangles, triangles + len(flat)]).astype(np.int32)
@@ -460,7 +462,7 @@ def test_two_layers_are_counted_and_allowed() -> None:
     assert result.layers == 4 and result.passed, result.to_json()
 
 
-def test_the_result_is_plain_json_with_its_thresholds() -> None:
+def test_the_score_as_json_has_all_figures_and_limits() -> None:
     flat, triangles = towel()
     result = score(garment(flat, triangles, drifted(flat, 0.060)))
     read = json.loads(json.dumps(result.to_json()))
@@ -495,7 +497,8 @@ def _union(xy: np.ndarray, triangles: np.ndarray) -> shapely.Geometry:
 def _independent_alignment(
     final: np.ndarray, wanted: object, triangles: np.ndarray, flat: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """scipy's Kabsch over a fine, uniform sample of the cloth instead of cut triangles."""
+    """The alignment by scipy's Kabsch method over a fine, uniform sample of the cloth, instead of cut
+    triangles."""
     x, y = np.meshgrid(np.linspace(-WIDTH / 2, WIDTH / 2, 161)[:-1] + WIDTH / 320,
                        np.linspace(-LENGTH / 2, LENGTH / 2, 241)[:-1] + LENGTH / 480)  # fmt: skip
     points = np.column_stack([x.ravel(), y.ravel()])

@@ -23,7 +23,7 @@ def sources(*folders: str) -> list[Path]:
     return [p for folder in folders for p in (ROOT / folder).rglob("*.py") if "simulation" not in p.parts]
 
 
-def test_the_inside_of_the_simulation_is_imported_by_itself_only() -> None:
+def test_only_the_simulation_imports_its_inner_modules() -> None:
     def inside(names: set[str]) -> set[str]:
         return {n for n in names if n.startswith("cell.simulation.") and n.split(".")[2] in INNER}
 
@@ -33,10 +33,10 @@ def test_the_inside_of_the_simulation_is_imported_by_itself_only() -> None:
     assert {path: names for path, names in found.items() if names} == {}
 
 
-def test_skills_calibration_and_robots_do_not_know_the_simulation() -> None:
+def test_skills_calibration_and_robots_do_not_import_the_cell() -> None:
     for path in sources("calibration", "skills", "robots"):
         assert not any(name.startswith("cell") for name in imported(path)), path
 
 
-def test_the_search_finds_what_it_looks_for() -> None:
+def test_the_search_for_imports_finds_an_import_of_the_world() -> None:
     assert "cell.simulation.world_of_port" in imported(ROOT / "cell" / "simulation" / "ports.py")

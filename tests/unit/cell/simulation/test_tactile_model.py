@@ -1,4 +1,4 @@
-"""The tactile cells: 100 Hz, noise and linearity from the table, one reading a sample."""
+"""The tactile cells: one sample each 10 ms, with noise and linearity from the noise table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def sensor(force: float, ideal: bool = False, seed: int = 3) -> SimulatedTactile
     return SimulatedTactile(Side.LEFT, NOISE, seed, ideal, lambda: force, lambda: np.array([0.2, 0.4]))
 
 
-def test_a_sample_is_the_same_reading_for_every_query() -> None:
+def test_all_queries_within_one_sample_get_the_same_reading() -> None:
     asked_once, asked_often = sensor(5.0), sensor(5.0)
     for t in np.arange(0, 0.05, 0.003):
         asked_often.reading(float(t))
@@ -34,7 +34,7 @@ def test_the_cells_of_a_pad_add_up_to_the_grip() -> None:
     assert sensor(8.0).reading(0.0).grip == pytest.approx(8.0, rel=0.06)
 
 
-def test_noise_has_the_tabled_size() -> None:
+def test_the_noise_has_the_size_stated_in_the_table() -> None:
     s = sensor(0.0)
     readings = np.array([s.reading(0.01 * k).cells for k in range(200)])
     assert np.diff(readings, axis=0).std() / np.sqrt(2) == pytest.approx(NOISE.noise, rel=0.1)

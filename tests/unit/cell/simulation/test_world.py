@@ -36,7 +36,7 @@ DT = 0.01
 
 
 class Bench:
-    """A cell and the few motions that the tests make with it."""
+    """A simulated cell and the motions that the tests use."""
 
     def __init__(self, settings: SimulationSettings, seed: int = 1) -> None:
         self._open = ExitStack()
@@ -77,7 +77,7 @@ class Bench:
             self.q = q
 
     def above(self, side: Side, point: Array, height: float, heading: float) -> Array:
-        """Joints (14,) with one tool pointing straight down at a point of the table."""
+        """Joint positions (14,) with one tool pointing straight down at a point above the table."""
         T = np.eye(4)
         T[:3, :3] = tool_rotation(np.array(heading), np.array(0.0), np.array(0.0))
         T[:3, 3] = [point[0], point[1], height + self.height]
@@ -116,17 +116,18 @@ def opened() -> Iterator[Any]:
 
 
 def corner(bench: Bench) -> Array:
-    """A place 15 mm inside the towel's far left corner."""
+    """A point inside the towel, 20 mm from its far left corner along x and y."""
     garment = bench.truth().garment
     assert garment is not None
     return garment.keypoints["far_left"] + 0.02 * np.array([-1.0, -1.0])
 
 
-# the honest loop ------------------------------------------------------------------------------------
+# no access to the ground truth ------------------------------------------------------------------------
 
 
 def reachable(root: object) -> Iterator[object]:
-    """Everything that attributes, items and bound methods lead to; paths and threads lead to all of Python."""
+    """Every object that attributes, items and bound methods lead to. Paths and threads are left out, because they
+    lead to all of Python."""
     plain = (str, int, float, bool, type, type(None), Path, threading.Thread)
     seen: set[int] = set()
     waiting = [root]
@@ -148,7 +149,7 @@ def reachable(root: object) -> Iterator[object]:
 
 @pytest.mark.parametrize("taken_down", [False, True])
 def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: bool, tmp_path: Path) -> None:
-    """Nor of those that a recorded run has, which take down what is asked."""
+    """This holds for plain ports and for those of a recorded run."""
     bench, port_recorder = opened(), PortRecorder(tmp_path if taken_down else None)
     heard = port_recorder.between(bench.ports, CommandQueue()).ports
     heard.attendant.lay_garment()
@@ -156,7 +157,7 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
     assert garment is not None
     found = list(reachable(heard))
     assert port_recorder.close() is None
-    assert len(found) > 30  # the walk did walk
+    assert len(found) > 30  # the search visits many objects
     for value in found:
         assert not isinstance(value, World)
         assert not type(value).__module__.startswith(("cell.simulation.world", "skills.cloth"))
@@ -164,7 +165,7 @@ def test_no_attribute_of_the_ports_leads_to_the_world(opened: Any, taken_down: b
             assert value.shape[:1] != garment.vertices.shape[:1]
     world = World.__new__(World)
     world.ports = bench.ports  # type: ignore[attr-defined]
-    assert any(v is world for v in reachable({"a": [world]}))  # and it would find one
+    assert any(v is world for v in reachable({"a": [world]}))  # the search would find a world
 
 
 # the clock ------------------------------------------------------------------------------------------
@@ -178,7 +179,7 @@ def test_time_passes_only_while_sleeping(opened: Any) -> None:
     assert ports.clock.now() == 0.0
     ports.clock.sleep_until(0.5)
     assert ports.clock.now() == 0.5
-    ports.clock.sleep_until(0.2)  # the past
+    ports.clock.sleep_until(0.2)  # a time in the past
     assert ports.clock.now() == 0.5
     assert ports.arms.state().stamp == pytest.approx(0.5, abs=1 / 240)
 
@@ -191,7 +192,7 @@ def test_real_time_follows_the_wall_clock(opened: Any) -> None:
 
 
 def play(settings: SimulationSettings, seed: int, looking: bool = False) -> tuple[bytes, ...]:
-    """Some calls of every kind; what the ports answered."""
+    """Make calls of every kind. Returns the ports' answers."""
     bench = Bench(settings, seed)
     ports, out = bench.ports, []
     try:
@@ -218,12 +219,12 @@ def play(settings: SimulationSettings, seed: int, looking: bool = False) -> tupl
 def test_a_run_is_a_function_of_its_seed_bit_for_bit() -> None:
     seeing = SimulationSettings(garment="small_towel")
     first = play(seeing, 3)
-    assert first == play(seeing, 3, looking=True)  # and asking for the truth changes nothing
+    assert first == play(seeing, 3, looking=True)  # reading the ground truth changes nothing
     assert all(a != b for a, b in zip(first, play(seeing, 4), strict=True))
 
 
 def test_a_still_picture_takes_the_time_of_its_exposures_and_a_glimpse_none(opened: Any) -> None:
-    """A glimpse is asked for between two set-points: a world that went on meanwhile would end the motion."""
+    """A glimpse is taken between two set-points, so cell time must not pass meanwhile."""
     ports = opened(SimulationSettings(garment="small_towel")).ports
     began = ports.clock.now()
     glimpse = ports.camera.glimpse()
@@ -249,7 +250,7 @@ def test_arms_follow_within_their_error_and_report_what_was_sent(opened: Any) ->
     sent = bench.ports.arms.command(far, np.full(14, 99.0))
     limits = load_model().protective
     assert sent.clipped and (sent.q <= limits.upper).all() and (sent.qd <= limits.velocity).all()
-    assert (np.abs(sent.q - bench.q) < 0.2).all()  # a jump is not followed
+    assert (np.abs(sent.q - bench.q) < 0.2).all()  # the arms do not follow a jump
 
 
 def test_encoder_readings_exclude_the_joint_bias(opened: Any) -> None:
@@ -262,7 +263,7 @@ def test_encoder_readings_exclude_the_joint_bias(opened: Any) -> None:
     assert 2e-4 < np.linalg.norm(T - believed) < 0.01
 
 
-def test_arms_refuse_before_they_are_enabled(opened: Any) -> None:
+def test_arms_refuse_commands_before_they_are_enabled(opened: Any) -> None:
     bench = opened()
     with pytest.raises(DriverError) as error:
         bench.ports.arms.command(bench.q, np.zeros(14))
@@ -284,7 +285,7 @@ def test_silence_makes_the_arms_hold_after_the_timeout(opened: Any) -> None:
     bench.wait(0.5)
     second = bench.ports.arms.state()
     assert abs(second.q[0] - first.q[0]) < 1e-4 and abs(second.qd[0]) < 1e-3
-    assert 0.0 < first.q[0] - bench.q[0] < 0.5 * 0.3  # it went on for a moment, then braked
+    assert 0.0 < first.q[0] - bench.q[0] < 0.5 * 0.3  # the arm moved on for the timeout and then braked
 
 
 def test_stop_from_another_thread_brakes_at_a_bounded_rate(opened: Any) -> None:
@@ -304,8 +305,8 @@ def test_stop_from_another_thread_brakes_at_a_bounded_rate(opened: Any) -> None:
     for _ in range(60):
         bench.wait(1 / 240)
         speeds.append(ports.arms.state().qd[0])
-    assert max(speeds[:3]) > 0.3  # no jerk to a halt
-    assert abs(speeds[-1]) < 0.02  # 0.6 rad/s at 6 rad/s2: 0.1 s
+    assert max(speeds[:3]) > 0.3  # the arm does not halt abruptly
+    assert abs(speeds[-1]) < 0.02  # braking from 0.6 rad/s at 6 rad/s2 takes 0.1 s
     with pytest.raises(DriverError) as error:
         ports.arms.command(bench.q, speed)
     assert error.value.kind is FailureKind.STOPPED
@@ -313,12 +314,12 @@ def test_stop_from_another_thread_brakes_at_a_bounded_rate(opened: Any) -> None:
         ports.arms.enable()
     ports.stop.reset()
     with pytest.raises(DriverError):
-        ports.arms.command(bench.q, speed)  # reset alone arms nothing
+        ports.arms.command(bench.q, speed)  # a reset alone does not enable the arms
     ports.arms.enable()
     ports.arms.command(ports.arms.state().q, np.zeros(14))
 
 
-def test_a_sudden_drop_lowers_the_tool_and_passes(opened: Any) -> None:
+def test_a_sudden_drop_lowers_the_tool_for_its_duration(opened: Any) -> None:
     bench = opened(QUIET).ready()
     before = bench.truth().tools[Side.LEFT][2]
     bench.cell.faults.add(Fault(FaultKind.SUDDEN_DROP, side=Side.LEFT, size=0.03, duration=0.4))
@@ -345,7 +346,7 @@ def test_the_table_is_empty_until_the_attendant_lays_the_garment(opened: Any) ->
     assert set(garment.keypoints) == {"near_right", "far_right", "far_left", "near_left"}
 
 
-def test_no_garment_is_laid_when_that_is_the_fault(opened: Any) -> None:
+def test_the_fault_no_garment_leaves_the_table_empty(opened: Any) -> None:
     bench = opened()
     bench.cell.faults.add(Fault(FaultKind.NO_GARMENT))
     bench.ports.attendant.lay_garment()
@@ -354,7 +355,7 @@ def test_no_garment_is_laid_when_that_is_the_fault(opened: Any) -> None:
     assert bench.truth().garment is not None
 
 
-def test_a_pinch_takes_the_corner_lifts_it_and_lets_it_go(opened: Any) -> None:
+def test_a_corner_can_be_pinched_lifted_and_released(opened: Any) -> None:
     bench = opened(seed=2).ready()
     ports = bench.ports
     ports.attendant.lay_garment()
@@ -369,7 +370,7 @@ def test_a_pinch_takes_the_corner_lifts_it_and_lets_it_go(opened: Any) -> None:
     bench.move(bench.above(Side.LEFT, point, 0.12, np.pi / 2), 1.5)
     lifted = bench.truth().garment
     assert lifted is not None and lifted.vertices[:, 2].max() > 0.10
-    assert ports.tactile[Side.LEFT].reading().tip.max() < tip.max()  # off the table
+    assert ports.tactile[Side.LEFT].reading().tip.max() < tip.max()  # the cloth is lifted off the table
     ports.grippers[Side.LEFT].command(0.03, 12.0)
     bench.hold(1.2)
     fallen = bench.truth()
@@ -386,7 +387,7 @@ def test_tips_pressed_too_high_hold_nothing(opened: Any) -> None:
     assert bench.ports.tactile[Side.LEFT].reading().grip < 0.3
 
 
-def test_a_missed_grasp_is_missed_once(opened: Any) -> None:
+def test_the_fault_missed_grasp_affects_one_grasp(opened: Any) -> None:
     bench = opened(seed=2).ready()
     ports = bench.ports
     bench.cell.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1))
@@ -398,7 +399,7 @@ def test_a_missed_grasp_is_missed_once(opened: Any) -> None:
     assert [fault.kind for _, fault in bench.truth().faults] == [FaultKind.MISSED_GRASP]
 
 
-def test_a_dropped_corner_is_noticed_by_the_pads(opened: Any) -> None:
+def test_the_pads_sense_a_dropped_corner(opened: Any) -> None:
     bench = opened(seed=2).ready()
     ports = bench.ports
     bench.cell.faults.add(Fault(FaultKind.DROPPED_CORNER, side=Side.LEFT, size=0.05))
@@ -414,7 +415,7 @@ def test_a_dropped_corner_is_noticed_by_the_pads(opened: Any) -> None:
 
 
 def test_a_careless_hand_pushes_the_hanging_garment() -> None:
-    """A corner is held up; a finger that sweeps through the cloth that hangs from it takes it along."""
+    """One hand holds a corner up. A finger that sweeps through the hanging cloth takes it along."""
     garment = WorldGarment(
         load_garment("small_towel", "bare_table"), load_noise().garment, np.random.default_rng(0), ideal=True
     )
@@ -485,7 +486,7 @@ def test_impossible_simulation_settings_are_refused() -> None:
         pass
 
 
-def test_a_closed_cell_refuses_and_closes_twice(opened: Any) -> None:
+def test_a_closed_cell_refuses_calls_and_can_be_closed_again(opened: Any) -> None:
     bench = opened()
     bench.close()
     bench.close()

@@ -22,17 +22,17 @@ def drawn_rows() -> set[tuple[str, str, str]]:
     }
 
 
-def test_every_row_but_those_of_failures_is_an_arrow() -> None:
+def test_every_transition_except_failures_is_an_arrow_of_the_chart() -> None:
     rows = {(r.state.value, r.target.value, r.event.value) for r in TRANSITIONS if r.event is not Event.FAILED}
     assert drawn_rows() == rows, AGAIN
 
 
-def test_every_state_has_its_place() -> None:
+def test_every_state_is_in_the_chart() -> None:
     assert set(re.findall(r'id="state-(\w+)"', CHART.read_text())) == {s.value for s in State}, AGAIN
 
 
 def test_chart_colours_group_states_by_their_failure_target() -> None:
-    """All states of one colour, and no others, fail into the same state."""
+    """States have the same colour exactly if their failures lead to the same state."""
     colour = dict(re.findall(r'id="state-(\w+)".*?<path fill="(#\w+)" stroke="#', CHART.read_text(), re.S))
     failing = {r.state.value: r.target for r in TRANSITIONS if r.event is Event.FAILED}
     led = {state: failing[state] for state in failing if failing[state] is not State.FAULT}
@@ -42,7 +42,7 @@ def test_chart_colours_group_states_by_their_failure_target() -> None:
 
 
 @pytest.mark.parametrize("present", list(State))
-def test_a_page_marks_the_present_state_and_those_that_were_passed(present: State) -> None:
+def test_the_marked_chart_shows_the_present_state_and_the_passed_states(present: State) -> None:
     marked = dict(re.findall(r'id="state-(\w+)" class="([^"]*)"', marked_chart(present, [State.IDLE, present])))
     assert {name for name, look in marked.items() if "present" in look} == {present.value}
     passed = {name for name, look in marked.items() if "passed" in look}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.executive.machine import Executive, complete_table
-from cell.states.recovery_table import RECOVERIES, choose_recovery
+from cell.states.recovery_table import choose_recovery
 from cell.states.transition_table import HANDS_ON_CLOTH, REENTRIES, TERMINAL, Effect, Event, State
 from robots.errors import FailureKind, InternalError
 
@@ -15,20 +17,18 @@ ROWS = complete_table()
 WORKING = [s for s in State if s not in TERMINAL and s is not State.IDLE]
 
 
-def successors(state: State) -> set[State]:
-    return {r.target for r in ROWS if r.state is state}
-
-
-def reachable(start: State) -> set[State]:
+def reachable(start: State, without: Collection[Event] = ()) -> set[State]:
+    """The states that a run can reach from a state without these events."""
     seen, todo = {start}, [start]
     while todo:
-        for s in successors(todo.pop()) - seen:
-            seen.add(s)
-            todo.append(s)
+        state = todo.pop()
+        for target in {r.target for r in ROWS if r.state is state and r.event not in without} - seen:
+            seen.add(target)
+            todo.append(target)
     return seen
 
 
-def test_every_state_is_reached_and_can_end() -> None:
+def test_every_state_is_reachable_and_leads_to_an_end() -> None:
     assert reachable(State.IDLE) == set(State)
     for s in WORKING:
         assert reachable(s) & TERMINAL, s
@@ -44,7 +44,7 @@ def test_each_state_and_event_has_one_row() -> None:
 
 @pytest.mark.parametrize("state", WORKING)
 def test_every_state_accepts_stop_and_crash(state: State) -> None:
-    """What already makes the cell safe is not begun again, put off or given up."""
+    """States that already make the cell safe are not restarted, paused or aborted."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is state}
     safe = state in {State.GIVING_UP, State.MAKING_SAFE}
     assert to[Event.STOP] == (State.STOPPED, Effect.HOLD)
@@ -55,30 +55,25 @@ def test_every_state_accepts_stop_and_crash(state: State) -> None:
     assert to.get(Event.PAUSE) == (None if waits else (State.PAUSED, Effect.WAIT))
 
 
-def test_the_effect_of_a_state_does_not_depend_on_the_way_into_it() -> None:
-    done = {s: {r.effect for r in ROWS if r.target is s} for s in State if s is not State.IDLE}
-    several = {
-        State.INSPECTING: {Effect.INSPECT, Effect.NEXT_STEP},
-        State.FAULT: {Effect.NOTHING, Effect.HOLD},
-        State.AWAITING_APPROVAL: {Effect.ASK_APPROVAL},
-        State.AWAITING_PRESSING: {Effect.ASK_APPROVAL},
-    }
-    for state, effects in done.items():
-        assert effects == several.get(state, effects) and (len(effects) == 1 or state in several), state
-    assert {s for s, effects in done.items() if Effect.NOTHING in effects} <= TERMINAL, "a state that does nothing"
+def test_a_state_has_the_same_effect_from_every_previous_state() -> None:
+    """INSPECTING and FAULT have two effects: a skipped fold is not inspected, and a safe cell needs no hold."""
+    for state in set(State) - {State.IDLE}:
+        effects = {r.effect for r in ROWS if r.target is state}
+        assert len(effects) == (2 if state in {State.INSPECTING, State.FAULT} else 1), state
+        assert Effect.NOTHING not in effects or state in TERMINAL, f"{state} has no effect"
 
 
 @pytest.mark.parametrize("state", WORKING)
 def test_every_working_state_has_a_failure_transition(state: State) -> None:
-    """Also where the cell only waits: the arms can be pushed there, and the driver can fall silent. It ends as a
-    fault only where the cell could not be made safe."""
+    """This includes states in which the cell only waits, because the arms can be pushed and the driver can fall
+    silent. The run ends as a fault only if the cell could not be made safe."""
     (failed,) = (r for r in ROWS if r.state is state and r.event is Event.FAILED)
     safe = state in {State.GIVING_UP, State.MAKING_SAFE}
     assert (failed.target is State.FAULT) is safe
     assert safe or failed.target in {State.CLEARING, State.RECOVERING, State.MAKING_SAFE}
 
 
-def test_hands_on_the_cloth_are_cleared_first() -> None:
+def test_a_failure_with_hands_on_the_cloth_leads_to_clearing() -> None:
     at_work = {
         Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS
     }  # fmt: skip
@@ -88,28 +83,33 @@ def test_hands_on_the_cloth_are_cleared_first() -> None:
         assert target is State.CLEARING
 
 
-def test_every_way_into_motion_passes_motion_planning() -> None:
+def test_arms_approach_only_after_motion_planning_or_its_approval() -> None:
     """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there."""
     sources = {r.state for r in ROWS if r.target is State.APPROACHING}
     assert sources == {State.PLANNING_MOTION, State.AWAITING_APPROVAL}
 
 
-def test_a_run_without_failures_visits_the_nominal_states() -> None:
-    machine = Executive()
-    events = [Event.START] + [Event.DONE] * 15 + [Event.NEXT_FOLD] + [Event.DONE] * 9 + [Event.ALL_FOLDED]
-    for e in events:
-        machine.handle(e)
+@pytest.mark.parametrize("folds", [1, 2, 5])
+def test_the_machine_grasps_and_inspects_each_fold_and_ends_folded(folds: int) -> None:
+    machine, entered = Executive(), list[State]()
+    machine.handle(Event.START)
+    while not machine.ended and len(entered) < 100:
+        entered.append(machine.state)
+        all_folded = entered.count(State.INSPECTING) == folds
+        inspected = Event.ALL_FOLDED if all_folded else Event.NEXT_FOLD
+        machine.handle(inspected if machine.state is State.INSPECTING else Event.DONE)
     assert machine.state is State.FOLDED
-    assert machine.ended
+    assert entered.count(State.GRASPING) == entered.count(State.INSPECTING) == folds
+    assert entered.count(State.RECOGNISING) == 1, "later folds are planned from the inspected shape"
 
 
 def test_a_fold_is_pressed_only_right_after_it_was_inspected() -> None:
-    """The hands' path was planned at that time, and the approval is for that plan."""
+    """The hands' paths were planned in the inspection, and the approval is for this plan."""
     ways_in = {(r.state, r.event) for r in ROWS if r.target is State.PRESSING and r.event is not Event.RESUME}
     assert ways_in == {(State.INSPECTING, Event.PRESS), (State.AWAITING_PRESSING, Event.APPROVE)}
     assert {r.state for r in ROWS if r.target is State.AWAITING_PRESSING} == {State.INSPECTING}
     done = next(r for r in ROWS if (r.state, r.event) == (State.PRESSING, Event.DONE))
-    assert done.target is State.RETREATING, "and it is looked at again"
+    assert done.target is State.RETREATING, "a pressed fold is inspected again after the retreat"
 
 
 def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
@@ -125,11 +125,12 @@ def test_resume_enters_the_interrupted_state_again() -> None:
     assert machine.state is State.PAUSED
     resumed = machine.handle(Event.RESUME)
     assert (resumed.target, resumed.effect) == (entered.target, entered.effect)
-    assert machine.state is entered.target, "and it is there"
+    assert machine.state is entered.target
 
 
-def test_an_interrupted_run_is_resumed_only_in_states_that_look_first() -> None:
-    """Never with hands on the cloth, and no later than the picture that locates the garment."""
+def test_an_interrupted_run_resumes_only_in_states_that_lead_to_a_new_picture() -> None:
+    """A resumed run never enters a state with hands on the cloth. It begins no later than with the picture that
+    locates the garment."""
     to = {r.event: (r.target, r.effect) for r in ROWS if r.state is State.RESUMING}
     assert set(REENTRIES.values()) == to.keys() - {
         Event.STOP, Event.CRASH, Event.ABORT, Event.PAUSE, Event.UNRECORDED, Event.FAILED
@@ -141,17 +142,17 @@ def test_an_interrupted_run_is_resumed_only_in_states_that_look_first() -> None:
     assert {r.state for r in ROWS if r.target is State.RESUMING} == {State.IDLE}
 
 
-def test_every_state_that_locates_the_garment_has_a_reentry() -> None:
-    tells_nothing = {
-        State.RESUMING, State.CLEARING, State.RECOVERING, State.ASKING, State.PAUSED, State.GIVING_UP,
-        State.MAKING_SAFE,
+def test_every_state_of_a_run_without_failures_has_a_reentry() -> None:
+    interruptions = {
+        Event.FAILED, Event.STOP, Event.CRASH, Event.ABORT, Event.PAUSE, Event.UNRECORDED, Event.GIVE_UP,
+        Event.REENTER,
     }  # fmt: skip
-    assert set(REENTRIES) == set(WORKING) - tells_nothing
+    assert set(REENTRIES) == reachable(State.IDLE, interruptions) & set(WORKING)
 
 
 @settings(max_examples=200)
 @given(st.lists(st.sampled_from(list(Event)), max_size=40))
-def test_any_sequence_of_allowed_events_reaches_states_of_the_table_only(events: list[Event]) -> None:
+def test_any_sequence_of_allowed_events_follows_the_table(events: list[Event]) -> None:
     machine = Executive()
     for e in [Event.START, *events]:
         if e in machine.allowed():
@@ -166,23 +167,25 @@ def test_any_sequence_of_allowed_events_reaches_states_of_the_table_only(events:
 
 @pytest.mark.parametrize("kind", list(FailureKind))
 @pytest.mark.parametrize("attended", [True, False])
-def test_recoveries_are_bounded_and_known_to_the_machine(kind: FailureKind, attended: bool) -> None:
+def test_recoveries_are_bounded_and_have_a_transition(kind: FailureKind, attended: bool) -> None:
     known = {r.event for r in ROWS if r.state is State.RECOVERING}
     tried = [choose_recovery(kind, n, attended).event for n in range(1, 10)]
     assert set(tried) <= known
-    accepted = Event.CARRY_ON in tried  # which leads past the fold
+    accepted = Event.CARRY_ON in tried  # the run continues after the fold
     assert tried[-1] is (Event.CARRY_ON if accepted else Event.ASK if attended else Event.GIVE_UP)
     assert not accepted or set(tried) == {Event.CARRY_ON}
 
 
-def test_a_stop_is_never_recovered_by_itself() -> None:
-    for kind in (FailureKind.STOPPED, FailureKind.HARDWARE_FAULT, FailureKind.ABORTED):
-        assert kind not in RECOVERIES
+@pytest.mark.parametrize("kind", [FailureKind.STOPPED, FailureKind.HARDWARE_FAULT, FailureKind.ABORTED])
+def test_stops_hardware_faults_and_aborts_are_never_recovered_automatically(kind: FailureKind) -> None:
+    for attempt in range(1, 6):
+        assert choose_recovery(kind, attempt, attended=False).event is Event.GIVE_UP
+        assert choose_recovery(kind, attempt, attended=True).event is Event.ASK
 
 
 @pytest.mark.parametrize("kind", [FailureKind.TRACKING_ERROR, FailureKind.STALE_STATE])
-def test_strayed_arms_are_moved_again_once_after_half_a_second(kind: FailureKind) -> None:
-    """As stated in docs/safety.md."""
+def test_a_motion_with_strayed_or_silent_arms_is_repeated_once_after_half_a_second(kind: FailureKind) -> None:
+    """docs/safety.md states the same."""
     first, second = (choose_recovery(kind, n, attended=False) for n in (1, 2))
     assert first.event is Event.GRASP_AGAIN and first.dwell_s == 0.5
     assert second.event is Event.GIVE_UP

@@ -1,4 +1,4 @@
-"""Emulators for tests: of a fake cell, or of a simulated one."""
+"""Emulators for tests: one of a fake cell, one of a simulated cell."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ QUIET = SimulationSettings(
 
 @pytest.fixture
 def last() -> Iterator[ExitStack]:
-    """What is closed when nobody serves it any more."""
+    """An exit stack that closes the cell after its server has ended."""
     with ExitStack() as stack:
         yield stack
 

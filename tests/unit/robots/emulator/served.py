@@ -1,4 +1,4 @@
-"""An emulator that is served, and a program that listens to it."""
+"""An emulator on a thread, and a ROS program that talks to it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robots.ports import Ports
 
 __all__ = ["PATIENCE", "Heard", "Program", "Serve", "wait"]
 
-PATIENCE = 60.0  # [s] on the wall
+PATIENCE = 60.0  # [s] wall time
 
 
 def wait(condition: Callable[[], Any], what: str) -> None:
@@ -28,7 +28,7 @@ def wait(condition: Callable[[], Any], what: str) -> None:
 
 
 class Heard:
-    """All messages of a topic."""
+    """All messages received on a topic."""
 
     def __init__(self) -> None:
         self.all: list[Any] = []
@@ -40,8 +40,8 @@ class Heard:
 
 
 class Program:
-    """An emulator in a thread of its own, of a new robot unless a past is given, and a ROS program beside it that
-    knows topics and nothing else."""
+    """An emulator on its own thread, and a ROS program that uses only topics. Without an initial state, the robot
+    is new."""
 
     def __init__(self, ports: Ports, **settings: Any) -> None:
         self.m = load_messages()
@@ -76,7 +76,7 @@ class Program:
         return publisher
 
     def deaf(self) -> None:
-        """Hear no more of what was opened last."""
+        """Close the subscription that was opened last."""
         self._opened.pop().unregister()
 
     def now(self) -> float:
@@ -87,7 +87,7 @@ class Program:
         wait(lambda: self.now() >= until - 1e-9 or self.error, f"{seconds} s of cell time")
 
     def insist(self, publisher: Any, message: Any, condition: Callable[[], Any], what: str) -> None:
-        """As the SDK does it: again until the robot agrees."""
+        """Repeat a command until the robot reports the result, as the SDK does."""
 
         def agrees() -> bool:
             if condition():

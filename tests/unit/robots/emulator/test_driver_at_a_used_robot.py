@@ -1,4 +1,4 @@
-"""The driver at the emulator: a new robot, and one in use before."""
+"""The driver with the emulator of a new robot and of a used robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from robots.model import JointLimits
 from robots.ports import BoardPlace, GripperState, Ports, Side
 from tests.fakes import FakeCell
 
-pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]  # rospy's own
+# a warning of rospy
+pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]
 FULL = 0.0416
 SPEED = 1.0  # [rad/s]
 CALIBRATION_S = 0.4
@@ -26,7 +27,8 @@ LIMITS = JointLimits(*(np.full(14, figure) for figure in (-2.0, 2.0, 2.0, 6.0, 6
 
 
 class Hand:
-    """A gripper of a fake cell that takes a while to be calibrated, and is offended by commands meanwhile."""
+    """A gripper of a fake cell. Its calibration takes a while, and it fails the test if it gets a command
+    meanwhile."""
 
     max_opening = FULL
 
@@ -41,7 +43,7 @@ class Hand:
         self._ready = self._cell.now + CALIBRATION_S
 
     def command(self, opening: float, force: float) -> None:
-        assert self._cell.now >= self._ready, "commanded before it was calibrated"
+        assert self._cell.now >= self._ready, "the gripper gets no command before its calibration"
         self.done.append((opening, force))
 
     def state(self) -> GripperState:
@@ -58,7 +60,7 @@ class Person:
 
 
 class Cell(FakeCell):
-    """With such hands."""
+    """A fake cell with such grippers."""
 
     def __init__(self) -> None:
         super().__init__(np.linspace(-0.6, 0.7, 14))
@@ -120,7 +122,7 @@ def test_the_hands_are_calibrated_and_follow_commands(
 
 
 def test_already_calibrated_hands_close_with_the_requested_force(meet: Meet, cell: Cell) -> None:
-    """As after a run that was broken off: they are not calibrated again."""
+    """After an interrupted run, calibrated hands are not calibrated again."""
     with meet(USED) as (ports, _):
         ports.grippers[Side.LEFT].command(0.0, 3.0)
         wait(lambda: not ports.grippers[Side.LEFT].state().moving, "it is done")
@@ -132,7 +134,7 @@ def test_already_calibrated_hands_close_with_the_requested_force(meet: Meet, cel
 def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
     meet: Meet, cell: Cell, past: InitialState
 ) -> None:
-    """Whatever speed and whatever timeout was told before."""
+    """Speed and timeout do not depend on earlier commands to the robot."""
     with meet(past) as (ports, program):
         limbs = program.emulator._limbs.values()
         wait(lambda: all((limb.speed_ratio, limb.timeout) == (1.0, 0.2) for limb in limbs), "they are told")
@@ -141,7 +143,7 @@ def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
         q0 = ports.arms.state().q
 
         def held() -> bool:
-            """Told to stay where they are, until that is heard."""
+            """Command the arms to stay where they are, until the emulator gets the command."""
             ports.arms.command(q0, np.zeros(14))
             return all(limb._newest is not None for limb in limbs)
 
@@ -152,7 +154,8 @@ def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
             ports.arms.command(goal, np.zeros(14))
             ports.clock.sleep_until(ports.clock.now() + 0.01)
         ports.clock.sleep_until(ports.clock.now() + 0.03)
-        np.testing.assert_allclose(cell.q, goal, rtol=0, atol=0.1)  # of 0.4; the machine may be busy
+        # the speed ratio is 0.4; the machine may be busy
+        np.testing.assert_allclose(cell.q, goal, rtol=0, atol=0.1)
         ports.clock.sleep_until(begin + 1.8)
         assert not [t for t, _ in cell.commands if t > begin + 0.4 + 0.2 + 0.3]
 
@@ -175,7 +178,7 @@ def test_an_earlier_stop_stays_until_it_is_reset(meet: Meet, cell: Cell) -> None
         assert hand.state().opening == pytest.approx(0.02)
 
 
-def test_a_head_that_was_turned_comes_back(serve: Serve, simulated: Ports) -> None:
+def test_a_turned_head_returns_to_the_commanded_angle(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated, past=USED)
     wait(lambda: program.clock.all, "a robot")
     with connected(RosSettings(), LIMITS, lambda stop: Person(), driver="emulator", simulated=True) as ports:

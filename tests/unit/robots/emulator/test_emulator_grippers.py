@@ -14,7 +14,7 @@ from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
 
 STROKE = 0.05
-"""Not Baxter's: percentages are of the port's own."""
+"""A stroke that differs from Baxter's, because percentages refer to the port's stroke."""
 
 
 class Port:
@@ -40,7 +40,7 @@ class Port:
 
 
 class Talk:
-    """Commands with a sequence that counts."""
+    """Sends commands with increasing sequence numbers."""
 
     def __init__(self, calibrated: bool = True, past: InitialState = NEW) -> None:
         self.port = Port()
@@ -49,7 +49,7 @@ class Talk:
         self.sequence = 0
 
     def say(self, command: str, args: Any = None, hardware: int = HARDWARE_ID) -> str:
-        """-> why it was refused, empty if it was not."""
+        """Send a command. Returns the reason of a refusal, or an empty text."""
         self.sequence += 1
         text = args if isinstance(args, str) else json.dumps(args) if args is not None else ""
         self.gripper.hear(hardware, command, text, "me", self.sequence)
@@ -69,11 +69,12 @@ def test_the_gripper_state_is_in_percent_of_its_stroke() -> None:
     assert moving.moving and not moving.ready and not moving.gripping
 
 
-def test_go_is_refused_until_it_is_calibrated() -> None:
+def test_go_is_refused_until_the_gripper_is_calibrated() -> None:
     talk = Talk(calibrated=False)
     assert "calibrated" in talk.say("go", {"position": 50})
     report = talk.gripper.report()
-    assert (report.command, report.sender, report.sequence) == ("go", "me", 1)  # handled, all the same
+    # the command is handled nevertheless
+    assert (report.command, report.sender, report.sequence) == ("go", "me", 1)
     assert "calibrated" in json.loads(report.state)["error"]
     assert not talk.say("calibrate")
     talk.port.calibrated = True
@@ -98,10 +99,10 @@ def test_commands_for_another_hardware_id_are_ignored() -> None:
     assert talk.port.done == [] and talk.gripper.report().sequence == 0
 
 
-def test_the_force_is_the_holding_force_as_configured() -> None:
+def test_a_gripper_closes_with_the_configured_holding_force() -> None:
     talk = Talk()
     assert not talk.say("configure", {"holding_force": 80.0, "moving_force": 10.0})
-    assert not talk.say("configure", {"velocity": 100.0})  # leaves the rest as it was
+    assert not talk.say("configure", {"velocity": 100.0})  # the other values stay
     assert not talk.say("go", {"position": 0})
     assert talk.port.done == [(0.0, 0.8 * FULL_FORCE)]
 
@@ -149,7 +150,7 @@ def test_unknown_commands_and_broken_ports_are_errors_until_a_reset() -> None:
 
 
 def test_a_gripper_is_uncalibrated_during_a_new_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its port may say that it is calibrated all the while: it was."""
+    """The port may report the earlier calibration during the new one."""
     talk = Talk()
     monkeypatch.setattr(talk.port, "calibrate", lambda: setattr(talk.port, "moving", True))
     assert not talk.say("clear_calibration")
@@ -158,7 +159,7 @@ def test_a_gripper_is_uncalibrated_during_a_new_calibration(monkeypatch: pytest.
     assert not talk.gripper.report().calibrated and "calibrated" in talk.say("go", {"position": 50})
     talk.port.moving = False
     assert talk.gripper.report().calibrated and not talk.say("go", {"position": 50})
-    talk.port.moving = True  # it goes there
+    talk.port.moving = True  # the gripper moves to the commanded position
     assert talk.gripper.report().calibrated
 
 
@@ -166,7 +167,8 @@ def test_a_used_gripper_keeps_its_earlier_state() -> None:
     talk = Talk(past=USED)
     report = talk.gripper.report()
     assert (report.sender, report.sequence, report.refusal) == ("another_program_go", 1, "")
-    talk.gripper.hear(HARDWARE_ID, "go", '{"position": 0}', "another_program_go", 1)  # its repeat, late
+    # a late repetition of the same command
+    talk.gripper.hear(HARDWARE_ID, "go", '{"position": 0}', "another_program_go", 1)
     assert talk.port.done == []
     talk.say("go", {"position": 0})
     assert talk.port.done == [(0.0, FULL_FORCE)]
@@ -177,7 +179,8 @@ def test_a_gripper_in_error_does_nothing_until_a_reset() -> None:
     assert talk.gripper.report().refusal == "over current"
     for command, arguments in (("calibrate", None), ("configure", {"velocity": 3}), ("go", {"position": 5})):
         assert "over current" in talk.say(command, arguments)
-    assert talk.say("clear_calibration") == "over current"  # handled, and still in error
+    # the command is handled, and the gripper is still in error
+    assert talk.say("clear_calibration") == "over current"
     assert talk.port.done == []
     assert not talk.say("reset")
     assert not talk.say("calibrate") and talk.port.done == ["calibrate"]

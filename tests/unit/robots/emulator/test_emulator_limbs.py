@@ -1,4 +1,4 @@
-"""Joint commands of an emulated arm: order, freshness, velocity, and ignored commands."""
+"""Joint commands of an emulated arm: joint order, timeout, velocity and ignored commands."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_a_command_is_read_by_joint_names_in_any_order(mode: int) -> None:
     assert limb.hear(mode, [NAMES[k] for k in order], [Q[k] for k in order], 1.0, 1.0) is None
     q, qd = limb.set_point(1.0, Q + 1e-3)
     np.testing.assert_array_equal(q, Q)
-    np.testing.assert_array_equal(qd, np.zeros(7))  # one set-point has no velocity
+    np.testing.assert_array_equal(qd, np.zeros(7))  # a single set-point has no velocity
 
 
 @pytest.mark.parametrize(
@@ -55,11 +55,11 @@ def test_a_malformed_command_changes_nothing(names: list[str], values: Array, mo
     assert not limb.fresh(1.0)
     hear(limb, Q, 1.0)
     assert limb.hear(mode, names, list(values), 1.1, 1.1) is not None
-    assert not limb.fresh(1.25)  # it did not renew the one before
+    assert not limb.fresh(1.25)  # a malformed command does not extend the earlier one
     np.testing.assert_array_equal(follow(limb, 1.1)[0], Q)
 
 
-def test_a_command_holds_for_the_timeout_and_the_limb_stays_there() -> None:
+def test_a_command_is_fresh_until_the_timeout_and_the_limb_stays_there() -> None:
     limb = Limb(Side.LEFT)
     assert not limb.fresh(0.0)
     hear(limb, Q, 1.0)
@@ -77,32 +77,32 @@ def test_the_command_timeout_can_be_set() -> None:
     assert limb.fresh(1.5) and not limb.fresh(1.51)
 
 
-def test_velocity_is_the_difference_of_the_last_two_over_their_time() -> None:
+def test_the_velocity_is_that_between_the_last_two_set_points() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, Q + 0.004, 1.02)
     q, qd = follow(limb, 1.03)
     np.testing.assert_allclose(q, Q + 0.004)
     np.testing.assert_allclose(qd, np.full(7, 0.2))
-    hear(limb, Q + 0.008, 1.02)  # of the same moment: it takes the other's place
+    hear(limb, Q + 0.008, 1.02)  # a set-point of the same time replaces the previous one
     np.testing.assert_allclose(follow(limb, 1.03)[1], np.full(7, 0.4))
 
 
-def test_velocity_is_no_more_than_the_joints_can() -> None:
+def test_the_velocity_is_limited_to_the_joints_maximum() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, Q - 1.0, 1.01)
     np.testing.assert_array_equal(follow(limb, 1.02)[1], -URDF_VELOCITY[:7])
 
 
-def test_set_points_far_apart_are_no_motion() -> None:
+def test_set_points_far_apart_in_time_have_no_velocity() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, Q + 0.01, 1.06)
     np.testing.assert_array_equal(follow(limb, 1.07)[1], np.zeros(7))
 
 
-def test_a_late_command_is_carried_on_for_two_ticks_and_then_held() -> None:
+def test_a_late_command_is_extrapolated_for_two_ticks_and_then_held() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.00)
     hear(limb, Q + 0.002, 1.01)
@@ -119,7 +119,8 @@ def test_a_late_command_is_carried_on_for_two_ticks_and_then_held() -> None:
 def test_a_limb_without_a_command_holds_its_first_reported_position() -> None:
     limb = Limb(Side.LEFT)
     np.testing.assert_array_equal(limb.set_point(1.0, Q)[0], Q)
-    np.testing.assert_array_equal(limb.set_point(1.01, Q - 0.01)[0], Q)  # sagging, it would creep away
+    # with each new reading a sagging limb would creep away
+    np.testing.assert_array_equal(limb.set_point(1.01, Q - 0.01)[0], Q)
 
 
 @pytest.mark.parametrize("mode", [2, 3, 0, 7])
@@ -142,7 +143,7 @@ def test_a_command_that_expired_before_it_was_read_is_ignored() -> None:
     np.testing.assert_array_equal(follow(limb, 4.0)[0], Q)
 
 
-def test_a_limb_forgets_its_command() -> None:
+def test_a_limb_can_discard_its_command() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     limb.forget()
@@ -151,7 +152,7 @@ def test_a_limb_forgets_its_command() -> None:
 
 
 def drive(limb: Limb, goal: Array, seconds: float, mode: int, begin: float = 1.0) -> Array:
-    """(ticks, 7) set-points, the goal being commanded on every tick."""
+    """Set-points (ticks, 7) while the goal is commanded on every tick."""
     path = []
     for k in range(round(seconds / TICK)):
         hear(limb, goal, begin + k * TICK, mode)

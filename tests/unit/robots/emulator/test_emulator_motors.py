@@ -1,4 +1,4 @@
-"""Enabling, stopping, resetting and the red button, over the fake cell's ports."""
+"""Enabling, stopping, resetting and the emergency button, over the fake cell's ports."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_motors_are_off_until_enabled_and_after_disabling(motors: Motors, cell: 
     assert cell.commands == []
     assert motors.enable()
     assert motors.state() == MotorState(True, False, Button.UNPRESSED)
-    assert not motors.enable()  # nothing went on by it
+    assert not motors.enable()  # the motors were on already
     command(motors)
     assert len(cell.commands) == 1
     motors.disable()
@@ -41,24 +41,24 @@ def test_motors_are_off_until_enabled_and_after_disabling(motors: Motors, cell: 
     assert len(cell.commands) == 1 and not motors.state().enabled
 
 
-def test_a_stop_switches_off_and_a_reset_leaves_it_off(motors: Motors, cell: FakeCell) -> None:
+def test_a_stop_switches_the_motors_off_and_a_reset_leaves_them_off(motors: Motors, cell: FakeCell) -> None:
     motors.enable()
     motors.stop("test")
     assert motors.state() == MotorState(False, True, Button.UNPRESSED)
     assert not motors.enable()
-    command(motors)  # the fake raises when a stopped robot is commanded
+    command(motors)  # the fake raises an error if a stopped robot is commanded
     motors.reset(motors.stops)
     assert motors.state() == MotorState(False, False, Button.UNPRESSED)
     assert motors.enable()
 
 
-def test_a_reset_switches_off_a_robot_that_is_not_stopped(motors: Motors) -> None:
+def test_a_reset_switches_off_the_motors_of_a_running_robot(motors: Motors) -> None:
     motors.enable()
     motors.reset(motors.stops)
     assert motors.state() == MotorState(False, False, Button.UNPRESSED)
 
 
-def test_no_reset_while_the_button_is_pressed(motors: Motors) -> None:
+def test_a_reset_is_refused_while_the_button_is_pressed(motors: Motors) -> None:
     motors.enable()
     motors.press()
     assert motors.state() == MotorState(False, True, Button.PRESSED)
@@ -68,12 +68,12 @@ def test_no_reset_while_the_button_is_pressed(motors: Motors) -> None:
     assert motors.state() == MotorState(False, True, Button.RELEASED)
     motors.reset(motors.stops)
     assert motors.state() == MotorState(False, False, Button.UNPRESSED)
-    motors.release()  # it is not pressed
+    motors.release()  # the button is not pressed
     assert motors.state().button is Button.UNPRESSED
 
 
 @pytest.mark.parametrize("how", ["stop", "press"])
-def test_a_reset_does_not_lift_a_stop_that_came_after_it_was_asked_for(motors: Motors, how: str) -> None:
+def test_a_reset_does_not_lift_a_stop_that_came_after_its_request(motors: Motors, how: str) -> None:
     asked = motors.stops
     motors.stop("now") if how == "stop" else motors.press()
     motors.release()
@@ -81,12 +81,14 @@ def test_a_reset_does_not_lift_a_stop_that_came_after_it_was_asked_for(motors: M
     assert motors.state().stopped
 
 
-def test_arms_that_refuse_are_not_enabled(motors: Motors, cell: FakeCell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_that_refuse_a_command_are_not_enabled(cell: FakeCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = cell.ports()
+    motors = Motors(ports.arms, ports.stop)
     motors.enable()
 
     def refuse(q: Array, qd: Array) -> JointSetpoint:
         raise DriverError(FailureKind.HARDWARE_FAULT, "a board does not answer")
 
-    monkeypatch.setattr(motors._arms, "command", refuse)
+    monkeypatch.setattr(ports.arms, "command", refuse)
     command(motors)
     assert not motors.state().enabled

@@ -1,6 +1,6 @@
-"""The emulator over a real ROS: what any program of a Baxter sees and can do.
+"""The emulator over real ROS: messages and commands as for any program of a Baxter.
 
-Times are the cell's, heard on /clock; waits on the wall are only there so that a test ends.
+Times are cell times from /clock. Limits in wall time only ensure that a test ends.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
 from tests.fakes import FakeCell
 
-pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]  # rospy's own
+# a warning of rospy
+pytestmark = [pytest.mark.usefixtures("rosmaster"), pytest.mark.filterwarnings("ignore:notifyAll")]
 
 
 def names(side: Side) -> list[str]:
@@ -31,12 +32,12 @@ def names(side: Side) -> list[str]:
 
 
 def vector(message: Any, field: str = "position") -> Array:
-    """(14,) of a JointState, by name."""
+    """One field of a JointState for the arms' joints (14,), by name."""
     values = dict(zip(message.name, getattr(message, field), strict=True))
     return np.array([values[name] for name in JOINT_NAMES])
 
 
-# what it says ------------------------------------------------------------------------------------------
+# published topics --------------------------------------------------------------------------------------
 
 
 def test_joint_states_and_simulated_time_are_published(serve: Serve, cell: FakeCell) -> None:
@@ -92,7 +93,7 @@ def test_gripper_states_are_published_at_20_hz_and_after_each_task(serve: Serve,
 
     def closed() -> float:
         cell.openings[side] = 0.0
-        cell.now -= 0.8  # as when a checkpoint is restored
+        cell.now -= 0.8  # as after restoring a checkpoint
         return cell.now
 
     done_at = program.emulator.perform(closed).result(PATIENCE)
@@ -139,7 +140,7 @@ def test_arms_follow_commands_and_hold_after_the_last_one(serve: Serve, simulate
     moving = [m for m in program.joints.all if begin + 0.1 < m.header.stamp.to_sec() < silent]
     error = [np.abs(vector(m) - q0 - wave(m.header.stamp.to_sec() - begin)).max() for m in moving]
     late = OMEGA * np.abs(AMPLITUDE).max() * 0.04
-    assert len(moving) > 50 and max(error) < 0.007 + late  # the simulated arms' own error, and a few ticks
+    assert len(moving) > 50 and max(error) < 0.007 + late  # the simulated arms' error, and a few ticks
     assert max(np.abs(vector(m) - q0).max() for m in moving) > 0.18
 
     held = [m for m in program.joints.all if m.header.stamp.to_sec() > silent + 0.3]
@@ -148,7 +149,7 @@ def test_arms_follow_commands_and_hold_after_the_last_one(serve: Serve, simulate
     assert max(np.abs(vector(m) - sent).max() for m in held) < 0.01
 
 
-def test_an_arm_without_commands_stays(serve: Serve, simulated: Ports) -> None:
+def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated)
     program.enable()
     to = program.publisher(topics.joint_command(Side.RIGHT), program.m.joint_command)
@@ -231,7 +232,7 @@ def test_nothing_moves_while_the_motors_are_off(serve: Serve, cell: FakeCell) ->
     program.enable()
     assert program.robot.newest.ready
     program.let(0.1)
-    assert cell.commands == []  # what was commanded before is forgotten
+    assert cell.commands == []  # earlier commands are discarded
     off = program.publisher(topics.ENABLE, program.m.bool)
     program.insist(off, program.m.bool(False), lambda: not program.robot.newest.enabled, "disabled")
     for _ in range(5):
@@ -269,7 +270,7 @@ def test_a_stop_is_immediate_while_the_loop_is_busy(serve: Serve, cell: FakeCell
     assert program.robot.newest.estop_button == state.ESTOP_BUTTON_UNPRESSED
 
 
-def test_no_reset_while_the_button_is_pressed(serve: Serve, cell: FakeCell) -> None:
+def test_a_reset_is_refused_while_the_button_is_pressed(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     reset = program.publisher(topics.RESET, program.m.empty)
     on = program.publisher(topics.ENABLE, program.m.bool)
@@ -323,7 +324,7 @@ def test_the_gripper_is_calibrated_configured_and_closes(serve: Serve, simulated
     assert opening == pytest.approx(0.3 * simulated.grippers[side].max_opening, abs=1e-3)
 
 
-def test_the_force_reaches_the_port(serve: Serve, cell: FakeCell) -> None:
+def test_the_configured_force_reaches_the_port(serve: Serve, cell: FakeCell) -> None:
     ports, told = cell.ports(), []
 
     class Gripper:
@@ -346,7 +347,7 @@ def test_the_force_reaches_the_port(serve: Serve, cell: FakeCell) -> None:
     assert told == [pytest.approx((0.015, 0.4 * FULL_FORCE)), pytest.approx((0.021, 0.4 * FULL_FORCE))]
 
 
-def test_the_head_turns(serve: Serve, simulated: Ports) -> None:
+def test_the_head_turns_to_the_commanded_angle(serve: Serve, simulated: Ports) -> None:
     program = serve(simulated)
     heard = program.hear(topics.HEAD_STATE, program.m.head_state)
     program.enable()
@@ -413,13 +414,13 @@ def test_pictures_are_taken_only_for_subscribers(serve: Serve, cell: FakeCell) -
     wait(lambda: len(shutter.frames) > count, "the camera answers again")
 
     program.deaf()
-    program.let(0.3)  # it takes a while until they have parted
+    program.let(0.3)  # unsubscribing takes a while
     count = len(shutter.frames)
     program.let(1.0)
     assert len(shutter.frames) <= count + 1
 
 
-# work on the loop's thread -----------------------------------------------------------------------------
+# tasks on the loop's thread ----------------------------------------------------------------------------
 
 
 def test_tasks_run_between_ticks_and_complete_after_publishing(serve: Serve, cell: FakeCell) -> None:
@@ -430,7 +431,7 @@ def test_tasks_run_between_ticks_and_complete_after_publishing(serve: Serve, cel
 
     def work() -> str:
         cell.q = goal
-        cell.now += 1000.0  # an attendant at work: nobody waits for the wall afterwards
+        cell.now += 1000.0  # an attendant at work: cell time passes, and the loop does not catch up with wall time
         done_at.append(cell.now)
         return threading.current_thread().name
 
@@ -443,12 +444,12 @@ def test_tasks_run_between_ticks_and_complete_after_publishing(serve: Serve, cel
     failed = program.emulator.perform(lambda: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         failed.result(PATIENCE)
-    program.let(0.05)  # the loop goes on
+    program.let(0.05)  # the loop continues
     program.end()
     assert program.emulator.perform(lambda: None).cancelled()
 
 
-def test_commands_that_came_while_the_loop_was_busy_have_run_out(serve: Serve, cell: FakeCell) -> None:
+def test_commands_that_arrive_while_the_loop_is_busy_expire(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
     to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
@@ -476,7 +477,7 @@ def test_arms_keep_the_commanded_speed_ratio(serve: Serve, cell: FakeCell) -> No
     program.let(0.1)
     wall, begin = time.monotonic(), held.now
     program.let(1.0)
-    assert held.now - begin <= time.monotonic() - wall + 0.05  # a slow machine is only slower
+    assert held.now - begin <= time.monotonic() - wall + 0.05  # a slow machine may be slower
     program.end()
     program = serve(free.ports(), pace=None)
     wait(lambda: free.now > 5.0, "time flies")

@@ -19,7 +19,7 @@ def test_a_task_runs_at_the_next_tick_and_completes_after_publishing() -> None:
     assert future.result(0) == "answer" and done == [1]
 
 
-def test_an_exception_of_a_task_is_set_on_its_future() -> None:
+def test_an_exception_of_a_task_is_raised_by_its_future() -> None:
     errands = LoopTasks()
     future = errands.ask(lambda: 1 // 0)
     for _ in range(SETTLE + 1):
@@ -28,7 +28,7 @@ def test_an_exception_of_a_task_is_set_on_its_future() -> None:
         future.result(0)
 
 
-def test_a_cancelled_task_is_not_done() -> None:
+def test_a_cancelled_task_is_not_executed() -> None:
     errands, done = LoopTasks(), []
     assert errands.ask(lambda: done.append(1)).cancel()
     assert not errands.run() and not done

@@ -1,4 +1,4 @@
-"""A Baxter on strings, in plain rospy: it says what a test wants said, and remembers all that it hears."""
+"""A puppet Baxter in plain rospy: it publishes what a test sets and keeps all commands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["CAMERA", "COMMANDS", "Connect", "HandClock", "Puppet", "wait"]
 
 Connect = Callable[..., AbstractContextManager[Ports]]
 
-PATIENCE = 60.0  # [s] on the wall
+PATIENCE = 60.0  # [s] wall time
 NAMES = ["head_nod", "head_pan", *sorted(JOINT_NAMES), "torso_t0"]
 FINGERS = ["left_gripper_l_finger_joint", "left_gripper_r_finger_joint"]
 JOINTS, STATE, HEAD = "/robot/joint_states", "/robot/state", "/robot/head/command_head_pan"
@@ -42,7 +42,7 @@ def wait(condition: Callable[[], Any], what: str, seconds: float = PATIENCE) -> 
 
 
 class HandClock:
-    """A cell's clock that a test turns by hand."""
+    """A cell clock that a test sets."""
 
     def __init__(self) -> None:
         self.time = 100.0
@@ -56,7 +56,7 @@ class HandClock:
 
 
 class Hand:
-    """A gripper. deaf: it hears commands and does nothing."""
+    """A gripper. deaf: it ignores commands."""
 
     def __init__(self, puppet: Puppet, side: Side) -> None:
         self._puppet = puppet
@@ -101,8 +101,8 @@ class Hand:
 
 
 class Puppet:
-    """silent: topics on which it says nothing. deaf: topics to which it does not react. film: what the camera
-    publishes in each tick, (topic, message) pairs."""
+    """A robot. silent: topics that it does not publish. deaf: topics whose messages it ignores. film: the camera's
+    (topic, message) pairs for each tick."""
 
     def __init__(self) -> None:
         open_node("puppet")
@@ -197,7 +197,7 @@ class Puppet:
             self._publishers[topic].publish(message)
 
     def hush(self, *topics: str) -> None:
-        """It says no more on them, and what is on its way arrives: only then does the driver know nothing new."""
+        """Stop publishing these topics, and wait until the messages already sent have arrived."""
         self.silent |= set(topics)
         self.let(10)
 
@@ -205,19 +205,19 @@ class Puppet:
         return int(self._publishers[topic].get_num_connections())
 
     def hears(self, topic: str) -> bool:
-        """Whether somebody in this process publishes it, and both ends know of each other."""
+        """Whether this process publishes the topic and the connection is established on both ends."""
         publisher = self._topics.get_impl("pub", topic)
         ends = publisher, self._subscribers[topic]
         return all(end is not None and end.get_num_connections() for end in ends)
 
     def let(self, ticks: int) -> None:
-        """Wait until it has spoken so often."""
+        """Wait until the robot has published this many times."""
         until = self.ticks + ticks
         wait(lambda: self.ticks >= until or self.failed, f"{ticks} ticks")
         assert self.failed is None, self.failed
 
     def stays(self, count: Callable[[], Any], ticks: int = 15) -> None:
-        """What is on its way arrives, then `count` changes no more."""
+        """Wait for messages in transit, then assert that `count` does not change."""
         self.let(10)
         before = count()
         self.let(ticks)
@@ -251,7 +251,7 @@ COMMANDS = (
 
 
 def pads(**channels: Any) -> Any:
-    """A message of the pads: 2 pads of 4 x 3 cells, 0.0 to 11.0 and 12.0 to 23.0, unless told otherwise."""
+    """A message of the pads. Without values: 2 pads of 4 x 3 cells, 0.0 to 11.0 and 12.0 to 23.0."""
     said = {"pad_0": np.arange(12.0), "pad_1": np.arange(12.0, 24.0), "tips": [0.5, 1.5], **channels}
     return m().tactile_state(
         sensors=[m().tactile_channel(name, list(values)) for name, values in said.items() if values is not None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
 import textwrap
@@ -14,13 +15,12 @@ import pytest
 from puppet import CAMERA, COMMANDS, HAND, JOINTS, LIMB, PADS, STATE, Connect, Puppet, wait
 
 from robots.baxter.ros import connection
-from robots.baxter.ros import node as node_module
 from robots.baxter.ros.node import Node, master_address, open_node
 from robots.errors import ConfigurationError
 from robots.ports import Side
 from tests.rosmaster import free_port
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
 HEARD = [JOINTS, STATE, *(HAND[s] + "state" for s in Side), *(PADS[s] for s in Side)]
 
@@ -31,7 +31,7 @@ def refusal(connect: Connect, **settings: object) -> ConfigurationError:
     return caught.value
 
 
-def test_a_robot_that_answers_is_a_cell(connect: Connect) -> None:
+def test_a_robot_on_all_topics_is_opened_as_a_cell(connect: Connect) -> None:
     with connect() as ports:
         assert ports.driver == "ros" and not ports.simulated
         assert ports.arms.state().stamp <= ports.clock.now()
@@ -58,7 +58,7 @@ def test_a_silent_robot_is_refused(puppet: Puppet, connect: Connect, monkeypatch
     assert all(topic in error.what for topic in HEARD)
 
 
-def test_pads_of_another_kind_are_as_good_as_silent(connect: Connect, monkeypatch) -> None:
+def test_pads_with_another_message_format_count_as_silent(connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     error = refusal(connect, tactile_rows=5)
     assert [topic for topic in HEARD if topic in error.what] == [PADS[LEFT], PADS[RIGHT]]
@@ -106,16 +106,31 @@ def test_two_robots_on_the_network_are_refused(connect: Connect) -> None:
     assert error.what.startswith("2 nodes") and "one robot" in error.hint
 
 
-def test_a_missing_master_is_reported_with_its_address(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+OPEN_NODE = """
+from robots.baxter.ros.node import open_node
+from robots.errors import ConfigurationError
+try:
+    open_node("anybody")
+except ConfigurationError as error:
+    print(error.what, error.hint, sep="\\n")
+"""
+
+
+@pytest.mark.usefixtures("puppet")
+def test_a_missing_master_is_reported_with_its_address() -> None:
+    """A child process opens the node, because this process is already a node of another master."""
     uri = f"http://127.0.0.1:{free_port()}"
-    monkeypatch.setattr(node_module, "_opened", None)
-    monkeypatch.setenv("ROS_MASTER_URI", uri)
-    with pytest.raises(ConfigurationError, match="no ROS master answers") as caught:
-        open_node("anybody")
-    assert uri in caught.value.what and "ROS_MASTER_URI" in caught.value.hint
+    environment = {**os.environ, "ROS_MASTER_URI": uri}
+    answer = subprocess.run(
+        [sys.executable, "-c", OPEN_NODE], env=environment, capture_output=True, text=True, check=True
+    )
+    what, hint = answer.stdout.splitlines()
+    assert "no ROS master answers" in what and uri in what and "ROS_MASTER_URI" in hint
 
 
-def test_a_process_is_a_node_of_one_master(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_cannot_become_a_node_of_a_second_master(
+    puppet: Puppet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
     with pytest.raises(ConfigurationError, match="cannot be one of") as caught:
         open_node("anybody")
@@ -177,7 +192,7 @@ def test_a_connection_can_be_opened_again(puppet: Puppet, connect: Connect) -> N
 def test_closing_in_the_middle_of_an_exchange_logs_no_warning(
     puppet: Puppet, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of what is heard while it closes nothing is answered any more."""
+    """Messages that arrive during closing are not answered."""
     complaints: list[str] = []
 
     class Ear(logging.Handler):
@@ -222,7 +237,7 @@ def test_the_stop_is_reset_even_if_nothing_else_answers(puppet: Puppet, monkeypa
 def test_the_stop_of_a_simulated_robot_is_reset_in_simulated_time(
     puppet: Puppet, node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The time is known before anything is timed by it: a clock that is first heard later jumps."""
+    """The clock is received before it is used. Otherwise the time would jump."""
     monkeypatch.setattr(connection, "ANSWER_S", 0.3)
     node.set_parameter("/use_sim_time", True)
     try:

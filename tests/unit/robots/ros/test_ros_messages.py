@@ -1,4 +1,4 @@
-"""The wire format: two nodes whose hashes differ do not talk."""
+"""The wire format: two nodes with different message hashes do not communicate."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ PUBLISHED = {
 
 @ROS.required
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_baxters_own_messages_have_the_published_hash(name: str) -> None:
+def test_baxters_messages_have_the_published_hashes(name: str) -> None:
     assert getattr(load_messages(), name)._md5sum == PUBLISHED[name]
 
 
 @ROS.required
 @pytest.mark.parametrize("name", ["end_effector_command", "end_effector_state", "joint_command", "assembly_state"])
-def test_the_type_names_are_baxters(name: str) -> None:
+def test_the_messages_have_baxters_type_names(name: str) -> None:
     words = "".join(word.capitalize() for word in name.split("_"))
     assert getattr(load_messages(), name)._type == f"baxter_core_msgs/{words}"
 
@@ -56,7 +56,7 @@ def written() -> dict[str, dict[str, Any]]:
 
 @ROS.required
 @pytest.mark.parametrize("name", [*PUBLISHED, "tactile_state"])
-def test_a_message_is_read_as_it_was_written(name: str) -> None:
+def test_a_message_reads_back_as_written(name: str) -> None:
     kind, fields = getattr(load_messages(), name), written()[name]
     wire = io.BytesIO()
     kind(**fields).serialize(wire)
@@ -70,12 +70,11 @@ def test_a_message_is_read_as_it_was_written(name: str) -> None:
 
 
 @ROS.required
-def test_the_constants_are_the_robots() -> None:
-    m = load_messages()
-    assert (m.joint_command.POSITION_MODE, m.joint_command.RAW_POSITION_MODE) == (1, 4)
-    assert (joint_modes.POSITION, joint_modes.RAW_POSITION) == (1, 4)
-    assert m.head_pan_command.REQUEST_PAN_ENABLE == 1
-    assert m.assembly_state.ESTOP_BUTTON_PRESSED == 1
+def test_the_joint_modes_are_those_of_the_message() -> None:
+    """The published hash covers the message's constants; the driver has copies that work without ROS."""
+    command = load_messages().joint_command
+    assert command.POSITION_MODE == joint_modes.POSITION
+    assert command.RAW_POSITION_MODE == joint_modes.RAW_POSITION
 
 
 @pytest.fixture

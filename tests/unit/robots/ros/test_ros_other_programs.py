@@ -1,4 +1,4 @@
-"""Other programs at the robot: one that commands the arms is refused, a dead one is ignored."""
+"""Other programs at the robot: a live one that commands the arms is refused, and a dead one is ignored."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robots.baxter.ros.topics import joint_command
 from robots.errors import ConfigurationError
 from robots.ports import Side
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 TOPIC = joint_command(Side.LEFT)
 OTHER = f"""
 from robots.baxter.ros.messages import load_messages
@@ -54,7 +54,7 @@ def test_another_program_at_the_arms_is_refused_by_name(connect: Connect) -> Non
 
 
 def test_a_killed_program_does_not_block_the_arms(connect: Connect, node: Node) -> None:
-    """The master goes on naming it."""
+    """The master still lists a killed program."""
     with another_program() as program:
         wait(lambda: len(node.publishers(TOPIC)) == 1, "the other program is known")
         program.send_signal(signal.SIGKILL)
@@ -68,7 +68,7 @@ def test_a_killed_program_does_not_block_the_arms(connect: Connect, node: Node) 
 def test_a_program_behind_a_network_that_answers_nothing_counts_as_alive(
     connect: Connect, node: Node, monkeypatch: pytest.MonkeyPatch, error: OSError, alive: bool
 ) -> None:
-    """The robot may still hear it: two programs must not pull at one arm."""
+    """The robot may still get its commands, and two programs must not command one arm."""
 
     def answer(*_: object) -> None:
         raise error

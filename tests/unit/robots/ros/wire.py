@@ -1,4 +1,4 @@
-"""Topics without a network, and time without a clock."""
+"""Topics without a network, with a clock that a test sets."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Wire:
-    """A node whose topics are function calls, and its clock. Only the newest order is on its way, as with rospy's
+    """A node whose topics are function calls, and its clock. Only the newest command is queued, as with rospy's
     queue of one. time [s]."""
 
     def __init__(self) -> None:

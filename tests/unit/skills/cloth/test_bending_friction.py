@@ -1,4 +1,4 @@
-"""Bending friction: the loop of the KES-F test, residual bending, and conservation laws."""
+"""Bending friction: the loop of the KES-F test, residual bending and conservation laws."""
 
 from itertools import pairwise
 
@@ -27,7 +27,7 @@ def strip(edge):
 
 
 def cylinder(mesh, curvature, direction=0.0):
-    """(n, 3) the strip on a cylinder that is bent along `direction` [rad]."""
+    """(n, 3) the strip on a cylinder, bent along `direction` [rad]."""
     along = np.array([np.cos(direction), np.sin(direction)])
     across = np.array([-along[1], along[0]])
     s = mesh.rest @ along
@@ -40,8 +40,8 @@ def cylinder(mesh, curvature, direction=0.0):
 
 
 def moments(mesh, residual, curvatures, direction=0.0):
-    """Moment over rigidity [1/m] of the strip that is led from cylinder to cylinder: by virtual work, of the
-    forces that set it in motion in a fifth of a millisecond."""
+    """Moment over rigidity [1/m] of a strip that is moved from cylinder to cylinder. The moment follows by virtual
+    work from the forces that accelerate the strip in a fifth of a millisecond."""
     settings = SolverSettings(
         frame_rate=5000, substeps=4, gravity=VOID, drag=0.0, stretch_damping=0.0, bend_damping=0.0,
         residual_curvature=residual,
@@ -58,28 +58,31 @@ def moments(mesh, residual, curvatures, direction=0.0):
 
 
 def led(*corners, step=2.0):
-    """Curvatures from corner to corner, evenly."""
+    """Curvatures in even steps through these values."""
     way = [np.arange(a, b, np.sign(b - a) * step) for a, b in pairwise(corners)]
     return np.concatenate([*way, [corners[-1]]])
 
 
 @pytest.mark.parametrize(("edge", "direction"), [(0.012, 0.0), (0.012, np.pi / 2), (0.008, 0.5)])
-def test_the_loop_is_as_high_as_asked(edge, direction):
-    """At zero curvature it is 2 HB: on any mesh, whichever way that lies; and without friction there is none."""
+def test_the_height_of_the_moment_loop_agrees_with_the_residual_curvature(edge, direction):
+    """The loop's height at zero curvature is 2 HB, for any mesh and direction. Without friction there is no
+    loop."""
     mesh, way = strip(edge), led(0.0, 40.0, -40.0, 40.0)
     _, down, up = np.flatnonzero(way == 0.0)
     plain = moments(mesh, 0.0, way, direction)
-    slope = (plain[up + 1] - plain[up - 1]) / (way[up + 1] - way[up - 1])  # hinges are missing along the rim
+    slope = (plain[up + 1] - plain[up - 1]) / (way[up + 1] - way[up - 1])  # there are no hinges along the rim
     assert plain[up] == pytest.approx(plain[down], abs=0.01)
     rubbed = moments(mesh, RESIDUAL, way, direction)
     assert 0.5 * (rubbed[up] - rubbed[down]) / slope == pytest.approx(RESIDUAL, rel=0.08)
-    assert rubbed[-1] - plain[-1] == pytest.approx(RESIDUAL * slope, rel=0.1)  # and where it is bent
-    assert 0.5 * (rubbed[1] + rubbed[2]) == pytest.approx(5.0 * slope * 3.0, rel=0.1)  # it sticks at first
+    # the loop is as high where the strip is bent
+    assert rubbed[-1] - plain[-1] == pytest.approx(RESIDUAL * slope, rel=0.1)
+    # the friction sticks at first
+    assert 0.5 * (rubbed[1] + rubbed[2]) == pytest.approx(5.0 * slope * 3.0, rel=0.1)
 
 
 @pytest.mark.parametrize(("bent", "left"), [(0.2, 0.0), (1.0, -1.0)])
 def test_a_small_bend_is_elastic(bent, left):
-    """Below a quarter of the residual curvature the sliders stick: what is brought back is as it was."""
+    """Below a quarter of the residual curvature the sliders stick, so the strip returns to its first state."""
     mesh = strip(0.012)
     way = led(0.0, bent * RESIDUAL, 0.0, step=1.0)
     moment = moments(mesh, RESIDUAL, way)
@@ -87,7 +90,7 @@ def test_a_small_bend_is_elastic(bent, left):
 
 
 def curvature(mesh, x):
-    """Of the circle through the middles of the sides."""
+    """Curvature of the circle through the middles of the sides [1/m]."""
     at = np.array([-0.5 * LENGTH, 0.0, 0.5 * LENGTH])
     side = np.abs(mesh.rest[:, 1]) > 0.5 * WIDTH - 1e-6
     total = []
@@ -118,7 +121,7 @@ def test_released_cloth_stays_bent(edge):
     assert curvature(mesh, let_go(mesh, RESIDUAL, 0.2 * RESIDUAL).positions) < 0.05 * RESIDUAL
 
 
-def test_friction_only_takes_energy_and_keeps_momentum():
+def test_bending_friction_only_removes_energy_and_conserves_momentum():
     mesh = strip(0.010)
     rng = np.random.default_rng(5)
     v = rng.normal(scale=0.05, size=(len(mesh.rest), 3)) + np.cross([3.0, 8.0, 2.0], cylinder(mesh, 0.0))
@@ -145,9 +148,9 @@ def test_friction_only_takes_energy_and_keeps_momentum():
     assert after[1][1] < max(0.02, 1.2 * after[0][1])
 
 
-def test_cloth_that_stays_bent_hardly_sets_itself_in_motion():
-    """Hinges and sliders pull against each other for good. One sweep over them in turn leaves a torque: it must be
-    a thousandth of what gravity does to such a strip (some 500 rad/s2)."""
+def test_cloth_that_stays_bent_hardly_moves_by_itself():
+    """Hinges and sliders pull against each other permanently. One sweep over both leaves a torque, which must be a
+    thousandth of the effect of gravity on such a strip (about 500 rad/s2)."""
     mesh = strip(0.010)
     settings = SolverSettings(gravity=VOID, drag=0.0, sleep_frames=0, residual_curvature=RESIDUAL)
     s = ClothSimulation(mesh, MATERIAL, settings=settings, table=False)
@@ -162,7 +165,7 @@ def test_cloth_that_stays_bent_hardly_sets_itself_in_motion():
     assert curvature(mesh, after) == pytest.approx(curvature(mesh, before), rel=0.01)
 
 
-def test_bent_cloth_that_is_turned_as_a_whole_feels_the_same():
+def test_turning_bent_cloth_as_a_whole_does_not_change_its_moments():
     mesh = strip(0.010)
     s = let_go(mesh, RESIDUAL, 60.0, frames=3)
     a, b = 0.7, 2.0
@@ -177,13 +180,14 @@ def test_bent_cloth_that_is_turned_as_a_whole_feels_the_same():
         s.advance(3)
         runs.append(s.positions @ rotation)
     np.testing.assert_allclose(runs[1], runs[0], atol=1e-9)
-    fresh = ClothSimulation(mesh, MATERIAL, x, s.settings, table=False)  # bent from flat, not back from a bend
+    # bent from the flat state, not back from a bend
+    fresh = ClothSimulation(mesh, MATERIAL, x, s.settings, table=False)
     fresh.set_positions(x, v)
     fresh.advance(3)
     assert np.abs(fresh.positions - runs[0]).max() > 1e-4
 
 
-def test_checkpoints_remember_what_has_slid():
+def test_checkpoints_include_the_state_of_the_sliders():
     mesh = strip(0.012)
     settings = SolverSettings(residual_curvature=RESIDUAL)
     x = cylinder(mesh, 50.0) + np.array([0.0, 0.0, 0.01])
@@ -192,7 +196,7 @@ def test_checkpoints_remember_what_has_slid():
     saved = one.checkpoint()
     two.restore(saved)
     for s in (one, two):
-        s.advance(60)  # it falls asleep
+        s.advance(60)  # the strip falls asleep
     assert one.positions.tobytes() == two.positions.tobytes()
     slip = saved["state.slip"]
     assert np.abs(slip).max() > 0.05
@@ -214,6 +218,6 @@ def test_cloth_known_to_be_at_rest_has_no_bending_friction():
 
 
 @pytest.mark.parametrize("residual", [-1.0, 2000.0, np.nan])
-def test_absurd_friction_is_refused(residual):
+def test_impossible_bending_friction_is_refused(residual):
     with pytest.raises(ConfigurationError, match="residual_curvature"):
         ClothSimulation(strip(0.012), MATERIAL, settings=SolverSettings(residual_curvature=residual))

@@ -1,4 +1,4 @@
-"""Pinches and folds: no crossings, at rest, near the target."""
+"""Pinches and folds: the cloth has no crossings, is at rest and near the target."""
 
 import numpy as np
 import pytest
@@ -17,11 +17,11 @@ MATERIAL = Material(
 )  # fmt: skip
 TOWEL = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.0262)
 DOWN = np.diag([1.0, -1.0, -1.0])
-IN = 0.012  # grasps so far inside the corner [m]
+IN = 0.012  # distance of the grasps from the corner [m]
 
 
 def arc(start, end, heading, lift=0.4, duration=3.0):
-    """A cubic Bezier over the table, smooth in time."""
+    """A cubic Bezier curve above the table, smooth in time."""
     a, b = np.array(start), np.array(end)
     up = np.array([0.0, 0.0, lift * np.linalg.norm((b - a)[:2])])
     p = np.array([a, a + 0.25 * (b - a) + up, a + 0.75 * (b - a) + up, b])
@@ -40,7 +40,7 @@ def arc(start, end, heading, lift=0.4, duration=3.0):
 
 
 def both(start, end, mirror, heading, **kw):
-    """The same arc for both hands, mirrored in x or y (0 or 1)."""
+    """The same arc for both hands, mirrored in x (0) or y (1)."""
     flip = np.ones(3)
     flip[mirror] = -1.0
     return {
@@ -80,11 +80,11 @@ def test_a_towel_folds_in_quarters(folded):
     assert count_crossings(r.vertices, TOWEL.triangles) == 0
     assert r.residual_motion < 1e-3
     assert r.vertices[:, 2].max() < 0.07
-    # four layers cover the half of the half: nothing of it lies outside by more than the crease's bulge
+    # four layers cover a quarter of the towel, and no cloth lies outside by more than the crease's bulge
     assert r.vertices[:, 1].max() < 0.04 and r.vertices[:, 1].min() > -0.24
 
 
-def test_the_pinch_takes_layers_by_height(folded):
+def test_a_pinch_grasps_the_layers_within_its_height(folded):
     s = ClothSimulation(TOWEL, MATERIAL, folded.vertices)
     at = np.array([-0.2, 0.15])
     near = np.linalg.norm(s.positions[:, :2] - at, axis=1) < 0.03
@@ -95,7 +95,7 @@ def test_the_pinch_takes_layers_by_height(folded):
     assert s.grip(0, np.array([0.5, 0.15, 0.0]), DOWN).held_points == 0
 
 
-def test_held_cloth_hangs_about_the_line_and_its_weight_is_felt():
+def test_held_cloth_hangs_from_the_held_line_with_its_weight():
     s = ClothSimulation(TOWEL, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
     p = np.array([0.3 - IN, 0.0, 0.001])
     s.grip(0, p, np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
@@ -115,7 +115,8 @@ def test_held_cloth_hangs_about_the_line_and_its_weight_is_felt():
 
 
 def test_a_pinch_releases_cloth_above_its_holding_force():
-    """Two pads of friction mu bear 2 mu N: a weak squeeze loses the towel in the lift, a firm one does not."""
+    """Two pads with friction mu bear 2 mu N. A weak grip loses the towel during the lift, and a firm grip does
+    not."""
     weight = 0.4 * 0.24 * 9.81
     pads = PadGeometry(friction=0.8)
     held = []
@@ -144,9 +145,9 @@ def test_a_sleeve_of_a_two_layer_shirt_folds():
     assert r.vertices[:, 0].max() < 0.3  # the sleeve lies on the body
 
 
-def test_crossings_are_counted():
+def test_crossings_of_two_sheets_are_counted():
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [5, 5, 1.0]])
     tri = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32)
-    assert count_crossings(x, tri) == 2  # an edge of each passes through the other
+    assert count_crossings(x, tri) == 2  # one edge of each sheet passes through the other
     x[3:, :2] += 3.0
     assert count_crossings(x, tri) == 0

@@ -1,4 +1,4 @@
-"""Material and friction against the lab tests: cantilever, layers on a tilted table, stretch."""
+"""Material and friction against lab tests: cantilever, layers on a tilted table, and stretch."""
 
 from dataclasses import replace
 
@@ -25,14 +25,14 @@ MATERIAL = Material(
 
 
 def sag(bending_length, overhang):
-    """Angle of the chord below the level [rad] of a heavy elastica that is clamped level:
-    c^3 theta'' = -(l - s) cos(theta)."""
+    """Angle of the chord below the horizontal [rad] for a heavy elastica that is clamped level: c^3 theta'' = -(l
+    - s) cos(theta)."""
     s = np.linspace(0.0, overhang, 60)
 
     def rate(s, y):
         return np.vstack([y[1], -(overhang - s) * np.cos(y[0]) / bending_length**3])
 
-    # from the straight solution of small loads
+    # continued from the solution for small loads
     guess = np.vstack([np.full(60, 0.3), np.zeros(60)])
     found = solve_bvp(rate, lambda a, b: np.array([a[0], b[1]]), s, guess)
     assert found.success
@@ -41,7 +41,7 @@ def sag(bending_length, overhang):
 
 
 def strip(overhang, edge, width=0.12):
-    """A strip and its mirror image behind x = 0: there is a row of vertices where the clamp ends."""
+    """A strip and its mirror image about x = 0, so that a row of vertices is at the clamp's end."""
     half = mesh_from_contour(np.array([[0, 0], [overhang, 0], [overhang, width], [0, width]]), edge)
     free = half.rest[:, 0] > 1e-9
     mirror = np.where(free, len(half.rest) + np.cumsum(free) - 1, np.arange(len(half.rest))).astype(np.int32)
@@ -52,7 +52,7 @@ def strip(overhang, edge, width=0.12):
 
 
 @pytest.mark.parametrize(("edge", "bending_length"), [(0.015, 0.03), (0.022, 0.03), (0.022, 0.045), (0.03, 0.06)])
-def test_cantilever_has_the_bending_length_that_was_asked_for(edge, bending_length):
+def test_a_cantilever_has_the_given_bending_length(edge, bending_length):
     """Peirce's test: the overhang whose chord falls by about 41.5 degrees is twice the bending length."""
     overhang = 2.0 * bending_length
     mesh = strip(overhang, edge)
@@ -63,7 +63,8 @@ def test_cantilever_has_the_bending_length_that_was_asked_for(edge, bending_leng
     )  # fmt: skip
     s.advance(150)
     tip = s.positions[mesh.rest[:, 0] > overhang - 1e-9].mean(axis=0)
-    # the hinges on the clamp's line bend over both their triangles: the free length starts half a height behind it
+    # the hinges on the clamp's line bend over both triangles, so the free length starts half a height behind the
+    # clamp
     behind = np.sqrt(3.0) / 4.0 * edge
     angle = np.arctan2(-tip[2], tip[0] + behind)
     measured = brentq(
@@ -73,8 +74,8 @@ def test_cantilever_has_the_bending_length_that_was_asked_for(edge, bending_leng
 
 
 @pytest.mark.parametrize("direction", [0.0, 0.5, np.pi / 2])
-def test_hinges_hold_the_energy_of_a_cylinder(direction):
-    """1/2 B kappa^2 a unit of area, whichever way the cylinder lies on the mesh."""
+def test_the_hinges_store_the_bending_energy_of_a_cylinder(direction):
+    """The energy is 1/2 B kappa^2 per unit area, for any direction of the cylinder on the mesh."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.02)
     e = build_elastic(mesh, MATERIAL, np.ones(len(mesh.rest)), 1e-3, 0.6)
     z = 0.5 * (mesh.rest @ [np.cos(direction), np.sin(direction)]) ** 2  # curvature 1
@@ -92,8 +93,9 @@ OUTLINES = {
 
 @pytest.mark.parametrize("outline", OUTLINES)
 @pytest.mark.parametrize(("edge", "layers", "rotate"), [(0.015, 1, 0.0), (0.022, 2, 0.0), (0.026, 1, 0.7)])
-def test_edges_hold_the_energy_of_an_isotropic_membrane(outline, edge, layers, rotate):
-    """Of plane stress with a Poisson ratio of 1/3, whichever way it is strained, though triangles lie unevenly."""
+def test_the_edges_store_the_energy_of_an_isotropic_membrane(outline, edge, layers, rotate):
+    """The energy is that of plane stress with a Poisson ratio of 1/3, for any direction of strain, on an irregular
+    mesh."""
     mesh = mesh_from_contour(np.array(OUTLINES[outline]), edge, layers, rotate=rotate)
     e = build_elastic(mesh, MATERIAL, np.ones(len(mesh.rest)), 1e-3, 0.6)
     along = (mesh.rest[e.edge[:, 1]] - mesh.rest[e.edge[:, 0]]) / e.length[:, None]
@@ -106,8 +108,9 @@ def test_edges_hold_the_energy_of_an_isotropic_membrane(outline, edge, layers, r
 
 
 @pytest.mark.parametrize("count", [1, 4])
-def test_edges_in_three_directions_only_are_together_as_stiff_as_the_membrane(count):
-    """One right triangle, or squares all cut along the same diagonal: no factor makes those isotropic."""
+def test_edges_in_only_three_directions_have_the_mean_stiffness_of_the_membrane(count):
+    """The mesh is one right triangle, or squares that are all cut along the same diagonal. No factors make these
+    isotropic."""
     side = np.arange(count + 1)
     rest = 0.02 * np.array([(i, j) for j in side for i in side], dtype=float)
     corner = np.array([i + j * (count + 1) for j in range(count) for i in range(count)])[:, None]
@@ -126,7 +129,7 @@ def test_edges_in_three_directions_only_are_together_as_stiff_as_the_membrane(co
 
 
 def hung_by_springs(mesh, material, top):
-    """(n,) how far each vertex sinks [m], by small strains: one linear system of the same springs."""
+    """Displacement of each vertex (n,) [m] for small strains, from one linear system of the same springs."""
     e = build_elastic(mesh, material, np.ones(len(mesh.rest)), 1e-3, 0.6)
     along = (mesh.rest[e.edge[:, 1]] - mesh.rest[e.edge[:, 0]]) / e.length[:, None]
     rows = np.repeat(np.arange(len(e.edge)), 4)
@@ -143,8 +146,8 @@ def hung_by_springs(mesh, material, top):
 
 @pytest.mark.parametrize("edge", [0.015, 0.020, 0.026])
 def test_cloth_hung_by_a_clip_has_the_length_of_its_springs(edge):
-    """All of it hangs by a few edges of which one end is held: the sweep has less to lift there. While that was
-    overlooked they were too stiff, and garments by their clips 0.1 to 0.2 percentage points too short."""
+    """The cloth hangs from a few edges with one held end. When the solver ignored the held end, these edges were
+    too stiff, and garments on clips were 0.1 to 0.2 percentage points too short."""
     mesh = mesh_from_contour(np.array([[-0.08, 0.0], [0.08, 0.0], [0.02, 0.6], [-0.02, 0.6]]), edge)
     top, bottom = mesh.rest[:, 1] > 0.6 - 1e-9, mesh.rest[:, 1] < 1e-9
     material = replace(MATERIAL, stretch_fraction=0.01)
@@ -164,8 +167,8 @@ def sheet_on_a_sheet():
 
 
 @pytest.mark.parametrize("mu", [0.3, 0.6, 0.9])
-def test_a_layer_slides_on_a_layer_as_coulomb_says(mu):
-    """The lower sheet is held by the table; the upper one is watched once it lies."""
+def test_a_layer_slides_on_another_by_coulombs_law(mu):
+    """The table holds the lower sheet. The upper sheet is observed after it has landed."""
     n, mesh = sheet_on_a_sheet()
     a = np.arctan(1.1 * mu)
     settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
@@ -180,13 +183,13 @@ def test_a_layer_slides_on_a_layer_as_coulomb_says(mu):
 
 
 def pile(count):
-    """Sheets that lie on each other, their meshes turned against each other."""
+    """Sheets that lie on each other, with meshes turned against each other."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     return stacked([mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(count)])
 
 
 def on_a_slope(count, mu, mu_layers, ratio, mu_dynamic=None):
-    """The pile on a table that is tilted to `ratio` times the critical slope, after 0.2 s: nothing sleeps."""
+    """The pile after 0.2 s on a table whose slope is `ratio` times the critical one. Sleeping is disabled."""
     mesh = pile(count)
     a = np.arctan(ratio * mu)
     settings = SolverSettings(gravity=(GRAVITY * np.sin(a), 0.0, -GRAVITY * np.cos(a)), drag=0.0, sleep_frames=0)
@@ -200,7 +203,7 @@ def on_a_slope(count, mu, mu_layers, ratio, mu_dynamic=None):
 
 
 def table_force(s: ClothSimulation) -> np.ndarray:
-    """(3,) [N] of the cloth on the table in the last substep: what the table took of its momentum."""
+    """Force (3,) [N] of the cloth on the table in the last substep, from the momentum that the table absorbed."""
     w = s.inverse_mass
     press = s._state.press[:, :3] / np.where(w > 0.0, w, np.inf)[:, None]
     return -press.sum(axis=0) / s._solver_parameters.h**2
@@ -217,7 +220,8 @@ def test_a_pile_on_the_table_holds_below_the_friction_angle(count, mu):
 
 
 def test_two_layers_begin_to_slide_at_the_static_friction():
-    """However much lower the dynamic one is: what gives way a little while loads settle does not go on sliding."""
+    """This holds for any lower dynamic friction. A contact that slips a little while loads settle does not
+    continue to slide."""
     ways = []
     for ratio in (0.98, 1.02):
         s, _, _, _ = on_a_slope(2, 0.6, 0.6, ratio, mu_dynamic=0.4)
@@ -231,8 +235,9 @@ def test_two_layers_begin_to_slide_at_the_static_friction():
 @pytest.mark.parametrize(("mu", "mu_layers"), [(0.2, 5.0), (0.6, 5.0), (0.6, 0.6), (1.0, 1.0)])
 @pytest.mark.parametrize("ratio", [1.02, 1.1, 1.5])
 @pytest.mark.parametrize("count", [2, 4])
-def test_a_pile_slides_as_coulomb_says(count, mu, mu_layers, ratio):
-    """As one block where its layers hold; with equal friction everywhere, no layer slides on another either."""
+def test_a_pile_slides_by_coulombs_law(count, mu, mu_layers, ratio):
+    """The pile slides as one block if its layers hold. With equal friction everywhere, no layer slides on
+    another."""
     s, sheet, along, down = on_a_slope(count, mu, mu_layers, ratio)
     x0, v0 = s.positions[:, 0], s.velocities[:, 0]
     s.advance(36)
@@ -254,20 +259,21 @@ def test_substeps_are_chosen_for_the_stretch_and_reported():
     assert stiff.substeps > soft.substeps and chosen(coarse, 0.01).substeps < stiff.substeps
     assert max(soft.stretch_error, stiff.stretch_error) < 5e-4
     assert chosen(fine, 0.01, stretch_tolerance=1e-4).substeps > stiff.substeps
-    # given substeps are taken and the error is said, unless a tolerance is asked for as well
+    # given substeps are used and the error is reported, unless a tolerance is given too
     rough = chosen(fine, 0.01, substeps=12)
     assert rough.substeps == 12 and rough.stretch_error > 0.01
     with pytest.raises(ConfigurationError, match="12 substeps") as error:
         chosen(fine, 0.01, substeps=12, stretch_tolerance=1e-3)
     assert error.value.values["needed_substeps"] == stiff.substeps
     with pytest.raises(ConfigurationError):
-        chosen(fine, 0.0005)  # nothing within reason would do
+        chosen(fine, 0.0005)  # no reasonable number of substeps is enough
     with pytest.raises(ConfigurationError):
         chosen(fine, 0.01, stretch_tolerance=-1.0)
 
 
-def test_cloth_too_stiff_for_its_steps_is_a_typed_error_or_stays_finite():
-    """Bending a hundred times the usual one on a fine mesh: never a bare ZeroDivisionError, never a NaN."""
+def test_cloth_too_stiff_for_its_substeps_is_an_error_or_stays_finite():
+    """The bending length is a hundred times the usual one, on a fine mesh. The result is never a bare
+    ZeroDivisionError and never a NaN."""
     mesh = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.010)
     x = mesh.lay_flat(0.003)
     x[:, 2] += 0.02 * np.sin(30.0 * x[:, 0]) ** 2
@@ -281,7 +287,7 @@ def test_cloth_too_stiff_for_its_steps_is_a_typed_error_or_stays_finite():
 
 
 def test_pair_lists_have_a_maximum_size(monkeypatch):
-    """Cloth that is flung into itself asks for ever more: it is lost, and says so."""
+    """Cloth that crosses itself everywhere would need ever longer lists, so the simulation ends with an error."""
     s = ClothSimulation(mesh_from_contour(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), 0.02), MATERIAL)
     monkeypatch.setattr(kernel, "run_frames", lambda *_: kernel.PAIRS_FULL)
     with pytest.raises(InternalError, match="lost its positions"):

@@ -1,4 +1,4 @@
-"""The mesher."""
+"""Meshes made from contours."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ SHIRT = np.array(HALF + [(-x, y) for x, y in HALF[::-1]])
 
 @pytest.mark.parametrize("contour", [TOWEL, SHIRT])
 @pytest.mark.parametrize("edge", [0.02, 0.026, 0.035])
-def test_mesh_covers_the_contour_and_keeps_its_corners(contour, edge):
+def test_a_mesh_covers_the_contour_and_keeps_its_corners(contour, edge):
     mesh = mesh_from_contour(contour, edge)
     assert mesh.area.sum() == pytest.approx(shapely.Polygon(contour).area, rel=1e-9)
     gap = np.linalg.norm(contour[:, None] - mesh.rest[None], axis=2).min(axis=1)
     assert gap.max() < 1e-12
-    # Euler's formula of a disc: every triangle belongs to one sheet without holes
+    # Euler's formula of a disc: one sheet without holes
     assert len(mesh.rest) - len(mesh.edges) + len(mesh.triangles) == 1
     quality = mesh.quality
     assert np.rad2deg(quality.min_angle) > 22.0
@@ -28,7 +28,7 @@ def test_mesh_covers_the_contour_and_keeps_its_corners(contour, edge):
 
 def test_two_layers_share_only_the_border():
     mesh = mesh_from_contour(SHIRT, 0.03, layers=2)
-    assert len(mesh.rest) - len(mesh.edges) + len(mesh.triangles) == 2  # a sphere
+    assert len(mesh.rest) - len(mesh.edges) + len(mesh.triangles) == 2  # Euler's formula of a sphere
     assert mesh.area.sum() == pytest.approx(2.0 * shapely.Polygon(SHIRT).area, rel=1e-9)
     upper = np.unique(mesh.triangles[mesh.triangle_layer == 1])
     lower = np.unique(mesh.triangles[mesh.triangle_layer == 0])
@@ -38,7 +38,7 @@ def test_two_layers_share_only_the_border():
     assert not [h for h in mesh.hinges.tolist() if tuple(sorted(h[:2])) in seam]
 
 
-def test_rotation_gives_another_mesh_of_the_same_garment():
+def test_a_rotated_grid_gives_another_mesh_of_the_same_garment():
     a, b = mesh_from_contour(TOWEL, 0.026), mesh_from_contour(TOWEL, 0.026, rotate=0.3)
     assert a.rest.shape != b.rest.shape or not np.allclose(a.rest, b.rest)
     again = mesh_from_contour(TOWEL, 0.026)
@@ -46,7 +46,7 @@ def test_rotation_gives_another_mesh_of_the_same_garment():
     np.testing.assert_array_equal(a.triangles, again.triangles)
 
 
-def test_a_clockwise_or_noisy_contour_is_the_same_garment():
+def test_a_clockwise_or_noisy_contour_gives_the_same_garment():
     mesh = mesh_from_contour(TOWEL[::-1], 0.026)
     assert mesh.area.sum() == pytest.approx(0.24)
     t = np.linspace(0.0, 4.0, 801)[:-1]
@@ -61,15 +61,15 @@ def test_a_clockwise_or_noisy_contour_is_the_same_garment():
 @pytest.mark.parametrize(
     ("contour", "edge", "layers"),
     [
-        (np.array([[0, 0], [1, 1], [1, 0], [0, 1.0]]), 0.05, 1),  # crosses itself
+        (np.array([[0, 0], [1, 1], [1, 0], [0, 1.0]]), 0.05, 1),  # a contour that crosses itself
         (np.array([[0, 0], [1, 0], [np.nan, 1.0]]), 0.05, 1),
         (np.array([[0, 0], [1, 0.0]]), 0.05, 1),
-        (np.array([[0, 0], [1, 0], [2, 0.0]]), 0.05, 1),  # no area
+        (np.array([[0, 0], [1, 0], [2, 0.0]]), 0.05, 1),  # a contour without area
         (TOWEL * 0.01, 0.05, 1),
-        (TOWEL, 26.0, 1),  # millimetres
+        (TOWEL, 26.0, 1),  # a contour in millimetres
         (TOWEL, 0.026, 3),
     ],
 )
-def test_bad_input_is_a_typed_error(contour, edge, layers):
+def test_an_invalid_contour_is_refused(contour, edge, layers):
     with pytest.raises(ConfigurationError):
         mesh_from_contour(contour, edge, layers)

@@ -29,7 +29,7 @@ def turn(angle):
 
 
 def hung_strip(stretch, edge, substeps, length=0.6, width=0.15):
-    """Elongation of a strip that hangs by its upper hem."""
+    """Elongation of a strip that hangs from its upper hem."""
     mesh = mesh_from_contour(np.array([[0, 0], [width, 0], [width, length], [0, length]]), edge)
     top, bottom = mesh.rest[:, 1] > length - 1e-9, mesh.rest[:, 1] < 1e-9
     x = np.column_stack([mesh.rest[:, 0], np.zeros(len(mesh.rest)), mesh.rest[:, 1]])
@@ -42,8 +42,8 @@ def hung_strip(stretch, edge, substeps, length=0.6, width=0.15):
 
 @pytest.mark.parametrize(("stretch", "edge", "substeps"), [(0.01, 0.026, 20), (0.03, 0.026, 20), (0.03, 0.026, 40),
                                                            (0.03, 0.018, 20), (0.02, 0.03, 12)])  # fmt: skip
-def test_hung_strip_elongates_as_asked(stretch, edge, substeps):
-    """Closed form of a strip under its own weight: areal_mass g L / (2 Y); on any mesh, with any substeps."""
+def test_a_hung_strip_elongates_by_its_stretch_fraction(stretch, edge, substeps):
+    """The closed form of a strip under its own weight is areal_mass g L / (2 Y), for any mesh and any substeps."""
     assert hung_strip(stretch, edge, substeps) == pytest.approx(stretch, abs=1.2e-3)
 
 
@@ -51,7 +51,8 @@ def test_hung_strip_elongates_as_asked(stretch, edge, substeps):
     ("strain", "error"), [(0.03, 3e-4), (-0.03, 3e-4), (0.1, 3e-3), (-0.1, 3e-3), (-0.5, 0.2)]
 )
 def test_a_sweep_restores_the_length_of_an_edge(strain, error):
-    """One stiff edge, ends of different mass: but for `error` of the strain, and the centre of mass stays."""
+    """One stiff edge has ends of different mass. The remaining strain is at most `error`, and the centre of mass
+    stays."""
     x, length, w = rows(2), 0.02, np.array([3.0, 1.0])
     along = np.array([2.0, -1.0, 2.0]) / 3.0
     x[0, :3] = 0.1, 0.2, 0.3
@@ -63,7 +64,7 @@ def test_a_sweep_restores_the_length_of_an_edge(strain, error):
     assert x[0] / w[0] + x[1] / w[1] == pytest.approx(middle)
 
 
-def test_an_edge_without_length_pushes_nowhere():
+def test_an_edge_without_length_has_no_effect():
     x = rows(2)
     x[:, :3] = 1.0
     one, half = np.array([[0, 1]], np.uint32), np.full(1, 0.5)
@@ -77,7 +78,7 @@ def shuffled_edges(outline, edge):
 
 
 @pytest.mark.parametrize("size", [0.03, 0.1, 0.3])
-def test_edges_of_one_colour_share_no_vertex_and_edges_that_do_keep_their_order(size):
+def test_edges_of_one_colour_share_no_vertex_and_other_edges_keep_their_order(size):
     edge, n = shuffled_edges(size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
     order, bounds = colour_batches(edge)
     assert sorted(order.tolist()) == list(range(len(edge)))
@@ -89,8 +90,9 @@ def test_edges_of_one_colour_share_no_vertex_and_edges_that_do_keep_their_order(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_four_edges_at_once_are_solved_and_damped_as_one_by_one(seed):
-    """To the last bit but for signs of zeros. Some vertices sleep, one is lost, some edges have no length."""
+def test_edges_in_groups_of_four_give_the_same_bits_as_one_by_one(seed):
+    """All bits are equal, except signs of zeros. Some vertices sleep, one is not finite, and some edges have no
+    length."""
     edge, n = shuffled_edges(0.2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), 0.025)
     rng, m = np.random.default_rng(seed), len(edge)
     w = np.where(rng.random(n) < 0.4, 0.0, rng.uniform(500.0, 2000.0, n))
@@ -122,19 +124,19 @@ def slide(mu, angle, frames=60):
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
-def test_tilted_table_holds_below_the_friction_angle(mu):
+def test_a_tilted_table_holds_cloth_below_the_friction_angle(mu):
     assert np.abs(slide(mu, np.arctan(0.98 * mu))).max() < 5e-5
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.6, 1.0])
 @pytest.mark.parametrize("ratio", [1.02, 1.1, 1.5])
-def test_tilted_table_slides_as_the_closed_form(mu, ratio):
+def test_cloth_slides_on_a_tilted_table_by_the_closed_form(mu, ratio):
     angle = np.arctan(ratio * mu)
     expected = 0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle))  # after one second
     assert slide(mu, angle) == pytest.approx(expected, rel=0.02)
 
 
-def test_free_cloth_keeps_momentum():
+def test_free_cloth_conserves_momentum():
     s = ClothSimulation(PATCH, MATERIAL, settings=FREE, table=False)
     rng = np.random.default_rng(3)
     x = s.positions + rng.normal(scale=2e-3, size=(len(PATCH.rest), 3))
@@ -145,7 +147,7 @@ def test_free_cloth_keeps_momentum():
     angular = (mass * np.cross(x, v)).sum(axis=0)
     s.advance(30)
     np.testing.assert_allclose((mass * s.velocities).sum(axis=0), before, atol=1e-9)
-    # the turn is kept up to the first order of the step
+    # angular momentum is conserved to first order in the step
     after = (mass * np.cross(s.positions, s.velocities)).sum(axis=0)
     assert np.linalg.norm(after - angular) < 0.05 * (mass * np.linalg.norm(np.cross(x, v), axis=1)[:, None]).sum()
 
@@ -182,8 +184,8 @@ def test_a_sheet_falls_freely_and_lands_on_the_table():
     assert s.positions[:, 2].min() > 0.0014 and s.positions[:, 2].max() < 0.004
 
 
-def test_a_sheet_dropped_on_a_sheet_does_not_pass():
-    """Two layers, not joined: the upper one comes to lie one thickness above the lower."""
+def test_a_sheet_dropped_on_another_does_not_pass_through():
+    """Two separate layers: the upper one comes to rest one thickness above the lower one."""
     two = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
     n = len(two.rest)
     both = ClothMesh(
@@ -208,7 +210,7 @@ def run_of(seed):
     return s
 
 
-def test_same_bits_again_in_another_thread_and_from_a_checkpoint():
+def test_results_are_bit_identical_in_another_thread_and_from_a_checkpoint():
     reference = run_of(1).positions
     with ThreadPoolExecutor(2) as pool:
         others = list(pool.map(run_of, [1, 2, 1]))
@@ -235,7 +237,7 @@ def test_a_checkpoint_of_another_version_of_the_solver_is_refused_and_changes_no
 
 
 def test_a_checkpoint_of_another_mesh_is_refused_and_changes_nothing():
-    """Though it has as many vertices: the compiled loop would write beyond the ends of what it brought along."""
+    """The other mesh has as many vertices, but the compiled loop would write beyond the ends of its arrays."""
     square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
     fine, other = (mesh_from_contour(square, 0.025, rotate=turn) for turn in (0.0, 0.35))
     n = min(len(fine.rest), len(other.rest))
@@ -248,7 +250,7 @@ def test_a_checkpoint_of_another_mesh_is_refused_and_changes_nothing():
     assert np.array_equal(s.positions, before)
 
 
-def test_frames_one_by_one_are_the_frames_at_once():
+def test_advancing_frame_by_frame_equals_advancing_all_frames_in_one_call():
     a, b = run_of(4), run_of(4)
     a.advance(12)
     for _ in range(12):
@@ -278,6 +280,6 @@ def test_a_finger_pushes_the_cloth():
         {"bending_length": np.nan},
     ],
 )
-def test_absurd_material_is_refused(change):
+def test_an_impossible_material_is_refused(change):
     with pytest.raises(ConfigurationError):
         ClothSimulation(PATCH, replace(MATERIAL, **change))

@@ -1,4 +1,4 @@
-"""Sleeping vertices: no effect on awake ones, folds at rest, and packed edges."""
+"""Sleeping vertices: their effect on awake ones, folds at rest, and packed edges."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
 
 @pytest.fixture(scope="module")
 def at_rest():
-    """A towel folded in half, at rest with all of it awake."""
+    """A towel folded in half, at rest, with all vertices awake."""
     mesh, material = towel_mesh(425)
     never = SolverSettings(sleep_frames=0)
     x = predict_fold(mesh, mesh.lay_flat(material.thickness), material, towel_half(), RELEASE, 4.0, never).vertices
@@ -26,7 +26,8 @@ def at_rest():
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_awake_vertices_are_not_affected_by_sleeping_ones(at_rest, axis):
-    """Half of a folded towel falls asleep; of the rest, which has a part of the crease, none moves by 0.1 mm."""
+    """Half of a folded towel falls asleep. No vertex of the other half, which has a part of the crease, moves by
+    0.1 mm."""
     s = ClothSimulation(at_rest.mesh, at_rest.material, settings=at_rest.settings)
     s.restore(at_rest.checkpoint())
     before = s.positions
@@ -43,9 +44,12 @@ def test_awake_vertices_are_not_affected_by_sleeping_ones(at_rest, axis):
 @pytest.mark.parametrize("start", range(4))
 @pytest.mark.parametrize("garment", ["large_towel", "long_sleeve_shirt_small"])
 def test_a_fold_is_at_rest_a_second_after_its_release(garment, start):
-    """From starts that differ by 1e-6 m. While sleepers held their neighbours up, creases of the towel began to
-    swing each time some fell asleep, and two of three such folds still moved by 0.5 to 2.7 mm in 0.1 s; while what
-    swings was taken for ever for what gathers speed, the shirt's sleeve rocked on, once by 0.52 mm."""
+    """The starts differ by 1e-6 m.
+
+    Two former errors motivate this test. When sleeping vertices supported their neighbours, creases of the towel
+    began to swing each time some vertices fell asleep, and two of three folds still moved by 0.5 to 2.7 mm in 0.1
+    s. When oscillation counted as acceleration, the shirt's sleeve continued to rock, once by 0.52 mm.
+    """
     mesh, material, folds = planned_folds(garment)
     x = mesh.lay_flat(material.thickness)
     x += (start > 0) * 1e-6 * np.random.default_rng(start).standard_normal(x.shape)
@@ -56,8 +60,8 @@ def test_a_fold_is_at_rest_a_second_after_its_release(garment, start):
 
 
 def wakes(path, distance=1e-3):
-    """(frames,) whether a vertex that goes along path (frames + 1,) [m] is found to move in each frame. Only if so
-    it is not quiet any more, as in `update_sleep`."""
+    """(frames,) whether a vertex on this path (frames + 1,) [m] counts as moving in each frame. A moving vertex is
+    no longer quiet, as in `update_sleep`."""
     x, one, found = np.zeros((1, 4)), np.zeros(1, np.int32), []
     ref, last = np.zeros((1, 3)), np.zeros((1, 3))
     x[0, 1] = ref[0, 1] = last[0, 1] = path[0]
@@ -80,7 +84,7 @@ ONCE, LONG = np.arange(FRAMES + 1), np.arange(121)
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2.0 * np.pi, 9))
 @pytest.mark.parametrize("hertz", [3.0, 6.0, 8.0])
 def test_small_oscillations_count_as_rest_after_a_while(hertz, phase):
-    """As creases do, and however fast they pass through the middle."""
+    """Creases oscillate so. The speed in the middle of the oscillation does not matter."""
     found = wakes(3e-4 * np.sin(2.0 * np.pi * hertz * LONG / 60.0 + phase))
     assert not found[SWINGS * FRAMES :].any()
 
@@ -88,13 +92,13 @@ def test_small_oscillations_count_as_rest_after_a_while(hertz, phase):
 @pytest.mark.parametrize(
     ("path", "wake"),
     [
-        (8e-5 * ONCE, False),  # evenly
-        (8e-5 * np.cumsum(0.8**ONCE), False),  # slower and slower
-        (6e-4 * np.exp(0.2 * (ONCE - 10)), True),  # topples
-        (8e-6 * ONCE**2, True),  # falls
-        (1.2e-5 * (ONCE - 5.0) ** 2, True),  # a pendulum that turns back
+        (8e-5 * ONCE, False),  # constant speed
+        (8e-5 * np.cumsum(0.8**ONCE), False),  # decreasing speed
+        (6e-4 * np.exp(0.2 * (ONCE - 10)), True),  # toppling
+        (8e-6 * ONCE**2, True),  # falling
+        (1.2e-5 * (ONCE - 5.0) ** 2, True),  # a pendulum that returns
         (1.2e-5 * (ONCE - 6.0) ** 2, True),
-        (1.02e-4 * ONCE, True),  # too far for rest
+        (1.02e-4 * ONCE, True),  # an amplitude that is too large for rest
     ],
     ids=["even", "slowing", "toppling", "falling", "turning back", "turning back later", "too far"],
 )
@@ -103,7 +107,7 @@ def test_accelerating_vertices_are_not_at_rest_even_near_their_place(path, wake)
     assert found[-1] == wake and not found[:-1].any()
 
 
-def test_a_vertex_that_oscillated_wakes_once_it_has_left_its_place():
+def test_an_oscillating_vertex_wakes_when_it_leaves_its_place():
     swing = 3e-4 * np.sin(2.0 * np.pi * 6.0 * LONG / 60.0)
     topples = 6e-4 * np.exp(0.2 * (ONCE - 10))
     assert not wakes(np.concatenate([swing, swing[-1] + topples[1:] - topples[0]]))[len(swing) :].any()
@@ -113,7 +117,8 @@ def test_a_vertex_that_oscillated_wakes_once_it_has_left_its_place():
 
 @pytest.mark.parametrize("start", [0.003, 0.005, 0.008, 0.012, 0.030])
 def test_a_hung_strip_falls_asleep_where_it_hangs(start):
-    """Let go beside that, it swings out, and sleeps within little more than the millimetre that counts as rest."""
+    """Released beside this place, the strip swings and then sleeps, within little more than the millimetre that
+    counts as rest."""
     mesh = mesh_from_contour(np.array([[0.0, -0.03], [0.3, -0.03], [0.3, 0.03], [0.0, 0.03]]), 0.02)
     x = np.column_stack([start * mesh.rest[:, 0] / 0.3, mesh.rest[:, 1], 0.5 - mesh.rest[:, 0]])
     upper = mesh.rest[:, 0] < 1e-6
@@ -157,8 +162,8 @@ def test_the_fourth_column_stays_zero_through_a_fold():
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 1.0])
 def test_packed_edges_have_a_free_end_and_their_shares(share):
-    """Free is what is awake, and two rings about it but what is fixed; shares are the closed form's, with the mass
-    of a neighbour that sleeps."""
+    """Vertices are free if they are awake or within two rings of awake ones, and not fixed. The shares agree with
+    the closed form, which includes the mass of sleeping neighbours."""
     mesh = mesh_from_contour(np.array([[-0.2, -0.15], [0.2, -0.15], [0.2, 0.15], [-0.2, 0.15]]), 0.025)
     rng = np.random.default_rng(4)
     n = len(mesh.rest)

@@ -1,4 +1,4 @@
-"""Neighbours in a mesh against plain counting, and arrays shared between simulations."""
+"""Neighbours in a mesh against direct counting, and arrays shared between simulations."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ SQUARE = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
 
 
 @pytest.mark.parametrize("layers", [1, 2])
-def test_neighbours_agree_with_plain_counting(layers):
+def test_neighbours_agree_with_direct_counting(layers):
     mesh = mesh_from_contour(SQUARE, 0.03, layers=layers)
     edge = mesh.edges[shuffled(len(mesh.edges))].tolist()
     found = topology_of(mesh)

@@ -1,4 +1,4 @@
-"""The source files of the compiled loop: a missing one would leave stale code in the cache."""
+"""The fingerprint of the compiled loop: a missing source file would leave stale code in the cache."""
 
 import ast
 from pathlib import Path
@@ -15,7 +15,7 @@ def modules_of(name):
             yield f"{node.module.removeprefix('skills.cloth.').replace('.', '/')}.py"
 
 
-def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
+def test_every_source_file_of_the_compiled_loop_is_in_its_fingerprint():
     reached, ahead = set(), ["kernel.py"]
     while ahead:
         name = ahead.pop()
@@ -31,8 +31,8 @@ def test_every_compiled_file_that_the_loop_reaches_belongs_to_its_fingerprint():
 
 
 def test_contractible_kernels_use_no_power_operator():
-    """numba compiles x ** 2 once a process, as the first to call it allows: with a product in its place, sums come
-    out the same whatever was compiled before."""
+    """numba compiles x ** 2 once per process, with the options of the first caller. A product gives the same sums
+    whatever was compiled before."""
     powers = [
         f"{name}:{node.lineno}"
         for name in kernel.COMPILED

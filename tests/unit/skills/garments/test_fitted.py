@@ -1,4 +1,4 @@
-"""A template from seen points: rotation, scale and symmetry."""
+"""A template fitted to observed key points: rotation, scale and symmetry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 1e4), st.floats(-50.0, 50.0), st.sampled_from([0, 1]))
-def test_turn_scale_and_place_do_not_matter(angle: float, scale: float, shift: float, which: int) -> None:
+def test_a_fitted_template_does_not_depend_on_turn_scale_and_place(
+    angle: float, scale: float, shift: float, which: int
+) -> None:
     shape = (SHIRT, SKEW)[which]
     pair = (0, len(shape) // 2)
     length = float(np.linalg.norm(shape[pair[0]] - shape[pair[1]]))
@@ -33,7 +35,7 @@ def test_a_fitted_symmetric_template_is_the_mean_of_its_halves() -> None:
     twins = mirror_images(SHIRT)
     assert twins is not None and (twins[twins] == np.arange(len(SHIRT))).all()
     seen = SHIRT.copy()
-    seen[0] += [0.02, 0.0]  # one corner of the hem pulled out
+    seen[0] += [0.02, 0.0]  # one corner of the hem is pulled out
     found = fitted_template(seen, SHIRT, None, None)
     assert found[twins] * [1.0, -1.0] == pytest.approx(found, abs=1e-9)
     hem = found[0, 0] - found[5, 0]
@@ -42,7 +44,7 @@ def test_a_fitted_symmetric_template_is_the_mean_of_its_halves() -> None:
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0])
-def test_no_scale_is_refused(length: float) -> None:
+def test_points_without_extent_are_refused(length: float) -> None:
     with pytest.raises(ValueError, match="no scale"):
         fitted_template(SHIRT, SHIRT, (0, 1), length)
     with pytest.raises(ValueError, match="no scale"):

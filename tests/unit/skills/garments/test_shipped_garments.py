@@ -1,4 +1,4 @@
-"""The shipped garment files are true to the paper's table and fit the cell they are for."""
+"""The shipped garment files agree with the paper's table and fit the cell."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ PAPER = {  # stretch %, friction angle in degrees, folds
     "small_towel": (1.1, 24.3, 2),
 }
 
-# The camera over the head sees this much of the table plane (x, |y|): nearer rows are narrower.
+# The part of the table plane that the head camera sees. Nearer rows are narrower.
 VIEW = shapely.Polygon([(0.17, -0.52), (1.10, -0.72), (1.10, 0.72), (0.17, 0.52)])
 
 
 @pytest.mark.parametrize("name", PAPER)
-def test_measured_figures_are_the_papers(name: str) -> None:
+def test_the_measured_figures_of_shipped_garments_agree_with_the_paper(name: str) -> None:
     stretch, angle, folds = PAPER[name]
     garment = GARMENTS[name]
     stated = yaml.safe_load((resources.files("skills.garments") / f"{name}.yaml").read_text())["material"]
     assert stated["stretch_fraction"] == pytest.approx(stretch / 100)
-    # a cloth hangs longer in proportion to its own length: what is solved is stated for one and the same length
+    # elongation is proportional to the hanging length, and the solver's value refers to one reference length
     drop = SolverSettings().reference_drop
     assert garment.material.stretch_fraction == pytest.approx(stretch / 100 * drop / stated["hang_drop"])
     assert garment.material.friction_static == pytest.approx(math.tan(math.radians(angle)))
@@ -57,7 +57,7 @@ def test_every_pose_is_in_view_and_on_the_table(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GARMENTS)
-def test_drawn_poses_stay_in_their_ranges_and_follow_the_seed(name: str) -> None:
+def test_drawn_poses_are_in_their_ranges_and_depend_on_the_seed(name: str) -> None:
     poses = GARMENTS[name].poses
     drawn = [poses.sample(np.random.default_rng(7)) for _ in range(2)]
     assert drawn[0] == drawn[1]
@@ -69,7 +69,7 @@ def test_drawn_poses_stay_in_their_ranges_and_follow_the_seed(name: str) -> None
 
 
 @pytest.mark.parametrize("name", GARMENTS)
-def test_laying_is_a_similarity(name: str) -> None:
+def test_placing_a_garment_is_a_similarity_transform(name: str) -> None:
     garment = GARMENTS[name]
     placed = garment.place(0.5, 0.1, 0.4, 1.1)
     before = np.linalg.norm(garment.template[:, None] - garment.template, axis=-1)
@@ -81,7 +81,7 @@ def test_laying_is_a_similarity(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GARMENTS)
-def test_a_garment_laid_out_flat_can_be_planned_in_all_its_variants(name: str) -> None:
+def test_folds_of_a_flat_garment_can_be_planned_in_all_variants(name: str) -> None:
     garment = GARMENTS[name]
     state = garment.flat_state(*garment.poses.middle)
     for step in garment.plan:

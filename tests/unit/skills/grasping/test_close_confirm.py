@@ -1,4 +1,4 @@
-"""Closing, confirming and lifting: held cloth, layer counts, and error rates."""
+"""Closing, confirming and lifting: held cloth, layer counts and error rates."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def confirm_on(
 
 
 def grasp(seed: int, scale: float, layers: int, thickness: float = NOMINAL) -> tuple[SensedHand, TactileBias]:
-    """A hand closed on `layers` of cloth, each within 10 % of the nominal thickness, at some force."""
+    """A hand that is closed on `layers` layers of cloth with a random force. Each layer is within 10 % of the
+    nominal thickness."""
     rng = np.random.default_rng([seed, 99])
     hand = SensedHand(seed, scale)
     pads = bias_of(hand)
@@ -61,15 +62,15 @@ def grasp(seed: int, scale: float, layers: int, thickness: float = NOMINAL) -> t
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("thickness", [0.0, 0.001, 0.0025, 0.010])
-def test_pads_close_until_they_press_or_rest(scale: float, thickness: float) -> None:
+def test_pads_close_until_they_press_or_come_to_rest(scale: float, thickness: float) -> None:
     for seed in range(40):
         hand = ClosingHand(seed, scale, thickness)
         end, _ = close_on(hand)
-        assert abs(hand.opening - thickness) < 1e-9, "it must not end before the pads have met"
+        assert abs(hand.opening - thickness) < 1e-9, "closing does not end before the pads have met"
         assert end.unwrap().seconds < 0.6
 
 
-def test_pads_that_never_feel_force_end_by_standing_still() -> None:
+def test_closing_without_force_ends_when_the_pads_stand_still() -> None:
     hand = ClosingHand(1, thickness=0.0)
     hand.drive_force = 0.0
     pads = bias_of(hand)
@@ -88,14 +89,14 @@ def test_a_jammed_gripper_is_a_fault(scale: float) -> None:
         assert abs(end.failure.values["moved_m"]) < 0.002
 
 
-def test_pads_that_are_closed_already_are_closed() -> None:
+def test_closing_ends_with_pads_that_are_already_closed() -> None:
     hand = ClosingHand(0, thickness=0.001)
     hand.opening = 0.001
     end, _ = close_on(hand)
     assert end.ok
 
 
-def test_the_speed_of_an_opening() -> None:
+def test_the_opening_speed_is_estimated_from_readings() -> None:
     pairs = tuple((0.01 * k, 0.03 - 0.001 * k) for k in range(10))
     assert speed_of(pairs) == pytest.approx(-0.1)
     assert speed_of(pairs[:3]) is None
@@ -106,8 +107,8 @@ def test_the_speed_of_an_opening() -> None:
 
 @pytest.mark.parametrize(("scale", "most"), [(1.0, 0), (2.0, 2)])
 @pytest.mark.parametrize("thickness", [0.0010, 0.0025, 0.0040])
-def test_held_cloth_is_rarely_called_missed(scale: float, most: int, thickness: float) -> None:
-    """False alarms of 'missed': none in 200 at the usual noise, 1 % at twice it."""
+def test_held_cloth_is_rarely_reported_as_missed(scale: float, most: int, thickness: float) -> None:
+    """False reports of a missed grasp: none in 200 at the usual noise, at most 1 % at twice the noise."""
     missed = 0
     for seed in range(N):
         hand, pads = grasp(seed, scale, 1, thickness)
@@ -117,11 +118,11 @@ def test_held_cloth_is_rarely_called_missed(scale: float, most: int, thickness: 
 
 @pytest.mark.parametrize(("scale", "least"), [(1.0, N), (2.0, N - 2)])
 def test_empty_pads_that_press_on_one_another_hold_nothing(scale: float, least: int) -> None:
-    """They feel 8-20 N and still hold nothing, even when the cloth looked for is only 1 mm thick."""
+    """The pads sense 8-20 N but hold nothing, even if the expected cloth is only 1 mm thick."""
     found = 0
     for seed in range(N):
         hand, pads = grasp(seed, scale, 0)
-        any_number = seed % 2 == 0  # even when any number of layers would do
+        any_number = seed % 2 == 0  # even if any number of layers would be accepted
         end = confirm_on(hand, pads, None if any_number else 1, 0.0010)
         found += end.failure is not None and end.failure.kind is FailureKind.MISSED_GRASP
     assert found >= least
@@ -129,13 +130,13 @@ def test_empty_pads_that_press_on_one_another_hold_nothing(scale: float, least: 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_a_hand_that_feels_no_force_holds_nothing(scale: float) -> None:
-    """Pads held apart by something else than cloth between them (a jammed spindle): no force, no grasp."""
+    """If pads are apart without force, for example because of a jammed spindle, there is no grasp."""
     for seed in range(50):
         hand = SensedHand(seed, scale)
         pads = bias_of(hand)
         hand.opening = NOMINAL
         assert confirm_on(hand, pads).failure is not None
-        hand.pads = np.array([5.0, 0.0])  # one pad only
+        hand.pads = np.array([5.0, 0.0])  # only one pad senses force
         assert confirm_on(hand, pads).failure is not None
 
 
@@ -153,7 +154,7 @@ def test_a_hand_under_the_whole_stack_may_take_more_but_not_less(wanted: int, go
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 2), (2.0, 4)])
 @pytest.mark.parametrize(("wanted", "got"), [(1, 2), (2, 1), (2, 4), (4, 2)])
 def test_an_unplanned_number_of_layers_is_reported(scale: float, wrong: int, wanted: int, got: int) -> None:
-    """Double and half grasps: at least 99 % (98 % at twice the noise) of 200 are reported."""
+    """Grasps of twice or half the layers: at least 99 % of 200 are reported (98 % at twice the noise)."""
     told = 0
     kind = FailureKind.MISSED_GRASP if got < wanted else FailureKind.MISSED_LAYER
     for seed in range(N):
@@ -174,7 +175,7 @@ def test_the_planned_number_of_layers_raises_no_alarm(scale: float, layers: int)
 
 
 def test_an_ambiguous_layer_count_has_low_confidence() -> None:
-    """Seven or eight layers, each 12 % uncertain: the probability is low."""
+    """The count is between seven and eight layers, each with an uncertainty of 12 %, so the probability is low."""
     count = count_layers(7.5 * NOMINAL, 1e-5, NOMINAL, SETTINGS)
     assert count.probability < 0.6 and count.sigma > 0.5
     sure = count_layers(2.02 * NOMINAL, 1e-5, NOMINAL, SETTINGS)
@@ -182,8 +183,9 @@ def test_an_ambiguous_layer_count_has_low_confidence() -> None:
     assert sure.estimate == pytest.approx(2.02)
 
 
-def test_the_counts_probability_is_calibrated() -> None:
-    """Of openings drawn from its own model, with every count equally frequent, it errs as often as it says."""
+def test_the_probability_of_a_layer_count_is_calibrated() -> None:
+    """For openings drawn from the model, with equally frequent counts, the error rate agrees with the stated
+    probability."""
     rng = np.random.default_rng(3)
     truth = rng.integers(0, 6, 4000)
     opening = NOMINAL * truth * (1 + SETTINGS.thickness_error * rng.standard_normal(4000))
@@ -197,7 +199,7 @@ def test_the_counts_probability_is_calibrated() -> None:
     assert right[unsure].mean() == pytest.approx(said[unsure].mean(), abs=0.08)
 
 
-def test_a_reading_repeated_is_one_reading() -> None:
+def test_a_repeated_reading_counts_once() -> None:
     hand, pads = grasp(0, 1.0, 1)
     state, reading = start_confirm(SETTINGS, pads, Expectation(NOMINAL)), hand.read()
     for _ in range(50):
@@ -218,13 +220,14 @@ def lift_of(hand: SensedHand, pads: TactileBias, held: Held) -> Outcome[Held]:
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_a_lift_that_keeps_its_grip_is_held_and_one_that_loses_it_is_missed(scale: float) -> None:
-    """100 lifts of each: kept, fallen out with the pads pressing on one another, half slipped out."""
+    """100 lifts each of three kinds: held cloth, lost cloth with pads that press on each other, and cloth that has
+    half slipped out."""
     wrong = {"kept": 0, "fallen": 0, "pressure gone": 0}
     for seed in range(100):
         hand, pads = grasp(seed, scale, 1)
         held = confirm_on(hand, pads).unwrap()
         thickness, force = hand.opening, hand.pads.copy()
-        hand.pads = force * 0.85  # the cloth's weight and a softer hold change it a little
+        hand.pads = force * 0.85  # the cloth's weight and a softer grip change the readings a little
         wrong["kept"] += not lift_of(hand, pads, held).ok
         hand.opening = 0.0
         wrong["fallen"] += lift_of(hand, pads, held).ok
@@ -233,7 +236,7 @@ def test_a_lift_that_keeps_its_grip_is_held_and_one_that_loses_it_is_missed(scal
     assert wrong == {"kept": 0, "fallen": 0, "pressure gone": 0}
 
 
-def test_a_lift_brings_the_figures_up_to_date() -> None:
+def test_a_lift_updates_the_figures_of_the_grasp() -> None:
     hand, pads = grasp(1, 1.0, 1)
     held = confirm_on(hand, pads).unwrap()
     hand.pads = hand.pads * 0.9

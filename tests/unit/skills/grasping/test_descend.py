@@ -1,4 +1,4 @@
-"""The guarded descent: where it stops, its force, and objects that are not the garment."""
+"""The guarded descent: where it stops, its force, and unexpected objects."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def bias_of(hand: SensedHand) -> TactileBias:
 
 
 def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0) -> tuple[Outcome[Contact], float]:
-    """Run a descent; the outcome and how long it took."""
+    """Run a descent. Returns the outcome and the duration [s]."""
     state: DescentState | Outcome[Contact] = start_descent(SETTINGS, goal, bias_of(hand), hand.read())
     begun = hand.now
     while not isinstance(state, Outcome):
-        assert hand.now - begun < seconds, "the descent does not end"
+        assert hand.now - begun < seconds, "the descent ends"
         command, state = descend(hand.read(), state)
         hand.follow(command.height)
     return state, hand.now - begun
@@ -41,7 +41,8 @@ def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0)
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_a_descent_presses_the_cloth_to_the_table_and_not_harder(scale: float) -> None:
-    """60 descents each: all end by the tips, within 1 mm of the table, under 6 N on the arm."""
+    """In each of 60 descents the tips detect the contact, within 1 mm of the table and with less than 6 N on the
+    arm."""
     hands = [DescendingHand(seed, scale, TOP) for seed in SEEDS]
     ends = [lower(hand)[0].unwrap() for hand in hands]
     assert all(end.by == "tip" for end in ends)
@@ -51,7 +52,7 @@ def test_a_descent_presses_the_cloth_to_the_table_and_not_harder(scale: float) -
 
 @pytest.mark.parametrize("table", [-0.005, -0.002, 0.003])
 def test_a_table_at_an_unexpected_height_is_found(table: float) -> None:
-    """Arms are off by millimetres: the touch decides, not the height."""
+    """Arms have errors of millimetres, so the contact decides and not the height."""
     for seed in range(40):
         hand = DescendingHand(seed, 1.0, table + TOP, table)
         end, _ = lower(hand)
@@ -69,7 +70,7 @@ def test_a_first_touch_stops_on_top_of_the_cloth(scale: float) -> None:
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_noise_in_the_air_is_no_touch(scale: float) -> None:
-    """Nothing down to the bound is NO_CONTACT, in every descent: noise is never taken for a contact."""
+    """Without a contact down to the stop height, every descent is NO_CONTACT. Noise never counts as a contact."""
     for seed in SEEDS:
         hand = DescendingHand(seed, scale, top=-0.05, floor=-0.06)
         end, _ = lower(hand)
@@ -80,7 +81,7 @@ def test_noise_in_the_air_is_no_touch(scale: float) -> None:
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("weak", [True, False])
 def test_joint_efforts_stop_a_hand_with_numb_tips(scale: float, weak: bool) -> None:
-    """By the arm's lag, or on an arm that does not give way by its efforts."""
+    """The arm's lag detects the contact, or the joint efforts of a stiff arm."""
     for seed in range(30):
         hand = DescendingHand(seed, scale, TOP)
         follow = hand.follow
@@ -96,8 +97,8 @@ def test_joint_efforts_stop_a_hand_with_numb_tips(scale: float, weak: bool) -> N
 
 
 @pytest.mark.parametrize("delay", [0.1, 0.2, 0.3])
-def test_an_arm_that_catches_up_is_not_held_up(delay: float) -> None:
-    """Over a network an arm comes late: where the descent slows down it is still far behind, and on its way."""
+def test_a_lagging_arm_that_catches_up_is_not_stopped(delay: float) -> None:
+    """Over a network an arm follows late. Where the descent slows down, the arm is still far behind but moving."""
     for seed in range(20):
         hand = DescendingHand(seed, 1.0, TOP)
         sent = deque([hand.height] * round(100 * delay))
@@ -117,7 +118,7 @@ def test_a_contact_far_above_the_garment_is_a_failure() -> None:
     assert end.failure.values["height_m"] == pytest.approx(0.038, abs=0.004)
 
 
-def test_the_stop_height_ends_the_descent_without_a_touch() -> None:
+def test_the_descent_ends_at_the_stop_height_without_a_contact() -> None:
     goal = DescentGoal(contact=0.0, bottom=-0.005, stop=0.006)
     end, _ = lower(DescendingHand(1, top=0.0, floor=-0.01), goal)
     assert end.unwrap().by == "height"
@@ -141,7 +142,8 @@ def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
 
 
 def test_the_command_stays_near_an_arm_that_does_not_follow() -> None:
-    """A stalled arm: the command stays within the lead, and the descent ends; so it does just over the bound."""
+    """With a stalled arm, the command stays within the allowed lead and the descent ends. This also holds just
+    above the stop height."""
     for height, kind in ((0.05, FailureKind.TRACKING_ERROR), (GOAL.bottom + 0.002, FailureKind.NO_CONTACT)):
         hand = DescendingHand(1)
         state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())
@@ -161,7 +163,7 @@ def test_a_repeated_reading_holds_the_descent_and_is_not_counted() -> None:
     hand.tip = np.array([5.0, 5.0])
     reading = hand.read()
     command, state = descend(reading, state)
-    for k in range(8):  # the same reading, again and again: one touch, not nine
+    for k in range(8):  # the same reading repeated nine times counts as one touch
         again = replace(reading, stamp=reading.stamp + 0.01 * k)
         held, state = descend(again, state)
         assert held.hold and held.height == command.height

@@ -1,4 +1,4 @@
-"""Usable readings, and the closed forms that judge them."""
+"""Validation of hand readings, and the closed forms of the checks that use them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_complete_and_fresh_reading_is_usable() -> None:
 @pytest.mark.parametrize(
     ("part", "name", "limit"), [("tactile", "tactile cells", 0.10), ("gripper", "gripper", 0.50)]
 )
-def test_each_sensor_has_an_age_of_its_own(part: str, name: str, limit: float) -> None:
+def test_each_sensor_has_its_own_maximum_age(part: str, name: str, limit: float) -> None:
     for age, old in ((0.98 * limit, False), (1.02 * limit, True), (np.nan, True), (np.inf, True)):
         given = reading()
         stale = replace(given, **{part: replace(getattr(given, part), stamp=given.stamp - age)})
@@ -55,7 +55,7 @@ def test_each_sensor_has_an_age_of_its_own(part: str, name: str, limit: float) -
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("part", ["height", "opening", "force", "cells", "tip", "effort"])
-def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
+def test_a_hand_reading_without_one_of_its_values_is_a_fault(part: str, wrong: float) -> None:
     given = reading()
     cells, effort = given.tactile.cells.copy(), given.effort.copy()
     cells[1, 2, 0] = effort[6] = wrong
@@ -72,7 +72,7 @@ def test_no_figure_of_a_hand_may_be_missing(part: str, wrong: float) -> None:
 
 
 def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
-    """A state from before the command is no answer to it."""
+    """A state from before the command does not show the result of the command."""
     before = reading(opening=0.030)
     state: ReleaseState | Outcome = start_release(S, 0.030, before)
     for k in range(5):
@@ -91,7 +91,7 @@ def test_pads_are_open_within_2_mm_of_the_command(short: float, opened: bool) ->
     assert isinstance(after, Outcome) is opened
 
 
-def test_pads_have_two_seconds_to_open() -> None:
+def test_pads_that_do_not_open_within_two_seconds_are_a_fault() -> None:
     state = start_release(S, 0.030, reading())
     assert isinstance(release(reading(11.99), state)[1], ReleaseState)
     _, late = release(reading(12.01), state)
@@ -100,7 +100,8 @@ def test_pads_have_two_seconds_to_open() -> None:
 
 
 def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
-    """Of a grasp that was confirmed with 10 N and 4 mm of cloth: the shares that are left after the lift."""
+    """The lift check of a grasp that was confirmed with 10 N and 4 mm of cloth. force, opening: shares that remain
+    after the lift."""
     settings = replace(S, empty_opening=empty)
     held = Held(9.0, 10.0, empty + 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
     state = start_lift_check(settings, BIAS, held)
@@ -116,7 +117,7 @@ def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
 
 @pytest.mark.parametrize("empty", [0.0, 0.003, -0.001])
 def test_force_and_opening_must_both_be_kept_over_a_lift(empty: float) -> None:
-    """Sixty percent of each, of the weaker pad's force and of what the cloth opens the pads."""
+    """At least 60 % of the weaker pad's force and 60 % of the cloth's thickness must remain."""
     for force, opening, kept in (
         (1.0, 1.0, True), (0.62, 0.62, True), (0.58, 1.0, False), (1.0, 0.58, False), (1.5, 0.0, False),
         (1.4, 1.4, True),
@@ -152,8 +153,9 @@ def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
         assert not isinstance(state, Outcome)
 
 
-def test_the_drift_allowance_grows_for_half_a_period() -> None:
-    """White noise of two means, 20 and 12 readings, and a wander of sine: 2 sigma sin(pi t / T), over 12 cells."""
+def test_the_drift_allowance_grows_until_half_a_period() -> None:
+    """The allowance covers white noise of means over 20 and 12 readings, and a sinusoidal drift 2 sigma sin(pi t /
+    T), over 12 cells."""
     settings = replace(S, stuck_force=0.0)
     white = np.sqrt(1.0 / 20 + 1.0 / 12)
     for t in (0.0, 10.0, 30.0, 60.0, 90.0, 1e4):
@@ -165,7 +167,7 @@ def test_the_drift_allowance_grows_for_half_a_period() -> None:
 
 @pytest.mark.parametrize("pad", [0, 1])
 @pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
-def test_cloth_on_either_pad_counts_from_the_bound_on(pad: int, share: float, stuck: bool) -> None:
+def test_cloth_on_either_pad_is_reported_above_the_threshold(pad: int, share: float, stuck: bool) -> None:
     state = start_stuck_check(S, BIAS)
     weight = share * residual_bound(BIAS, 10.0 + 0.01 * (S.stuck_readings - 1), S)
     for k in range(S.stuck_readings):

@@ -1,4 +1,4 @@
-"""Slip detection, release, and clinging cloth: delays and error rates."""
+"""Slip detection, release and clinging cloth: delays and error rates."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FOLD_S = 5.0
 N = 200
 
 Event = Callable[[SensedHand, float], None]
-"""What becomes of the hand `t` seconds into the fold."""
+"""Changes the hand at a time [s] after the start of the fold."""
 
 
 def bias_of(hand: SensedHand) -> TactileBias:
@@ -52,8 +52,8 @@ def start(
 def fold(
     hand: SensedHand, watch: SlipWatch, event: Event, seconds: float = FOLD_S, gripper_hz: float = 100.0
 ) -> tuple[Failure | None, float]:
-    """Watch through a fold; the failure if any, and when it came [s into the fold]. gripper_hz: how often the
-    gripper says where its pads are."""
+    """Run the slip watch through a fold. Returns the failure, if any, and its time after the start [s].
+    gripper_hz: rate of the gripper's states."""
     begun = hand.now
     state: SlipWatch | Outcome[SlipWatch] = watch
     gripper = hand.read().gripper
@@ -69,7 +69,7 @@ def fold(
 
 
 def tugged(seed: int, force: float = 12.0, thickness: float = THICKNESS) -> Event:
-    """A fold as it is: the cloth's pull swings the pads' force by 20 % and the opening by 10 %."""
+    """A normal fold: the pull of the cloth changes the pads' force by 20 % and the opening by 10 %."""
     rng = np.random.default_rng([seed, 7])
     rate, phase = rng.uniform(0.3, 2.0), rng.uniform(0, 6.28)
 
@@ -82,7 +82,8 @@ def tugged(seed: int, force: float = 12.0, thickness: float = THICKNESS) -> Even
 
 
 def lost(when: float, seed: int, kind: str, force: float = 12.0, thickness: float = THICKNESS) -> Event:
-    """At `when` the cloth is gone. 'open': the pads stay apart. 'closed': they shut in 25 ms and press again."""
+    """The cloth is lost at `when` [s]. 'open': the pads stay apart. 'closed': the pads close in 25 ms and press on
+    each other."""
     before = tugged(seed, force, thickness)
 
     def event(hand: SensedHand, t: float) -> None:
@@ -103,8 +104,8 @@ def lost(when: float, seed: int, kind: str, force: float = 12.0, thickness: floa
 @pytest.mark.parametrize(("scale", "force", "thickness", "most"), [
     (1.0, 12.0, 0.0025, 0), (2.0, 12.0, 0.0025, 0), (1.0, 2.0, 0.0010, 0), (2.0, 2.0, 0.0010, 2),
 ])  # fmt: skip
-def test_no_alarm_while_it_holds(scale: float, force: float, thickness: float, most: int) -> None:
-    """Whole folds of 5 s with a tugging cloth: none in 100 at the usual noise."""
+def test_a_hand_that_holds_raises_no_alarm(scale: float, force: float, thickness: float, most: int) -> None:
+    """100 folds of 5 s with pulling cloth raise no alarm at the usual noise."""
     alarms = 0
     for seed in range(N // 2):
         hand, watch = start(seed, scale, force, thickness)
@@ -114,8 +115,9 @@ def test_no_alarm_while_it_holds(scale: float, force: float, thickness: float, m
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 @pytest.mark.parametrize("kind", ["open", "closed"])
-def test_a_loss_is_known_within_100_ms(scale: float, kind: str) -> None:
-    """200 losses at any moment, the very beginning included: all found, 99 % within 100 ms, none before."""
+def test_a_loss_is_detected_within_100_ms(scale: float, kind: str) -> None:
+    """200 losses at random times, also at the beginning: all are detected, 99 % within 100 ms, and none too
+    early."""
     late = 0
     for seed in range(N):
         when = float(np.random.default_rng([seed, 1]).uniform(0.0, 1.0))
@@ -128,7 +130,7 @@ def test_a_loss_is_known_within_100_ms(scale: float, kind: str) -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_a_loss_by_force_is_known_even_for_a_weak_hold_on_thin_cloth(scale: float) -> None:
+def test_a_weak_grip_on_thin_cloth_detects_a_loss_by_force(scale: float) -> None:
     late = 0
     for seed in range(N):
         when = float(np.random.default_rng([seed, 2]).uniform(0.0, 1.0))
@@ -139,7 +141,7 @@ def test_a_loss_by_force_is_known_even_for_a_weak_hold_on_thin_cloth(scale: floa
 
 
 def test_a_slow_slip_is_not_taken_for_drift() -> None:
-    """The cloth creeps out over 6 s: the baseline must not creep along."""
+    """The cloth slips out over 6 s, and the baseline must not follow."""
     for seed in range(20):
         hand, watch = start(seed, 1.0)
 
@@ -150,8 +152,8 @@ def test_a_slow_slip_is_not_taken_for_drift() -> None:
         assert failure is not None and 2.5 < t < 5.0
 
 
-def test_a_slip_slower_than_the_baseline_follows_is_seen_too() -> None:
-    """A loss by e every 20 s: each moment looks like drift, the sum does not."""
+def test_a_slip_that_is_slower_than_the_baseline_is_detected() -> None:
+    """The grip falls by the factor e every 20 s. Each single change looks like drift, but not the sum."""
     for seed in range(4):
         hand, watch = start(seed, 1.0)
 
@@ -163,19 +165,19 @@ def test_a_slip_slower_than_the_baseline_follows_is_seen_too() -> None:
 
 
 def test_slow_drift_is_not_taken_for_a_slip() -> None:
-    """A force that settles by a fifth, on sensors that drift ten times as fast as they should."""
+    """The force settles by a fifth, and the sensors drift ten times as fast as specified."""
     for seed in range(30):
         hand, watch = start(seed, 1.0, 6.0)
 
         def settle(hand: SensedHand, t: float) -> None:
             hand.pads = 6.0 * np.ones(2) * (0.8 + 0.2 * np.exp(-t / 2.0))
-            hand.offset = -0.03 * min(t, 3.0)  # of each cell: 0.36 N/s on a pad, for 3 s
+            hand.offset = -0.03 * min(t, 3.0)  # drift of each cell, which is 0.36 N/s on a pad, for 3 s
 
         assert fold(hand, watch, settle)[0] is None
 
 
 def test_the_slip_baseline_follows_a_growing_grip() -> None:
-    """The cloth draws itself tight: from 4 N to 12 N in 8 s. Half a second at 5 N is then a loss."""
+    """The cloth tightens the grip from 4 N to 12 N in 8 s. Half a second at 5 N is then a loss."""
     for seed in range(10):
         hand, watch = start(seed, 1.0, 4.0)
 
@@ -187,7 +189,7 @@ def test_the_slip_baseline_follows_a_growing_grip() -> None:
 
 
 def test_the_slip_baseline_does_not_follow_a_half_lost_grip() -> None:
-    """Cloth that slid to 65 % of its hold rests there for 10 s and slides on, to 45 %: that is under a half."""
+    """The grip falls to 65 %, stays there for 10 s, and falls to 45 %, which is less than half."""
     for seed in range(10):
         hand, watch = start(seed, 1.0)
 
@@ -201,7 +203,7 @@ def test_the_slip_baseline_does_not_follow_a_half_lost_grip() -> None:
 @pytest.mark.parametrize(("kind", "by"), [("open", "grip"), ("closed", "opening")])
 @pytest.mark.parametrize("empty", [0.0, 0.004, -0.001])
 def test_the_signal_that_detected_a_loss_is_named(kind: str, by: str, empty: float) -> None:
-    """Pads whose opening is not calibrated read `empty` with nothing between them."""
+    """Empty pads without a calibrated opening read `empty` [m]."""
     settings = replace(SETTINGS, empty_opening=empty)
     for seed in range(10):
         hand, watch = start(seed, 1.0, settings=settings)
@@ -218,7 +220,7 @@ def test_the_signal_that_detected_a_loss_is_named(kind: str, by: str, empty: flo
 
 
 def test_an_opening_like_that_of_empty_pads_is_not_used() -> None:
-    """Pads that read 2 mm less than empty ones would be lost to an opening at once, and for ever."""
+    """Pads that read 2 mm less than empty ones would always count as a loss by opening."""
     for thickness in (0.0, -0.002):
         hand, watch = start(0, 1.0, thickness=thickness)
 
@@ -230,19 +232,19 @@ def test_an_opening_like_that_of_empty_pads_is_not_used() -> None:
 
 
 BAXTER_HZ = 20.0
-"""Its electric grippers say so often where their pads are."""
+"""Rate at which Baxter's electric grippers report their opening [1/s]."""
 
 
 @pytest.mark.parametrize("thickness", [0.0008, 0.0010, 0.0015, 0.0025])
 def test_a_repeated_gripper_state_raises_no_alarm(thickness: float) -> None:
-    """At twice the usual noise: five looks at one word are one word."""
+    """The noise is twice the usual one. Five readings of one gripper state count once."""
     for seed in range(40):
         hand, watch = start(seed, 2.0, thickness=thickness)
         assert fold(hand, watch, tugged(seed, thickness=thickness), gripper_hz=BAXTER_HZ)[0] is None
 
 
 def test_one_wrong_state_of_a_slow_gripper_is_no_slip() -> None:
-    for at in (0.15, 0.7, 2.0):  # while the baseline is gathered, and after it
+    for at in (0.15, 0.7, 2.0):  # before and after the baseline is complete
         hand, watch = start(0, 1.0)
 
         def wrong(hand: SensedHand, t: float, at: float = at) -> None:
@@ -255,7 +257,7 @@ def test_one_wrong_state_of_a_slow_gripper_is_no_slip() -> None:
 def test_a_loss_reported_only_by_a_slow_gripper_is_detected_within_its_next_states(
     scale: float, words: int
 ) -> None:
-    """The pads close on one another and press again: 25 ms after that their opening is nothing."""
+    """The pads close on each other within 25 ms and press again, so only the opening shows the loss."""
     for seed in range(N // 4):
         when = float(np.random.default_rng([seed, 1]).uniform(0.0, 2.0))
         hand, watch = start(seed, scale)
@@ -265,7 +267,7 @@ def test_a_loss_reported_only_by_a_slow_gripper_is_detected_within_its_next_stat
 
 
 def test_one_bad_reading_is_no_slip() -> None:
-    for at in (5, 11, 12, 40):  # while the baseline is gathered, on its last reading, after it
+    for at in (5, 11, 12, 40):  # before the baseline is complete, on its last reading, and afterwards
         hand, state = start(at, 1.0)
         for k in range(60):
             hand.pads = np.zeros(2) if k == at else np.array([12.0, 12.0])
@@ -273,7 +275,7 @@ def test_one_bad_reading_is_no_slip() -> None:
             assert not isinstance(state, Outcome), f"a single reading at {at} was taken for a slip at {k}"
 
 
-def test_the_same_reading_again_does_not_make_a_slip() -> None:
+def test_a_repeated_reading_is_no_slip() -> None:
     hand, state = start(0, 1.0)
     for _ in range(30):
         state = watch_slip(hand.read(), state)
@@ -284,7 +286,7 @@ def test_the_same_reading_again_does_not_make_a_slip() -> None:
         assert not isinstance(state, Outcome)
 
 
-def test_silent_sensors_end_the_watch() -> None:
+def test_silent_sensors_end_the_slip_watch() -> None:
     hand, watch = start(0, 1.0)
     reading = hand.read()
     end = watch_slip(replace(reading, stamp=reading.stamp + 0.11), watch)
@@ -293,12 +295,13 @@ def test_silent_sensors_end_the_watch() -> None:
 
 
 def test_the_deviation_is_estimated_from_differences_of_readings() -> None:
-    """Of readings of deviation 1 the difference has deviation sqrt 2; its median size is the third quartile."""
+    """Differences of readings with standard deviation 1 have standard deviation sqrt 2. Their median absolute
+    value is the third quartile."""
     assert pytest.approx(norm.ppf(0.75) * np.sqrt(2.0), rel=1e-3) == NORMAL_DIFFERENCE
 
 
 def test_a_signal_lost_in_noise_is_ignored() -> None:
-    """Cloth of 0.3 mm: its opening says nothing; the force still does."""
+    """With cloth of 0.3 mm the opening gives no information, but the force does."""
     hand, state = start(0, 2.0, thickness=0.0003)
     for _ in range(30):
         state = watch_slip(hand.read(), state)
@@ -324,7 +327,7 @@ def let_go(hand: ClosingHand, opening: float) -> Outcome[Released]:
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_pads_open_as_wide_as_asked(scale: float) -> None:
+def test_pads_open_to_the_commanded_width(scale: float) -> None:
     for seed in range(30):
         hand = ClosingHand(seed, scale, THICKNESS)
         hand.opening = THICKNESS
@@ -351,8 +354,8 @@ def stuck_check(hand: SensedHand, pads: TactileBias) -> Outcome[Clear]:
 
 
 @pytest.mark.parametrize(("scale", "most"), [(1.0, 2), (2.0, 4)])
-def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> None:
-    """40 s after the tare, drift included: at most 0.5 % false alarms of 400 (1 % at twice the noise)."""
+def test_clean_fingers_raise_no_alarm_after_a_long_fold(scale: float, most: int) -> None:
+    """40 s after the tare, with drift: at most 0.5 % false alarms in 400 checks (1 % at twice the noise)."""
     alarms = 0
     for seed in range(400):
         hand = SensedHand(seed, scale)
@@ -365,7 +368,8 @@ def test_clean_fingers_are_clean_after_a_long_fold(scale: float, most: int) -> N
 @pytest.mark.parametrize(("scale", "weight"), [(1.0, 0.6), (2.0, 1.2)])
 @pytest.mark.parametrize("pad", [0, 1])
 def test_cloth_on_one_finger_is_detected(scale: float, weight: float, pad: int) -> None:
-    """20 s after the tare, in all but 1 % of 200. The drift since then sets the least weight that is felt."""
+    """20 s after the tare the cloth is detected in at least 99 % of 200 checks. The drift since the tare sets the
+    smallest weight that can be detected."""
     found = 0
     for seed in range(N):
         hand = SensedHand(seed, scale)

@@ -1,4 +1,4 @@
-"""Tare of the pads, and the checks of every reading."""
+"""Tare of the pads, and the validation of readings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def test_tare_removes_the_drift_and_returns_the_noise(scale: float) -> None:
 
 
 def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]], tip: float = 0.0) -> TactileBias:
-    """leaps: number of the reading -> (cell, by how much [N]). tip: by how much tip 0 leaps with it."""
+    """The bias from readings with outliers. leaps: index of a reading -> (cell, error [N]). tip: error of tip 0 in
+    the same readings [N]."""
     state = start_tare(SETTINGS)
     for k in range(10 * SETTINGS.zero_readings):
         reading = hand.read()
@@ -51,7 +52,7 @@ def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
 
 @pytest.mark.parametrize("by", [-3.0, 1.0, 8.0])
 @pytest.mark.parametrize("when", [(0,), (5,), (11,), (3, 4, 5), (1, 13, 15)])
-def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> None:
+def test_outlier_readings_do_not_change_bias_and_noise(when: tuple[int, ...], by: float) -> None:
     for seed in range(10):
         hand = SensedHand(seed)
         found = bias_with(hand, dict.fromkeys(when, ((1, 2, 0), by)), tip=by)
@@ -61,7 +62,7 @@ def test_a_reading_that_leaps_is_no_noise(when: tuple[int, ...], by: float) -> N
 
 
 def test_tare_accepts_cells_that_never_settle() -> None:
-    """One cell is very noisy: the tare ends, and its noise estimate is large."""
+    """One cell is very noisy. The tare ends, and its noise estimate is large."""
     leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
     assert bias_with(SensedHand(0), leaps).cell_noise > 0.3
 
@@ -72,14 +73,14 @@ def test_without_outliers_the_bias_is_the_mean_of_the_first_readings() -> None:
     np.testing.assert_array_equal(bias_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
 
 
-def test_the_same_reading_twice_counts_once() -> None:
+def test_a_repeated_reading_counts_once_in_the_tare() -> None:
     state, reading = start_tare(SETTINGS), SensedHand(0).read()
     for _ in range(SETTINGS.zero_readings + 1):
         state = tare(reading, state)
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 
 
-def test_tare_faults_are_named() -> None:
+def test_unusable_readings_are_refused_with_their_reason() -> None:
     reading = SensedHand(0).read()
     assert validate_reading(reading, SETTINGS) is None
     late = replace(reading, stamp=reading.stamp + 0.15)

@@ -25,7 +25,7 @@ def checker(model):
 
 
 def hand_at(model, side, x, y, height, heading=0.0):
-    """(14,) one hand pointing down with its tip `height` above the table, the other arm parked."""
+    """Joints (14,) with one hand pointing down, its tip `height` [m] above the table, and the other arm parked."""
     T = np.eye(4)
     T[:3, :3] = tool_rotation(np.array([heading]), np.zeros(1), np.zeros(1))[0]
     T[:3, 3] = [x, y, TABLE.height + height]
@@ -36,7 +36,7 @@ def hand_at(model, side, x, y, height, heading=0.0):
     return q
 
 
-def test_the_parked_arms_are_free(model, checker):
+def test_the_parked_arms_are_free_of_collisions(model, checker):
     assert checker.contact(model.q_park) is None
     assert checker.clearance(model.q_park) > 0.1
 
@@ -57,8 +57,8 @@ def test_fingertips_may_touch_only_when_allowed(model, checker):
     assert checker.clearance(touching) < 0.0 < checker.clearance(touching, allow_fingertips=True)
 
 
-def test_clearance_over_the_table_is_the_fingertips_height(model, checker):
-    """The URDF's finger boxes end 5.15 mm beyond the tool's origin."""
+def test_the_clearance_above_the_table_is_the_height_of_the_fingertips(model, checker):
+    """The finger boxes of the URDF end 5.15 mm beyond the tool's origin."""
     for height in (0.05, 0.08):
         q = hand_at(model, Side.LEFT, 0.65, 0.25, height)
         assert checker.clearance(q) == pytest.approx(height - 0.00515, abs=5e-5)
@@ -76,7 +76,7 @@ def test_hands_collide_with_each_other(model, checker):
 
 
 def test_a_collision_verdict_agrees_with_the_distances(model, checker):
-    """Two code paths of coal: the verdict with margins, and the distances themselves."""
+    """Two code paths of coal agree: the verdict with margins, and the distances."""
     rng = np.random.default_rng(8)
     plain = CollisionChecker(model, TABLE, body_margin=0.0, table_margin=0.0, fingertip_margin=0.0)
     met = 0
@@ -90,7 +90,7 @@ def test_a_collision_verdict_agrees_with_the_distances(model, checker):
 
 
 def test_bodies_nearer_than_the_margin_are_in_contact(model):
-    """One margin for all pairs: the verdict is that of the smallest distance."""
+    """With one margin for all pairs, the smallest distance decides."""
     rng, margin, verdicts = np.random.default_rng(9), 0.03, []
     wide = CollisionChecker(model, TABLE, body_margin=margin, table_margin=margin, fingertip_margin=margin)
     other = hand_at(model, Side.RIGHT, 0.6, -0.1, 0.12)[arm_slice(Side.RIGHT)]
@@ -110,8 +110,8 @@ def test_free_motions_keep_the_fingers_off_folded_cloth(model, checker, height, 
     assert checker.edge_free(q, q) is free and not checker.in_collision(q, allow_fingertips=True)
 
 
-def test_an_edge_is_blocked_by_what_stands_between_free_ends(model, checker):
-    """One hand on each side of the other: straight on leads through it."""
+def test_a_straight_motion_between_free_poses_can_be_in_collision(model, checker):
+    """The hands swap sides, so the straight motion leads them through each other."""
     a, b = hand_at(model, Side.LEFT, 0.75, 0.05, 0.10), hand_at(model, Side.LEFT, 0.45, 0.05, 0.10)
     other = hand_at(model, Side.RIGHT, 0.60, 0.0, 0.10)[arm_slice(Side.RIGHT)]
     assert checker.edge_free(a, b)
@@ -128,7 +128,7 @@ def test_contacts_on_a_path_are_located(model, checker):
 
 
 @pytest.mark.parametrize("distance", [0.01, 0.2, 0.33])
-def test_an_edge_is_checked_at_a_maximum_spacing_and_at_its_end(model, monkeypatch, distance):
+def test_a_straight_motion_is_checked_at_a_maximum_spacing_and_at_its_end(model, monkeypatch, distance):
     checker, met = CollisionChecker(model, TABLE), []
     monkeypatch.setattr(checker, "in_collision", lambda q, **_: met.append(np.array(q)) or False)
     a, b = model.q_park, model.q_park + distance * np.linspace(-1.0, 0.5, 14)

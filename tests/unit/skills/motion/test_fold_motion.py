@@ -1,4 +1,4 @@
-"""Whole folds planned for Baxter, judged by independent kinematics and checks."""
+"""Motions of whole folds planned for Baxter, checked with independent kinematics and collision margins."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def checker():
 
 @pytest.fixture(autouse=True)
 def no_network(monkeypatch):
-    """Planning opens no socket: one of Ruckig's features would call a service."""
+    """Planning must open no socket, because one of Ruckig's features would call a web service."""
 
     def refuse(*_args, **_kwargs):
         raise AssertionError("motion planning opened a socket")
@@ -82,7 +82,7 @@ def fold(ends, heading, **options):
 
 
 def towel_fold(name, number, x=0.60, y=0.0, angle=0.0, **options):
-    """Fold 1: far edge onto near edge. Fold 2: what then lies in the near half, left edge onto right edge."""
+    """Fold 1: far edge onto near edge. Fold 2, of the folded towel: left edge onto right edge."""
     lx, ly = TOWELS[name]
     c, s = np.cos(angle), np.sin(angle)
 
@@ -109,7 +109,7 @@ def tools(side, q):
 @pytest.mark.parametrize("angle_deg", [0, 10])
 @pytest.mark.parametrize("number", [1, 2])
 @pytest.mark.parametrize("name", list(TOWELS))
-def test_every_towel_fold_is_planned_and_holds_what_it_promises(checker, name, number, angle_deg):
+def test_every_towel_fold_is_planned_within_limits_and_margins_on_its_path(checker, name, number, angle_deg):
     step, paths = towel_fold(name, number, angle=np.deg2rad(angle_deg))
     motion = planned(checker, step, paths).unwrap()
     parts = (motion.approach, motion.fold, motion.retreat, motion.park)
@@ -121,7 +121,7 @@ def test_every_towel_fold_is_planned_and_holds_what_it_promises(checker, name, n
     assert motion.park.q[0] == pytest.approx(motion.retreat.q[-1], abs=1e-9)
     assert motion.park.q[-1] == pytest.approx(MODEL.q_park, abs=1e-9)
 
-    # Another checker, with half the margins, looks between the planner's own samples.
+    # Another checker with half the margins checks poses between the planner's samples.
     strict = CollisionChecker(MODEL, TABLE, body_margin=0.005, table_margin=0.01, fingertip_margin=0.01)
     for part, grasping in zip(parts, (False, True, True, False), strict=True):
         assert strict.first_collision(part.q[1::5], allow_fingertips=grasping) is None
@@ -131,13 +131,13 @@ def test_every_towel_fold_is_planned_and_holds_what_it_promises(checker, name, n
         intended, done = paths[posture.path], motion.tool_paths[side]
         assert done.position[0] == pytest.approx(intended.position[0], abs=1e-6)
         assert done.position[-1] == pytest.approx(intended.position[-1], abs=1e-6)
-        # The held line keeps its direction, but for a turn of the hand by pi.
+        # The held line keeps its direction, up to a turn of the hand by pi.
         line = np.stack([np.cos(done.heading), np.sin(done.heading)], axis=1)
         meant = np.array([np.cos(intended.heading[0]), np.sin(intended.heading[0])])
         if posture.roll == 0.0:
             assert np.abs(line @ meant) == pytest.approx(1.0, abs=1e-6)
         assert abs(posture.pitch) <= np.deg2rad(20.01) and abs(posture.roll) <= np.deg2rad(10.01)
-        # And the tool path says what the joints do.
+        # The tool path agrees with the joints.
         T = tools(side, motion.fold.q[::25])
         R = tool_rotation(done.heading[::25], done.pitch[::25], done.roll[::25])
         assert np.abs(T[:, :3, :3] - R).max() < 1e-9
@@ -172,7 +172,7 @@ def test_retreats_go_straight_up(checker):
         assert (np.diff(T[:, 2, 3]) / np.diff(motion.retreat.t)).max() <= 0.26
 
 
-def test_a_lift_raises_the_hands_that_hold_and_no_other(checker):
+def test_a_lift_raises_only_the_hands_that_hold(checker):
     step, paths = towel_fold("medium", 1)
     q = planned(checker, step, paths).unwrap().grasp.q_grasp
     up = plan_lift(MODEL, checker, q, (Side.LEFT,), 0.03).unwrap()
@@ -201,7 +201,7 @@ def test_another_posture_can_be_requested(checker):
     assert second.postures != first.postures
 
 
-def test_the_tools_speed_is_capped_while_they_hold(checker):
+def test_the_tool_speed_is_capped_while_the_hands_hold_cloth(checker):
     step, paths = towel_fold("medium", 1, speed=0.8)
     free, capped = planned(checker, step, paths).unwrap(), planned(checker, step, paths, tool_speed=0.2).unwrap()
     assert capped.fold.duration > 1.5 * free.fold.duration
@@ -210,8 +210,8 @@ def test_the_tools_speed_is_capped_while_they_hold(checker):
         assert speed.max() < 0.202
 
 
-def test_an_arc_is_planned_again_from_where_the_hands_really_are(checker):
-    """The descent ended 4 mm higher and the arms lag a little: the arc starts there and ends as meant."""
+def test_an_arc_can_be_planned_again_from_the_hands_real_positions(checker):
+    """The descent ended 4 mm higher and the arms lag a little. The arc starts there and ends as planned before."""
     step, paths = towel_fold("medium", 1)
     motion = planned(checker, step, paths).unwrap()
     q = np.array(motion.grasp.q_grasp)
@@ -228,7 +228,7 @@ def test_an_arc_is_planned_again_from_where_the_hands_really_are(checker):
         assert done.position[-1] == pytest.approx(goal.position[-1], abs=1e-6)
         R = done.rotation[-1] @ posture.rotation(goal)[-1].T
         assert np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1)) < 1e-5
-        # It leaves upwards as the plan does: no dip at the start.
+        # The arc leaves upwards without a dip at the start.
         assert done.position[:, 2].min() > min(done.position[0, 2], goal.position[:, 2].min()) - 1e-3
 
 
@@ -249,7 +249,7 @@ def test_a_grasp_can_be_planned_at_another_place(checker):
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
-    """The hands lift the cloth before they fold it: the arc is planned, and checked, from up there."""
+    """The hands lift the cloth before the fold, so the arc is planned and checked from the lifted pose."""
     lift = 0.03
     step, paths = towel_fold("medium", number)
     motion = planned(checker, step, paths, lift=lift).unwrap()
@@ -265,7 +265,7 @@ def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
     assert np.array_equal(again.fold.q, motion.fold.q)
 
 
-def test_a_lift_into_a_collision_is_no_plan(checker, monkeypatch):
+def test_a_fold_whose_lift_collides_has_no_plan(checker, monkeypatch):
     step, paths = towel_fold("medium", 1)
     blocked = Outcome(failure=Failure(FailureKind.IN_COLLISION, "the way up comes too near: a - b"))
     monkeypatch.setattr("skills.motion.moves.fold.plan_lift", lambda *_, **__: blocked)
@@ -291,7 +291,7 @@ def test_an_unreachable_grasp_is_reported_with_the_binding_constraint(checker):
 
 
 def test_a_suggested_shift_makes_the_fold_reachable(checker):
-    """A towel 10 cm too far away: what is advised is tried."""
+    """The towel is 10 cm too far away. The test applies the suggested shift."""
     step, paths = towel_fold("medium", 1, x=0.97)
     failure = planned(checker, step, paths).failure
     assert failure.kind is FailureKind.UNREACHABLE and "nearer to the robot" in failure.hint
@@ -302,7 +302,8 @@ def test_a_suggested_shift_makes_the_fold_reachable(checker):
 
 
 def test_a_long_fold_tilts_the_hand_on_its_path(checker):
-    """The hem of a large shirt: from 0.29 m before the robot to 0.93 m, which no constant lean allows."""
+    """The hem of a large shirt moves from 0.29 m to 0.93 m in front of the robot, which no constant lean of the
+    hand allows."""
     ends = {
         GraspId.LEFT: ((0.295, 0.23, 0.0), (0.93, 0.23, 0.005)),
         GraspId.RIGHT: ((0.295, -0.24, 0.0), (0.93, -0.24, 0.005)),
@@ -350,7 +351,7 @@ def test_a_goal_beyond_the_joints_ranges_is_refused(checker):
     assert failure.values["joint"] == "left_s0" and failure.values["over_rad"] == pytest.approx(0.1)
 
 
-def test_hands_that_would_collide_are_named(checker):
+def test_hands_that_would_collide_are_reported_by_name(checker):
     ends = {
         GraspId.LEFT: ((0.6, 0.005, 0.0), (0.5, 0.005, 0.01)),
         GraspId.RIGHT: ((0.6, -0.005, 0.0), (0.5, -0.005, 0.01)),
@@ -362,13 +363,13 @@ def test_hands_that_would_collide_are_named(checker):
     assert failure.values["binding"]["constraint"] == "arms" and "further apart" in failure.hint
 
 
-def test_paths_have_to_fit_the_step(checker):
+def test_paths_that_do_not_fit_the_step_are_refused(checker):
     step, paths = towel_fold("medium", 1)
     with pytest.raises(ValueError, match="do not fit"):
         planned(checker, step, {GraspId.LEFT: paths[GraspId.LEFT]})
 
 
-def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
+def test_arms_above_the_table_retreat_to_the_parked_pose(checker):
     step, paths = towel_fold("large", 2)
     motion = planned(checker, step, paths).unwrap()
     q_now = motion.fold.at(0.4 * motion.fold.duration)[0]
@@ -379,7 +380,8 @@ def test_arms_left_over_the_table_withdraw_to_the_parked_pose(checker):
 
 
 def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
-    """Hands that missed a grasp high over the far edge: the way to safety is not given up for some centimetres."""
+    """The hands missed a grasp and are high above the far edge. They retreat although they can rise only a few
+    centimetres."""
     step, paths = towel_fold("large", 2)
     q, sides = planned(checker, step, paths).unwrap().grasp.q_above, tuple(Side)
     while plan_lift(MODEL, checker, q, sides, 0.10).ok:
@@ -391,8 +393,8 @@ def test_arms_at_the_end_of_their_reach_rise_as_far_as_they_can(checker):
     assert away.park.q[-1] == pytest.approx(MODEL.q_park)
 
 
-def test_detours_are_found_when_straight_on_is_blocked(checker):
-    """Hands that have to pass each other: left far right near, and the other way round."""
+def test_a_detour_is_found_if_the_straight_motion_is_blocked(checker):
+    """The hands must pass each other: first the left hand is far and the right one near, then the reverse."""
     step, paths = towel_fold("small", 2)
     a = planned(checker, step, paths).unwrap().grasp.q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
@@ -402,10 +404,12 @@ def test_detours_are_found_when_straight_on_is_blocked(checker):
     assert check_trajectory(MODEL, checker, motion, a, MODEL.planning).ok
 
 
-def test_close_hands_find_a_way_home_that_passes_validation(checker):
-    """Between two samples of the way hands may not pass through each other: the look before a motion is sent would
-    refuse it, again and again, and the run would end as a fault."""
-    close = np.array(  # over the waist of pants, as a fold ended: straight home the hands come within 3 mm
+def test_the_motion_home_from_close_hands_passes_the_execution_check(checker):
+    """The hands must not pass through each other between two samples of the path. Otherwise the check before
+    execution would refuse the motion each time, and the run would end as a fault."""
+    # the end of a fold above the waist of pants; on a straight motion home the hands come within 3 mm of each
+    # other
+    close = np.array(
         [
             *(0.868, -0.0888, -1.4884, 2.0291, 1.1993, 1.3277, 2.7912),
             *(1.5307, -0.452, 0.9237, 1.1312, -0.8533, 1.2613, -1.5753),
@@ -420,7 +424,7 @@ def test_close_hands_find_a_way_home_that_passes_validation(checker):
         assert check_trajectory(MODEL, checker, motion, q, MODEL.planning).ok
 
 
-def test_rrt_connect_finds_the_same_way_for_the_same_seed(checker):
+def test_rrt_connect_finds_the_same_path_for_the_same_seed(checker):
     step, paths = towel_fold("small", 2)
     a = planned(checker, step, paths).unwrap().grasp.q_above
     mirror = np.array([-1.0, 1, -1, 1, -1, 1, -1])
@@ -432,15 +436,15 @@ def test_rrt_connect_finds_the_same_way_for_the_same_seed(checker):
         assert checker.edge_free(p, q)
 
 
-def test_angles_are_the_inverse_of_the_vocabularys_rotation():
+def test_angles_of_is_the_inverse_of_tool_rotation():
     rng = np.random.default_rng(0)
     h, p, r = rng.uniform(-3, 3, 50), rng.uniform(-1.2, 1.2, 50), rng.uniform(-1.2, 1.2, 50)
     R = tool_rotation(h, p, r)
     assert np.abs(tool_rotation(*angles_of(R)) - R).max() < 1e-12
 
 
-def test_the_deviation_of_a_tool_from_its_path_is_seen():
-    """By what the tests above judge arcs with."""
+def test_path_deviation_measures_a_known_offset():
+    """The tests above use `path_deviation`."""
     motion = free_motion(MODEL.q_park, MODEL.q_park + 0.1, MODEL.planning)
     position = tools(Side.LEFT, motion.q)[:, :3, 3] - [0, 0, TABLE.height]
     zero = np.zeros(len(position))
@@ -449,8 +453,8 @@ def test_the_deviation_of_a_tool_from_its_path_is_seen():
         assert 0.5 * off <= path_deviation(MODEL, TABLE, motion, {Side.LEFT: path}) <= off + 1e-6
 
 
-def test_a_turned_hand_leans_the_same_way():
-    """Turning by pi is about the hand's own axis: the approach direction stays, the line is the same."""
+def test_a_hand_turned_by_pi_leans_in_the_same_direction():
+    """The turn by pi is about the hand's axis, so the approach direction and the held line do not change."""
     path = arc((0.5, 0.2, 0.0), (0.5, -0.2, 0.0), 0.4)
     plain, turned = (Posture(GraspId.LEFT, t, 0.3, -0.2).rotation(path) for t in (False, True))
     assert plain[:, :, 2] == pytest.approx(turned[:, :, 2])

@@ -73,7 +73,7 @@ def test_a_pose_out_of_reach_has_no_solution(model):
 
 
 def _line(model, length):
-    """A straight way in front of the left arm, hand down."""
+    """A straight path in front of the left arm, with the hand pointing down."""
     q0 = np.array([-0.3, -0.3, 0.0, 1.2, 0.0, 0.7, 0.0])
     T = ik.tool_pose(model.chains[Side.LEFT], q0)
     position = T[:3, 3] + np.linspace(0, length, 80)[:, None] * np.array([0.2, -1.0, 0.1]) / np.linalg.norm(
@@ -82,7 +82,7 @@ def _line(model, length):
     return np.tile(T[:3, :3], (80, 1, 1)), position, q0
 
 
-def test_a_followed_path_is_reached_everywhere_without_jumps(model):
+def test_a_path_is_followed_everywhere_without_jumps(model):
     rotation, position, q0 = _line(model, 0.4)
     way = ik.follow_path(model, Side.LEFT, rotation, position, q0)
     assert way.complete and way.q.shape == (80, 7)
@@ -90,11 +90,11 @@ def test_a_followed_path_is_reached_everywhere_without_jumps(model):
         T = ik.tool_pose(model.chains[Side.LEFT], q)
         assert np.abs(T[:3, 3] - p).max() < 1e-8 and np.abs(T[:3, :3] - R).max() < 1e-8
     assert np.abs(np.diff(way.q, axis=0)).max() < 0.05
-    # Smooth enough to be timed with a jerk limit: third differences carry no solver noise.
+    # The joint path is smooth enough for timing with a jerk limit: third differences have no solver noise.
     assert np.abs(np.diff(way.q[1:], n=3, axis=0)).max() < 1e-3
 
 
-def test_a_path_that_leaves_the_workspace_ends_where_it_leaves(model):
+def test_following_a_path_ends_where_the_path_leaves_the_workspace(model):
     rotation, position, q0 = _line(model, 3.0)
     way = ik.follow_path(model, Side.LEFT, rotation, position, q0)
     assert not way.complete

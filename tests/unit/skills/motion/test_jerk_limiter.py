@@ -1,4 +1,4 @@
-"""The jerk limiter: within its bounds for any goal, and at the goal in the end."""
+"""The jerk limiter: it keeps its limits for any goal and reaches the goal."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def test_a_goal_that_jumps_is_reached_without_a_jump() -> None:
     assert x[59::60] == pytest.approx(goals[59::60], abs=1e-6)
 
 
-def test_a_goal_that_moves_evenly_is_followed_a_tick_behind() -> None:
+def test_a_goal_with_constant_speed_is_followed_one_tick_behind() -> None:
     t = DT * np.arange(1, 200)
     x, v, _ = followed(0.05 * t, np.full(len(t), 0.05)).T
     assert x[-1] == pytest.approx(0.05 * t[-1], abs=0.05 * DT) and v[-1] == pytest.approx(0.05, abs=1e-3)
 
 
-def test_a_goal_that_stops_is_overrun_by_little() -> None:
-    """From v the least overrun under the jerk limit alone is about sqrt(v^3 / j)."""
+def test_a_goal_that_stops_is_overshot_only_a_little() -> None:
+    """With only the jerk limit, the smallest overshoot from speed v is about sqrt(v^3 / j)."""
     t = DT * np.arange(1, 200)
     goal = np.minimum(0.02 * t, 0.02)
     x, _, _ = followed(goal, np.where(t < 1.0, 0.02, 0.0)).T

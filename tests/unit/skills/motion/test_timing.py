@@ -1,4 +1,4 @@
-"""Time laws: within every limit, on the path, and near the shortest time."""
+"""Time laws: they keep every limit, stay on the path, and take nearly the shortest time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def wavy(rng, knots=6, size=1.0, samples=60):
 
 
 def measured(trajectory):
-    """Velocity, acceleration and jerk shares from `ArmTrajectory.at` alone: what a streaming driver sees."""
+    """Shares of the velocity, acceleration and jerk limits, from `ArmTrajectory.at` alone, as a streaming driver
+    sees them."""
     t = np.linspace(0, trajectory.duration, 4 * len(trajectory.t))
     v = np.array([trajectory.at(x)[1] for x in t])
     a = np.diff(v, axis=0) / np.diff(t)[:, None]
@@ -69,7 +70,7 @@ def test_free_motions_are_straight_lines_within_the_limits(seed):
 
 
 def test_one_free_joint_takes_the_closed_form_time():
-    """A long move at the velocity limit: D / v + v / a + a / j (trapezoid of acceleration)."""
+    """A long motion at the velocity limit takes D / v + v / a + a / j (trapezoidal acceleration)."""
     q1 = np.zeros(14)
     q1[0] = 1.5
     motion = free_motion(np.zeros(14), q1, LIMITS)
@@ -77,7 +78,7 @@ def test_one_free_joint_takes_the_closed_form_time():
     assert motion.duration == pytest.approx(1.5 / v + v / a + a / j, rel=1e-6)
 
 
-def test_standing_still_is_a_motion_too():
+def test_a_motion_to_the_present_position_is_valid():
     q = random_configuration(np.random.default_rng(0))
     motion = free_motion(q, q, LIMITS)
     assert motion.duration > 0 and np.array_equal(motion.q[-1], q) and peaks(motion, LIMITS).worst == 0.0
@@ -93,7 +94,7 @@ def test_timed_paths_stay_on_the_path_within_the_limits(seed, size):
     assert v <= TOLERANCE and a <= TOLERANCE
     assert motion.q[0] == pytest.approx(path[0], abs=1e-9) and motion.q[-1] == pytest.approx(path[-1], abs=1e-9)
     assert not motion.qd[[0, -1]].any()
-    # Every sample given is passed, and nothing else: distance from the densely drawn path.
+    # The trajectory passes all given samples and stays on the densely sampled path.
     dense = CubicSpline(np.linspace(0, 1, 60), path)(np.linspace(0, 1, 6000))
     gap = np.array([np.abs(dense - q).max(axis=1).min() for q in motion.q[:: max(1, len(motion.q) // 40)]])
     assert gap.max() < 5e-3 * size
@@ -101,7 +102,7 @@ def test_timed_paths_stay_on_the_path_within_the_limits(seed, size):
     assert passed.max() < 0.02
 
 
-def test_bent_paths_of_a_milliradian_keep_the_limits():
+def test_tiny_curved_paths_keep_the_limits():
     rng, worst = np.random.default_rng(3), 0.0
     for _ in range(100):
         q = random_configuration(rng)
@@ -120,13 +121,13 @@ def test_a_straight_path_is_timed_nearly_as_fast_as_ruckig_can():
     assert np.median(ratios) < 1.15 and min(ratios) > 0.97
 
 
-def test_the_cap_on_the_tools_speed_is_kept():
+def test_the_tool_speed_cap_is_kept():
     path = wavy(np.random.default_rng(5), size=0.3)
     length = np.stack([np.linspace(0, 1.0, 60), np.linspace(0, 0.4, 60) ** 2], axis=1)
     motion = time_path(path, LIMITS, lengths=length, speed=0.2)
     free = time_path(path, LIMITS)
     assert motion.duration > 5.0 > free.duration
-    # The arc length travelled is a function of the path: recover it by the nearest sample.
+    # The travelled arc length is recovered from the nearest sample of the path.
     fine = CubicSpline(np.linspace(0, 1, 60), np.hstack([path, length]))(np.linspace(0, 1, 8000))
     travelled = np.array([fine[np.abs(fine[:, :14] - q).max(axis=1).argmin(), 14] for q in motion.q])
     speed = np.diff(travelled[::10]) / np.diff(motion.t[::10])
@@ -153,7 +154,7 @@ def test_a_requested_time_law_that_starts_with_a_jerk_is_softened():
     assert np.abs(motion.qdd[[0, -1]] / LIMITS.jerk).max() < TICK
 
 
-def test_a_requested_time_law_beyond_the_limits_is_slowed_only_where_they_bind():
+def test_a_requested_time_law_beyond_the_limits_is_slowed_only_where_the_limits_bind():
     rng = np.random.default_rng(6)
     path = wavy(rng, size=0.8, samples=200)
     t = np.linspace(0, 1.0, 200)
@@ -164,7 +165,8 @@ def test_a_requested_time_law_beyond_the_limits_is_slowed_only_where_they_bind()
 
 
 def smooth_wish(peak_share, gap=0.8):
-    """Least jerk over so long that the fastest joint peaks at a share of its velocity limit: 15/8 of the mean."""
+    """A minimum-jerk time law. Its duration is such that the fastest joint peaks, at 15/8 of its mean speed, at
+    this share of its velocity limit."""
     duration = float((1.875 * gap / LIMITS.velocity).max() / peak_share)
     t = np.linspace(0.0, duration, 200)
     u = t / duration
@@ -180,7 +182,7 @@ def test_a_requested_time_law_is_kept_up_to_the_limit_and_slowed_beyond_it(share
 
 
 def test_a_requested_start_at_full_acceleration_is_softened():
-    """A cosine begins and ends at rest, but its acceleration begins and ends with a step."""
+    """A cosine law begins and ends at rest, but its acceleration begins and ends with a step."""
     t = np.linspace(0.0, 2.5, 200)
     path = np.outer(0.5 - 0.5 * np.cos(np.pi * t / 2.5), np.full(14, 0.8))
     assert (0.8 * np.pi**2 / 12.5 > LIMITS.jerk * TICK).any()
@@ -190,7 +192,8 @@ def test_a_requested_start_at_full_acceleration_is_softened():
 
 
 def test_a_requested_time_law_too_fast_in_one_place_is_slowed_there():
-    """Slowly, with a burst at three times the velocity limit: stretched evenly it would take 24 s instead of 8."""
+    """The law is slow, with a burst at three times the velocity limit. Stretched uniformly, it would take 24 s
+    instead of 8 s."""
     t = np.linspace(0.0, 8.0, 400)
     burst = 0.5 * (1.0 + np.tanh((t - 4.0) / 0.1))
     s = 0.2 * (t - np.sin(2 * np.pi * t / 8.0) * 8.0 / (2 * np.pi)) / 8.0 + burst * 0.6
@@ -201,12 +204,13 @@ def test_a_requested_time_law_too_fast_in_one_place_is_slowed_there():
     assert motion.duration < 1.6 * 8.0
     slow = (motion.q[:, 0] < path[t < 3.0, 0].max()) | (motion.q[:, 0] > path[t > 5.0, 0].min())
     wished = np.interp(motion.q[slow, 0], path[:, 0], np.gradient(path[:, 0], t))
-    assert (motion.qd[slow, 0] < 1.02 * wished + 0.01).all(), "and nowhere is it faster than wished"
+    assert (motion.qd[slow, 0] < 1.02 * wished + 0.01).all(), "the motion is nowhere faster than requested"
 
 
 @pytest.mark.parametrize("kind", ["free", "path", "wish", "softened", "stop"])
-def test_accelerations_and_velocities_are_the_derivatives_of_what_is_before_them(kind):
-    """Both are sent to the arms. Between samples 10 ms apart the jerk limit bounds the error of a difference."""
+def test_accelerations_and_velocities_are_the_derivatives_of_velocities_and_positions(kind):
+    """Both are sent to the arms. With samples 10 ms apart, the jerk limit bounds the error of a finite
+    difference."""
     rng = np.random.default_rng(11)
     path = wavy(rng, size=0.5)
     if kind == "free":
@@ -235,7 +239,7 @@ def test_paths_without_a_speed_cap_are_not_slowed():
         assert time_path(path, LIMITS, **some).duration == free.duration
 
 
-def test_joined_motions_have_to_meet():
+def test_joined_motions_must_meet():
     rng = np.random.default_rng(7)
     a, b, c = (random_configuration(rng) for _ in range(3))
     first, second = free_motion(a, b, LIMITS), free_motion(b, c, LIMITS)
@@ -247,7 +251,7 @@ def test_joined_motions_have_to_meet():
 
 
 def test_a_start_after_a_pause_keeps_the_limits_from_any_point_of_the_path():
-    """Where a joint runs at its limit of acceleration a start has no headroom: it takes longer instead."""
+    """Where a joint is at its acceleration limit, a restart has no reserve and takes longer."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     for t in np.linspace(0.0, motion.duration, 25)[:-1]:
         warp = warp_clock(motion, ClockWarp(float(t), 0.6, 1.0, rate=0.0), LIMITS)
@@ -280,7 +284,7 @@ def test_a_stop_before_the_beginning_or_after_the_end_stays_on_the_path(t):
 
 @pytest.mark.parametrize("rate", [0.4, 1.0])
 def test_a_constant_clock_rate_only_stretches_time(rate):
-    """Of a cubic in time, which two samples and their velocities make up: q, q' and q" in closed form."""
+    """For a cubic in time, defined by two samples and their velocities, q, q' and q'' have closed forms."""
     a, b, c = (np.random.default_rng(k).normal(size=14) for k in range(3))
     t = np.array([0.0, 0.3, 0.5, 1.0])[:, None]
     cubic = ArmTrajectory(t[:, 0], a * t**3 + b * t**2 + c * t, 3 * a * t**2 + 2 * b * t + c, 6 * a * t + 2 * b)
@@ -292,7 +296,7 @@ def test_a_constant_clock_rate_only_stretches_time(rate):
 
 
 def test_infeasible_limits_stretch_a_stop_at_most_4_times_and_a_start_16_times():
-    """A stop has to end, a start can wait: limits of a hundredth are beyond both."""
+    """A stop must end soon, but a start can take longer. Limits of a hundredth cannot be kept by either."""
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     tight = replace(LIMITS, velocity=0.01 * LIMITS.velocity, acceleration=0.01 * LIMITS.acceleration)
     middle = 0.5 * motion.duration
@@ -304,7 +308,7 @@ def test_infeasible_limits_stretch_a_stop_at_most_4_times_and_a_start_16_times()
         assert warp.duration == pytest.approx(factor * STOP_TIME)
 
 
-def test_a_stop_takes_no_longer_than_it_is_given_where_the_limits_allow_it():
+def test_a_stop_takes_its_given_time_if_the_limits_allow_it():
     motion = time_path(wavy(np.random.default_rng(9), size=0.8), LIMITS)
     slow = ArmTrajectory(10.0 * motion.t, motion.q, 0.1 * motion.qd, 0.01 * motion.qdd)
     for duration in (0.3, STOP_TIME):
@@ -313,8 +317,8 @@ def test_a_stop_takes_no_longer_than_it_is_given_where_the_limits_allow_it():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_jerk_counts_in_either_direction(sign, backwards):
-    """q = j t^3 / 6 on one joint, from rest: all that it takes of its limits is known in closed form."""
+def test_jerk_in_either_direction_counts(sign, backwards):
+    """For q = j t^3 / 6 on one joint, from rest, the shares of all limits have closed forms."""
     j, t = 3.0, np.linspace(0.0, 0.5, 51)
     q, qd, qdd = (np.zeros((51, 14)) for _ in range(3))
     q[:, 2], qd[:, 2], qdd[:, 2] = sign * j * t**3 / 6, sign * j * t**2 / 2, sign * j * t
@@ -326,11 +330,12 @@ def test_a_jerk_counts_in_either_direction(sign, backwards):
     assert share.jerk == pytest.approx(j / LIMITS.jerk[2])
     assert share.worst == max(share.velocity, share.acceleration, share.jerk)
     slower = ArmTrajectory(share.stretch * t, q, qd / share.stretch, qdd / share.stretch**2)
-    assert peaks(slower, LIMITS).worst == pytest.approx(1.0), "just within"
+    assert peaks(slower, LIMITS).worst == pytest.approx(1.0), "the motion is just within the limit"
 
 
-def test_the_largest_velocity_between_two_samples_is_known():
-    """From rest to rest in one interval T: 3/2 of the mean speed half way, 6 d / T^2 at its ends, 12 d / T^3."""
+def test_the_largest_velocity_between_two_samples_is_found():
+    """From rest to rest by d in one interval T: the speed in the middle is 3/2 of the mean, the acceleration at
+    the ends is 6 d / T^2, and the jerk is 12 d / T^3."""
     d, T = 0.3, 2.0
     q = np.zeros((2, 14))
     q[1, 5] = -d
@@ -340,8 +345,8 @@ def test_the_largest_velocity_between_two_samples_is_known():
     assert share.jerk == pytest.approx(12 * d / T**3 / LIMITS.jerk[5])
 
 
-def test_peaks_measure_what_the_samples_do():
-    """Against a motion whose derivatives are known: q = sin(w t) / 10 on one joint."""
+def test_peaks_agree_with_a_motion_of_known_derivatives():
+    """The motion is q = sin(w t) / 10 on one joint."""
     w, t = 4.0, np.linspace(0, 2, 201)
     zero = np.zeros((201, 14))
     q, qd, qdd = zero.copy(), zero.copy(), zero.copy()
@@ -354,8 +359,9 @@ def test_peaks_measure_what_the_samples_do():
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(st.floats(0.1, 1.0), st.floats(-2.0, 2.0), st.sampled_from([0.0, 1.0]), st.floats(0.2, 1.5))
-def test_a_clock_changes_its_rate_without_a_step(rate, slope, goal, duration):
-    """Against the definition: the clock is the integral of its rate, the slope its derivative; both ends fit."""
+def test_a_clock_warp_changes_its_rate_smoothly(rate, slope, goal, duration):
+    """By definition, the clock is the integral of its rate, and the slope is the derivative of the rate. Both ends
+    have the given rates."""
     warp = ClockWarp(2.0, duration, goal, rate, slope)
     tau = np.linspace(0.0, duration, 4001)
     clock, r, s = warp.at(tau)

@@ -49,20 +49,20 @@ def test_a_good_trajectory_passes_with_its_peak_loads(checker, good):
 
 @pytest.mark.parametrize("name", ["t", "q", "qd", "qdd"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_not_numbers_are_refused(checker, good, name, value):
+def test_values_that_are_not_finite_are_refused(checker, good, name, value):
     index = 7 if name == "t" else (7, 3)
     result = judged(checker, altered(good, name, index, value), good.q[0])
     assert result.failure is not None and result.failure.kind is FailureKind.LIMIT_EXCEEDED
 
 
-def test_a_state_that_is_not_a_number_is_a_start_mismatch(checker, good):
+def test_an_arm_state_that_is_not_finite_is_a_start_mismatch(checker, good):
     q = np.array(good.q[0])
     q[4] = np.nan
     assert judged(checker, good, q).failure.kind is FailureKind.START_MISMATCH
 
 
 @pytest.mark.parametrize(("off", "passes"), [(0.9, True), (-0.9, True), (1.1, False), (-1.1, False)])
-def test_the_start_has_to_be_where_the_arms_are(checker, good, off, passes):
+def test_the_trajectory_must_start_at_the_arms_position(checker, good, off, passes):
     q = np.array(good.q[0])
     q[10] -= np.deg2rad(off)
     result = judged(checker, good, q)
@@ -72,11 +72,11 @@ def test_the_start_has_to_be_where_the_arms_are(checker, good, off, passes):
         assert "right_e1" in result.failure.what
 
 
-def test_time_has_to_rise_from_zero_in_small_steps(checker, good):
+def test_sample_times_must_rise_from_zero_in_small_steps(checker, good):
     assert not judged(checker, altered(good, "t", 5, good.t[4])).ok
     assert not judged(checker, replace(good, t=good.t + 0.1)).ok
     twice = ArmTrajectory(*(np.insert(a, 8, a[8], axis=0) for a in (good.t, good.q, good.qd, good.qdd)))
-    assert "rise" in judged(checker, twice).failure.what, "two samples of one moment"
+    assert "rise" in judged(checker, twice).failure.what, "two samples at the same time are refused"
     sparse = ArmTrajectory(good.t[::3], good.q[::3], good.qd[::3], good.qdd[::3])
     assert "far apart" in judged(checker, sparse).failure.what
 
@@ -86,12 +86,12 @@ def test_a_trajectory_must_begin_and_end_at_rest(checker, good):
     assert "rest" in judged(checker, cut).failure.what
     for end, speed in ((0, 0.01), (0, -0.01), (-1, 0.01), (-1, -0.01)):
         moving = judged(checker, altered(good, "qd", (end, 3), speed), good.q[0])
-        assert "rest" in moving.failure.what, "either way"
+        assert "rest" in moving.failure.what, "a motion in either direction is refused"
 
 
 @pytest.mark.parametrize("name", ["q", "qd", "qdd"])
 @pytest.mark.parametrize("part", [np.s_[:-1], np.s_[:, :13]])
-def test_arrays_that_do_not_fit_each_other_are_refused(checker, good, name, part):
+def test_arrays_of_different_lengths_are_refused(checker, good, name, part):
     result = judged(checker, replace(good, **{name: getattr(good, name)[part]}), good.q[0])
     assert "do not fit" in result.failure.what
 
@@ -105,11 +105,11 @@ def test_a_trajectory_played_too_fast_is_refused(checker, good, faster):
 
 
 def test_samples_that_do_not_fit_their_velocities_are_refused(checker, good):
-    """A jump in position that the velocities do not tell of: the interpolant would whip."""
+    """A position jumps without a matching velocity, so the interpolant would oscillate."""
     assert not judged(checker, altered(good, "q", (len(good.t) // 2, 2), good.q[len(good.t) // 2, 2] + 0.01)).ok
 
 
-def test_a_joint_beyond_its_range_is_named(checker):
+def test_a_joint_beyond_its_range_is_reported_by_name(checker):
     q1 = np.array(MODEL.q_park)
     q1[5] = MODEL.planning.upper[5] + 0.05
     failure = judged(checker, free_motion(MODEL.q_park, q1, MODEL.planning)).failure
@@ -117,8 +117,9 @@ def test_a_joint_beyond_its_range_is_named(checker):
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_arms_that_stand_outside_of_a_range_come_back_and_go_no_further_out(checker, side):
-    """What is planned with is narrower than what the joints can do; left wrist roll, which meets nothing."""
+def test_arms_outside_a_joint_range_may_return_but_not_move_further_out(checker, side):
+    """The planning range is narrower than the joint's range. The test uses the left wrist roll, which causes no
+    collisions."""
     limits, wrist = MODEL.planning, 6
     bound = limits.lower[wrist] if side < 0.0 else limits.upper[wrist]
     outside, further = np.array(MODEL.q_park), np.array(MODEL.q_park)
@@ -141,7 +142,7 @@ def test_a_trajectory_through_the_table_is_refused(checker):
 
 
 class Looked:
-    """A checker that records its poses and reports a contact at the n-th."""
+    """A checker that records its poses and reports a contact at the pose `meets`."""
 
     def __init__(self, meets=None):
         self.meets, self.path, self.fingers = meets, None, None
@@ -152,7 +153,7 @@ class Looked:
 
 
 def there_and_back(distance, seconds):
-    """All joints, the last the furthest, with least jerk and back again."""
+    """All joints move there and back with minimum jerk. The last joint moves furthest."""
     t = np.linspace(0.0, seconds, round(100 * seconds) + 1)
     u = 1.0 - np.abs(2.0 * t / seconds - 1.0)
     q = np.outer(u**3 * (10 - 15 * u + 6 * u**2), np.linspace(0.1, 1.0, 14) * distance)
@@ -161,7 +162,7 @@ def there_and_back(distance, seconds):
 
 @pytest.mark.parametrize(("distance", "seconds"), [(1.2, 3.0), (0.3, 4.0), (0.01, 1.0), (0.0, 0.5)])
 def test_paths_are_checked_densely_enough_for_crossing_hands(distance, seconds):
-    """Between two looks no joint moves by more than 0.02 rad and one sample's way."""
+    """Between two checked poses no joint moves by more than 0.02 rad plus one sample."""
     motion, looked = there_and_back(distance, seconds), Looked()
     assert contact_along(looked, motion) is None and looked.fingers is False
     np.testing.assert_array_equal(looked.path[0], motion.q[0])
@@ -170,7 +171,7 @@ def test_paths_are_checked_densely_enough_for_crossing_hands(distance, seconds):
     gaps = np.abs(np.diff(looked.path, axis=0)).max(axis=1) if len(looked.path) > 1 else np.zeros(1)
     assert gaps.max() <= 0.02 + sample + 1e-12
     furthest = looked.path[:, -1].max()
-    assert distance - furthest <= 0.02 + sample, "also where it turns back"
+    assert distance - furthest <= 0.02 + sample, "the turning point is checked too"
 
 
 @pytest.mark.parametrize("met", [0, 7, 40])

@@ -21,7 +21,7 @@ def _bare():
 
 @pytest.fixture
 def towel_picture():
-    """seed -> (scene, true key points, picture, picture of the empty table)."""
+    """For a seed: (scene, true key points, picture, picture of the empty table)."""
     return _towel
 
 

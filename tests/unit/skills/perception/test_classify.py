@@ -59,7 +59,7 @@ def test_towels_are_distinguished_by_their_size(towels):
     assert ranked[0].scale == pytest.approx(1.0, abs=0.03)
 
 
-def test_an_unknown_silhouette_matches_nothing_well():
+def test_an_unknown_silhouette_matches_no_garment_well():
     star = np.array(
         [
             (r * np.cos(a), r * np.sin(a))
@@ -69,7 +69,7 @@ def test_an_unknown_silhouette_matches_nothing_well():
     assert classify(resample_closed(star, 0.003), ALL)[0].iou < 0.8
 
 
-def test_overlap_agrees_with_exact_geometry():
+def test_the_overlap_agrees_with_exact_geometry():
     a, b = place(TOWEL, 0.0, 0.0, 0.3), np.array(box(-0.1, -0.2, 0.3, 0.25).exterior.coords)[:-1]
     exact = Polygon(a).intersection(Polygon(b)).area / Polygon(a).union(Polygon(b)).area
     assert polygon_iou(a, b) == pytest.approx(exact, abs=0.02)

@@ -20,7 +20,7 @@ def failure(outcome):
     return outcome.failure.kind
 
 
-def test_key_points_of_towels_to_a_few_millimetres(towel_picture, calibration, towels):
+def test_key_points_of_towels_are_found_to_a_few_millimetres(towel_picture, calibration, towels):
     errors = []
     for seed in range(6):
         _, truth, picture, bare = towel_picture(seed)
@@ -32,7 +32,7 @@ def test_key_points_of_towels_to_a_few_millimetres(towel_picture, calibration, t
     assert np.median(errors) < 0.003 and max(errors) < 0.008
 
 
-def test_auto_names_the_towel_by_its_size(towel_picture, calibration, towels):
+def test_auto_recognises_the_towel_by_its_size(towel_picture, calibration, towels):
     _, _, picture, bare = towel_picture(0)
     assert perceive(picture, calibration, TABLE, bare, towels).unwrap().garment == "medium_towel"
 
@@ -90,8 +90,9 @@ def test_wrong_category_wrong_size_and_unknown_garments_are_refused(calibration,
 
 
 @pytest.mark.parametrize("size", [0.7, 1.0, 1.18, 1.3])
-def test_a_second_look_accepts_exactly_what_recognition_accepted(calibration, towels, size):
-    """One known towel, and cloth of its shape in other sizes: both looks take it, or neither."""
+def test_a_second_perception_accepts_exactly_what_the_first_one_recognised(calibration, towels, size):
+    """There is one known towel, and cloth of its shape in other sizes. Both perceptions accept the cloth, or
+    neither does."""
     scene = Scene(seed=3, polygons=[place(TOWEL * size, 0.62, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)
     first = perceive(picture, calibration, TABLE, bare, towels[:1])
@@ -104,8 +105,8 @@ def test_a_second_look_accepts_exactly_what_recognition_accepted(calibration, to
 
 
 @pytest.mark.parametrize(("overlap", "taken"), [(0.955, True), (0.94, False)])
-def test_the_next_best_is_taken_where_only_it_fits_in_size(calibration, towels, monkeypatch, overlap, taken):
-    """Unless it overlaps worse by more than a second look would let pass."""
+def test_the_second_best_match_is_taken_if_only_its_size_fits(calibration, towels, monkeypatch, overlap, taken):
+    """An exception is a match with a much worse overlap, which a second perception would refuse."""
     known = [towels[0], Silhouette("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
     matches = (Match("medium_towel", "towel", 0.98, 0.7, 0.0), Match("napkin", "napkin", overlap, 1.0, 0.0))
     monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
@@ -139,7 +140,7 @@ def test_camera_faults_are_reported(towel_picture, calibration, towels, how):
 
 @pytest.mark.parametrize("method", ["reference", "plain", "grabcut", "watershed"])
 @pytest.mark.parametrize("target", [(-2.0, 0.1, 0.9), (0.6, 0.01, 3.0)], ids=["away", "up"])
-def test_a_camera_that_does_not_look_at_the_table_sees_no_empty_one(towel_picture, towels, method, target):
+def test_a_camera_that_does_not_see_the_table_gives_no_reference(towel_picture, towels, method, target):
     _, _, frame, reference = towel_picture(0)
     elsewhere = camera(target=target)
     for bare in (reference, None):
@@ -150,7 +151,7 @@ def test_a_camera_that_does_not_look_at_the_table_sees_no_empty_one(towel_pictur
 
 @pytest.mark.parametrize("far", [2.5, 10.0, 65.535])
 def test_a_mirror_image_in_the_empty_table_gives_the_garment_no_height(towel_picture, calibration, towels, far):
-    """What a shiny table mirrors is measured as far below it."""
+    """A mirror image in a shiny table is measured as far below the table."""
     _, truth, frame, reference = towel_picture(3)
     depth = reference.depth.copy()
     depth[200:260, 280:360] = far
@@ -173,8 +174,9 @@ def test_a_frozen_camera_is_distinguished_from_a_still_scene(towel_picture, cali
     assert perceive(still, calibration, TABLE, bare, towels, previous=picture).ok
 
 
-def test_the_table_moved_in_the_calibration_moves_the_key_points(towel_picture, towels):
-    """Metres come from the calibration: a camera believed 10 mm further left sees all 10 mm further left."""
+def test_a_shifted_calibration_shifts_the_key_points(towel_picture, towels):
+    """Positions depend on the calibration: with a camera calibrated 10 mm further left, all points are 10 mm
+    further left."""
     _, _, picture, bare = towel_picture(2)
     believed = camera()
     believed.T_table_camera[1, 3] += 0.010
@@ -184,7 +186,7 @@ def test_the_table_moved_in_the_calibration_moves_the_key_points(towel_picture, 
         assert np.allclose(b[name] - a[name], [0.0, 0.010], atol=1.5e-3)
 
 
-def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
+def test_an_overlay_does_not_change_the_picture(towel_picture, calibration, towels):
     _, _, picture, bare = towel_picture(0)
     seen = perceive(picture, calibration, TABLE, bare, towels).unwrap()
     before = picture.rgb.copy()
@@ -197,7 +199,7 @@ def test_overlays_draw_on_a_copy(towel_picture, calibration, towels):
 
 
 def test_a_plate_is_not_recognised_as_a_towel(calibration, towels):
-    """A contour that bends freely follows a disc as well; the polygon of its key points does not."""
+    """A flexible contour also follows a disc, but the polygon of its key points does not."""
     a = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     scene = Scene(seed=3, polygons=[0.2 * np.stack([np.cos(a), np.sin(a)], axis=1) + (0.6, 0.0)])
     seen = perceive(render(scene), calibration, TABLE, empty(scene), towels)

@@ -8,14 +8,14 @@ from benchmarks.perception.fabrics import LEAST_DIFFERENCE
 from benchmarks.perception.pieces import Laying, draw_piece
 from benchmarks.perception.scenes import TABLE, draw_scene, open_studio
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.camera.render_server import leading
+from cell.simulation.camera.render_server import Shot, leading
 from cell.simulation.garment.fabric import garment_uv
 from robots.baxter.camera_mount import INTRINSICS
 from skills.perception.perceive import perceive
 
 
 @pytest.mark.parametrize(("name", "seed"), [("long_sleeve_shirt_large", 900001), ("jeans", 900002)])
-def test_key_points_of_garments_with_limbs(name, seed):
+def test_key_points_of_garments_with_limbs_are_found(name, seed):
     scene = draw_scene(name, seed)
     garments = [load_garment(g) for g in list_garments()]
     seen = perceive(scene.frame, scene.calibration, TABLE, scene.reference, garments).unwrap()
@@ -26,11 +26,12 @@ def test_key_points_of_garments_with_limbs(name, seed):
 
 
 def test_the_camera_shows_every_triangle_of_a_garment_in_two_layers():
-    """The silhouette is the mesh's, as a pinhole camera projects it."""
+    """The silhouette agrees with the pinhole projection of the mesh."""
     piece = draw_piece(load_garment("long_sleeve_shirt_small"), np.random.default_rng(5))
     uv = garment_uv(piece.mesh.rest, piece.mesh.layer)
     with open_studio(uv, piece.mesh.triangles, 5) as studio:
-        bare, seen = (studio._stage.picture(shot) for shot in _shots(studio, piece.vertices))
+        above = piece.vertices + np.array([0.0, 0.0, TABLE.height])
+        bare, seen = (studio.picture(Shot({}, x, studio.T_base_camera)) for x in (None, above))
         T = np.linalg.inv(studio.T_table_camera)
     c = piece.vertices @ T[:3, :3].T + T[:3, 3]
     k = INTRINSICS
@@ -44,25 +45,20 @@ def test_the_camera_shows_every_triangle_of_a_garment_in_two_layers():
     assert shown[inner].all() and not shown[~outer].any()
 
 
-def _shots(studio, vertices):
-    for x in (None, vertices):
-        studio._vertices = x
-        yield studio._shot()
-
-
-def test_every_vertex_leads_a_triangle():
+def test_every_vertex_is_the_first_of_some_triangle():
     mesh = draw_piece(load_garment("pants"), np.random.default_rng(1)).mesh
     turned = leading(mesh.triangles, len(mesh.rest))
     assert set(turned[:, 0]) == set(range(len(mesh.rest)))
     assert np.array_equal(np.sort(turned, axis=1), np.sort(mesh.triangles, axis=1))
-    for k in (1, 2):  # turned about, not turned over
+    for k in (1, 2):  # the triangles are rotated and keep their orientation
         at = [np.argmax(mesh.triangles == turned[:, [i]], axis=1) for i in (k - 1, k)]
         step = (at[1] - at[0]) % 3
         assert (step == 1).all()
 
 
-def test_key_points_of_a_piece_are_points_of_its_fabric():
-    """Laid without wrinkles or swing, at nominal shape but for its own errors, they are near the template's."""
+def test_the_key_points_of_a_piece_are_points_of_its_fabric():
+    """A garment without wrinkles or swinging limbs has its key points near the template, except for its individual
+    errors."""
     garment = load_garment("medium_towel")
     piece = draw_piece(garment, np.random.default_rng(2), Laying(0.0, 0.0, 0.0, 0.0, 0.0))
     assert set(piece.keypoints) == set(garment.keypoints)

@@ -1,4 +1,4 @@
-"""Fold plans: grasps lie on the moving cloth and land where the fold puts them."""
+"""Fold plans: grasps lie on the moving cloth and land where the fold moves them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_every_variant_moves_its_key_points_onto_their_mirror_image(name: str) -
 
 
 @pytest.mark.parametrize("name", GARMENTS)
-def test_the_last_fold_brings_the_named_edges_together_in_the_layers_promised(name: str) -> None:
+def test_the_last_fold_brings_the_named_edges_together_with_the_stated_layers(name: str) -> None:
     garment = GARMENTS[name]
     state = garment.flat_state(0.6, 0.02, 0.1)
     lines = plan_folds(state, garment).unwrap()[-1].lines
@@ -76,7 +76,7 @@ def test_the_last_fold_brings_the_named_edges_together_in_the_layers_promised(na
     assert max(layers) + 1 == garment.final_layers
 
 
-def test_release_is_above_the_stack_where_it_lands() -> None:
+def test_the_release_is_above_the_stack_at_the_target() -> None:
     garment = GARMENTS["medium_towel"]
     half, quarter = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
     t = garment.material.thickness
@@ -86,17 +86,21 @@ def test_release_is_above_the_stack_where_it_lands() -> None:
     assert all(z == pytest.approx(2 * t + RELEASE_CLEARANCE) for _, _, z in quarter.targets.values())
 
 
-def test_arms_take_their_own_side_and_auto_never_gives_one_arm_both() -> None:
+def test_each_arm_takes_its_own_side_and_no_arm_gets_both_grasps() -> None:
     for name, garment in GARMENTS.items():
         for step in plan_folds(garment.flat_state(0.6, 0.0), garment).unwrap():
             assert set(step.grasps) <= {GraspId.LEFT, GraspId.RIGHT}
             assert len(step.grasps) == len(garment.plan[step.index].variants[0].grasps), name
     half, quarter = plan_folds(GARMENTS["large_towel"].flat_state(0.6, 0.0), GARMENTS["large_towel"]).unwrap()
-    assert half.grasps[GraspId.LEFT].point[0] > half.grasps[GraspId.RIGHT].point[0] + 0.3, "in line along x"
-    assert quarter.grasps[GraspId.LEFT].point[1] > quarter.grasps[GraspId.RIGHT].point[1] + 0.2, "side by side"
+    assert half.grasps[GraspId.LEFT].point[0] > half.grasps[GraspId.RIGHT].point[0] + 0.3, (
+        "in line along x, the left arm takes the far grasp"
+    )
+    assert quarter.grasps[GraspId.LEFT].point[1] > quarter.grasps[GraspId.RIGHT].point[1] + 0.2, (
+        "side by side, each arm takes its own side"
+    )
 
 
-def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
+def test_a_small_turn_of_the_garment_does_not_flip_the_heading() -> None:
     garment = GARMENTS["medium_towel"]
     for i in range(2):
         headings = [
@@ -112,7 +116,7 @@ def test_heading_does_not_flip_when_the_garment_is_turned_a_little() -> None:
     st.tuples(st.floats(0.3, 0.8), st.floats(-0.2, 0.2)),
 )
 @settings(max_examples=25)
-def test_a_plan_that_drifts_is_the_plan_of_the_garment_that_drifted(
+def test_a_moved_plan_equals_the_plan_of_the_moved_garment(
     offset: tuple[float, float], rotation: float, about: tuple[float, float]
 ) -> None:
     garment = GARMENTS["medium_towel"]
@@ -135,7 +139,7 @@ def test_a_plan_that_drifts_is_the_plan_of_the_garment_that_drifted(
             assert np.sin(a.grasps[i].heading - b.grasps[i].heading) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_remaining_steps_are_those_of_the_whole_plan() -> None:
+def test_the_remaining_steps_are_those_of_the_whole_plan() -> None:
     garment = GARMENTS["small_towel"]
     whole = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
     (rest,) = plan_folds(garment.flat_state(0.58, 0.0), garment, done=1).unwrap()
@@ -163,8 +167,8 @@ def _collapsed(state: GarmentState, garment: Garment) -> GarmentState:
 
 @pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small"])
 def test_a_shirt_can_be_folded_at_any_pose(name: str) -> None:
-    """Its fold lines go through corners, and pieces touch in lines and points: at a pose in forty that was beyond
-    the geometry's library."""
+    """The fold lines pass through corners, and pieces touch in lines and points. Before, the geometry library
+    failed at one of forty poses."""
     garment, rng = GARMENTS[name], np.random.default_rng(3)
     for _ in range(150):
         state = garment.flat_state(rng.uniform(0.55, 0.65), rng.uniform(-0.1, 0.1), rng.uniform(-0.2, 0.2))

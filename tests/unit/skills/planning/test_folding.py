@@ -1,4 +1,4 @@
-"""Folding is an isometry of pieces: distances, areas and layers of paper for any lines."""
+"""Folding is a piecewise isometry: distances, areas and layers for any fold lines."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def line(x: float, y: float, degrees: float) -> FoldLine:
 
 coordinate = st.floats(-0.15, 0.15)
 lines = st.lists(st.builds(line, coordinate, coordinate, st.floats(-180, 180)), min_size=1, max_size=4)
-HALF = line(0.0, 0.0, -90.0)  # far half (x > 0) moves
-QUARTER = line(0.0, 0.0, 0.0)  # left half (y > 0) moves
+HALF = line(0.0, 0.0, -90.0)  # the far half (x > 0) moves
+QUARTER = line(0.0, 0.0, 0.0)  # the left half (y > 0) moves
 
 
 @given(lines, st.integers(0, 2**32 - 1))
@@ -52,14 +52,16 @@ def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], 
 
 @given(lines)
 @settings(max_examples=60)
-def test_area_is_kept(folds: list[FoldLine]) -> None:
+def test_folding_keeps_the_area(folds: list[FoldLine]) -> None:
     pieces = folding._pieces(folds, shapely.Polygon(RECT))
     assert sum(p.buffer(-folding.TOUCH).area for p in pieces.values()) == pytest.approx(0.24, rel=1e-3)
 
 
 @given(lines, st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_folding_again_changes_nothing_and_unfolding_brings_back(folds: list[FoldLine], seed: int) -> None:
+def test_folding_again_changes_nothing_and_unfolding_restores_the_garment(
+    folds: list[FoldLine], seed: int
+) -> None:
     points = np.random.default_rng(seed).uniform(-0.3, 0.3, (20, 2))
     once = fold_xy(folds[:1], points)
     assert np.allclose(fold_xy(folds[:1], once), once, atol=1e-9)
@@ -69,8 +71,8 @@ def test_folding_again_changes_nothing_and_unfolding_brings_back(folds: list[Fol
 
 @given(lines, st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_layers_at_one_place_are_all_different(folds: list[FoldLine], seed: int) -> None:
-    """Unfold a place by trying every history of moves: its preimages are the layers there, each once."""
+def test_layers_at_one_place_are_different_parts_of_the_garment(folds: list[FoldLine], seed: int) -> None:
+    """The preimages of a place, from all possible histories of moves, are the layers there, each once."""
     rng = np.random.default_rng(seed)
     place = fold_xy(folds, rng.uniform(-0.15, 0.15, 2))
     preimages = [place]
@@ -83,7 +85,8 @@ def test_layers_at_one_place_are_all_different(folds: list[FoldLine], seed: int)
     near_crease = any(abs(f.signed_distance(p)) < 1e-4 for f, p in on_the_way)
     near_edge = any((np.abs(np.abs(p) - (0.2, 0.3)) < 1e-3).any() for p in preimages)
     gaps = [np.linalg.norm(p - q) for i, p in enumerate(sheet) for q in sheet[:i]]
-    sliver = min(gaps, default=1.0) < 1e-4  # of two lines that are nearly one: thinner than what is told apart
+    # the strip between two nearly equal lines is thinner than the tolerance
+    sliver = min(gaps, default=1.0) < 1e-4
     if near_crease or near_edge or sliver or not sheet:
         return
     layers = fold_points(folds, np.array(sheet), RECT).layers
@@ -110,7 +113,7 @@ def test_two_sheets_turn_over_together() -> None:
 
 
 def test_a_part_that_lands_beside_the_rest_is_not_lifted() -> None:
-    """An L: its foot is folded over a line that lays half of it on the leg and half on the bare table."""
+    """The foot of an L is folded so that half of it lands on the leg and half on the table."""
     outline = np.array([[0, 0], [0.4, 0], [0.4, 0.1], [0.1, 0.1], [0.1, 0.2], [0, 0.2]]) - (0.2, 0.1)
     fold = line(-0.02, 0.0, -90.0)
     points = np.array([[0.02, -0.05], [0.19, -0.05]])
@@ -127,7 +130,7 @@ class Sheet:
     triangles: np.ndarray
 
 
-def test_target_of_a_mesh_lies_on_the_middle_of_its_layers() -> None:
+def test_target_vertices_lie_in_the_middle_of_their_layers() -> None:
     rng = np.random.default_rng(1)
     rest = np.vstack([RECT, rng.uniform((-0.2, -0.3), (0.2, 0.3), (200, 2))])
     mesh = Sheet(rest, np.zeros(len(rest), dtype=int), Delaunay(rest).simplices)
@@ -138,7 +141,7 @@ def test_target_of_a_mesh_lies_on_the_middle_of_its_layers() -> None:
     assert np.allclose(target[:, 2], np.where(far, 0.003, 0.001))
 
 
-def test_outline_of_a_mesh_is_its_border_also_with_two_sheets() -> None:
+def test_the_outline_of_a_mesh_is_its_border_also_with_two_sheets() -> None:
     rng = np.random.default_rng(2)
     inner = rng.uniform((-0.19, -0.29), (0.19, 0.29), (60, 2))
     rest = np.vstack([RECT, inner])
@@ -151,9 +154,10 @@ def test_outline_of_a_mesh_is_its_border_also_with_two_sheets() -> None:
 
 
 @pytest.mark.parametrize("short", [0.0, 0.005, 0.012])
-def test_pads_near_an_edge_take_both_layers_though_one_ends_short_of_their_middle(short: float) -> None:
+def test_pads_near_an_edge_take_both_layers_even_if_one_ends_before_their_middle(short: float) -> None:
     outline = np.array([[0.0, 0.0], [0.4 - short, 0.0], [0.4 - short, 0.2], [0.0, 0.2]])
-    fold = FoldLine(np.array([0.2, 0.0]), np.array([0.0, 1.0]))  # the left half onto the right, to x = 0.4
+    # the left half is folded onto the right half, to x = 0.4
+    fold = FoldLine(np.array([0.2, 0.0]), np.array([0.0, 1.0]))
     middle = 0.390
     corners = np.array([[-0.015, -0.01], [0.015, -0.01], [0.015, 0.01], [-0.015, 0.01]])
     pads = corners + np.array([middle, 0.1])

@@ -1,4 +1,4 @@
-"""Where and how hands press: high creases are pressed, and no cloth is swept along."""
+"""Where and how hands press: high creases are pressed, and no cloth is moved sideways."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from skills.planning.pressing import MOST, Dab, crease_dabs, press_paths, within_reach
 from skills.vocabulary import Array, FoldLine, GraspId, ToolPath
 
-LINE = FoldLine(np.array([0.6, -0.2]), np.array([1.0, 0.0]))  # a crease along x, cloth on its right
+LINE = FoldLine(np.array([0.6, -0.2]), np.array([1.0, 0.0]))  # a crease along x with the cloth on its right
 FINGERS = 0.019
 HIGHEST, START, CLEARANCE = 0.045, 0.080, 0.020
 
@@ -32,7 +32,7 @@ def level(place: Array) -> float:
 
 
 def ridge(low: float, high: float, beside: float = 0.02) -> Array:
-    """Places along the crease, so far beside it."""
+    """Places along the crease, at the distance `beside` from it [m]."""
     x = np.linspace(low, high, 80)
     return np.column_stack([x, np.full_like(x, -0.2 - beside)])
 
@@ -43,7 +43,9 @@ def test_dabs_are_evenly_spaced_beside_the_line_for_any_top_of_the_bulge() -> No
         x = np.array([dab.point[0] for dab in dabs])
         assert np.diff(x).max() < 0.046 and x[0] < 0.46 and x[-1] > 0.74
         tips = np.array([fingers(dab) for dab in dabs])
-        assert np.allclose(np.sort(tips[..., 1], axis=1), [-0.248, -0.21]), "10 and 48 mm from the line"
+        assert np.allclose(np.sort(tips[..., 1], axis=1), [-0.248, -0.21]), (
+            "the fingers are 10 and 48 mm from the line"
+        )
 
 
 def test_only_the_part_of_a_crease_that_stands_high_is_pressed() -> None:
@@ -53,31 +55,31 @@ def test_only_the_part_of_a_crease_that_stands_high_is_pressed() -> None:
 
 
 def test_high_places_away_from_the_crease_are_not_pressed() -> None:
-    """Creases of earlier folds end in corners, which fingers turn up."""
+    """Creases of earlier folds end in corners, which fingers would turn up."""
     places = np.vstack([ridge(0.45, 0.75), [[0.5, -0.4], [0.6, -0.27], [0.6, -0.1]]])
     dabs = crease_dabs(places, np.linspace(0.01, 0.05, len(places)), LINE, level, everywhere)
     assert len(dabs) > 3 and all(abs(dab.point[1] + 0.229) < 1e-9 for dab in dabs)
     assert crease_dabs(places[-3:], np.full(3, 0.05), LINE, level, everywhere) == ()
 
 
-def test_a_long_crease_is_pressed_on_all_of_its_length() -> None:
+def test_a_long_crease_is_pressed_along_its_whole_length() -> None:
     dabs = crease_dabs(ridge(0.1, 1.1), np.full(80, 0.02), LINE, level, everywhere)
     x = np.array([dab.point[0] for dab in dabs])
     assert len(dabs) == MOST and x[0] < 0.11 and x[-1] > 1.09
 
 
 def test_no_finger_comes_down_at_an_edge() -> None:
-    """Cloth ends at x = 0.75."""
+    """The cloth ends at x = 0.75."""
 
     def clear(place: Array) -> bool:
         return bool(place[0] < 0.715)
 
     dabs = crease_dabs(ridge(0.45, 0.749), np.full(80, 0.02), LINE, level, clear)
     tips = np.concatenate([fingers(dab) for dab in dabs])
-    assert 0.70 < tips[:, 0].max() < 0.715, "as far as the edge allows"
+    assert 0.70 < tips[:, 0].max() < 0.715, "the last dab is as near to the edge as allowed"
 
 
-def test_a_stack_that_is_too_small_to_bear_it_is_not_pressed() -> None:
+def test_a_stack_that_is_too_small_for_the_fingers_is_not_pressed() -> None:
     for depth, pressed in ((0.15, False), (0.18, True)):
         dabs = crease_dabs(
             ridge(0.5, 0.7),
@@ -108,8 +110,8 @@ def test_a_crease_gets_the_fewest_dabs_without_gaps_above_45_mm(length: float) -
 
 @pytest.mark.parametrize("beside", [0.005, 0.048, 0.055])
 @pytest.mark.parametrize("slope", [-0.1, 0.1])
-def test_each_dab_knows_the_highest_point_of_the_crease_beside_it(beside: float, slope: float) -> None:
-    """Of the whole width of its bulge, but not of what lies elsewhere on the cloth."""
+def test_each_dab_has_the_height_of_the_highest_point_of_the_crease_beside_it(beside: float, slope: float) -> None:
+    """The whole width of the crease's bulge counts, but no other part of the cloth."""
     places = np.vstack([ridge(0.45, 0.75, beside), [[0.6, -0.3], [0.6, -0.19]]])
     above = np.r_[0.050 + slope * (places[:80, 0] - 0.6), 0.2, 0.2]
     dabs = crease_dabs(places, above, LINE, level, everywhere)
@@ -119,8 +121,8 @@ def test_each_dab_knows_the_highest_point_of_the_crease_beside_it(beside: float,
         assert dab.high == above[:80][near].max()
 
 
-def test_a_dab_between_the_high_places_of_a_long_crease_has_nothing_high_under_it() -> None:
-    """The places are further from one another than a dab is wide, and so are the dabs."""
+def test_a_dab_between_distant_high_places_has_no_height() -> None:
+    """The high places and the dabs are further apart than a dab is wide."""
     dabs = crease_dabs(
         np.array([[0.1, -0.22], [0.595, -0.22], [1.1, -0.22]]), np.full(3, 0.02), LINE, level, everywhere
     )
@@ -129,7 +131,7 @@ def test_a_dab_between_the_high_places_of_a_long_crease_has_nothing_high_under_i
 
 
 def test_no_finger_comes_down_on_an_edge_between_the_line_and_the_room_behind_it() -> None:
-    """An upper layer ends 48 mm from the line, under the inner finger, from x = 0.6 on."""
+    """For x > 0.6 an upper layer ends 48 mm from the line, under the inner finger."""
 
     def clear(place: Array) -> bool:
         return not (place[0] > 0.6 and abs(place[1] + 0.248) < 0.005)
@@ -140,7 +142,7 @@ def test_no_finger_comes_down_on_an_edge_between_the_line_and_the_room_behind_it
 
 
 def test_tips_go_down_to_the_thicker_of_the_two_stacks() -> None:
-    """A finger may have fewer layers under it: the hand stays above both."""
+    """One finger may have fewer layers under it, but the hand stays above the thicker stack."""
     dabs = crease_dabs(
         ridge(0.6, 0.61), np.full(80, 0.03), LINE, lambda place: 0.012 if place[1] > -0.22 else 0.006, everywhere
     )
@@ -161,19 +163,19 @@ def test_hands_move_aside_above_all_cloth_and_straight_down(ys: tuple[float, ...
         assert (np.minimum(path.position[:-1, 2], path.position[1:, 2])[aside] > HIGHEST + CLEARANCE - 1e-9).all()
         assert path.position[:, 2].min() == pytest.approx(0.012)
         assert path.position[0, 2] == pytest.approx(HIGHEST + START)
-        assert np.linalg.norm(step / np.diff(path.t)[:, None], axis=1).max() < 0.32, "gentle"
+        assert np.linalg.norm(step / np.diff(path.t)[:, None], axis=1).max() < 0.32, "the hands are slow"
     pressed = sorted(y for path in paths.values() for y in at_the_bottom(path))
     assert np.allclose(np.unique(np.round(pressed, 6)), sorted(ys)), "every dab is made"
 
 
 @pytest.mark.parametrize("ys", [(-0.2,), (-0.25, -0.2, -0.1), (0.3, -0.3)])
 @pytest.mark.parametrize("highest", [0.02, HIGHEST, 0.12])
-def test_hands_go_from_rest_to_rest_with_least_jerk(ys: tuple[float, ...], highest: float) -> None:
-    """Flash and Hogan: of a way l in the time T, u = t / T, l (10 u^3 - 15 u^4 + 6 u^5) is made; its largest speed
-    is 15 l / 8 T, its largest jerk 60 l / T^3. Neither is beyond what the arms are given."""
+def test_hands_move_from_rest_to_rest_with_minimum_jerk(ys: tuple[float, ...], highest: float) -> None:
+    """Flash and Hogan's law for a distance l in the time T, with u = t / T, is l (10 u^3 - 15 u^4 + 6 u^5). Its
+    largest speed is 15 l / 8 T and its largest jerk is 60 l / T^3. Both are within the arms' limits."""
     dabs = dabs_at(*ys)
     for path in press_paths(LINE, dabs, highest).values():
-        assert np.diff(path.t).max() < 0.021, "about every 20 ms"
+        assert np.diff(path.t).max() < 0.021, "samples are about 20 ms apart"
         own = [dab for dab in dabs if np.isin(dab.point[1], path.position[:, 1])]
         over = [[*dab.point, highest + CLEARANCE] for dab in own]
         low = [[*dab.point, dab.bottom] for dab in own]
@@ -192,12 +194,12 @@ def test_hands_go_from_rest_to_rest_with_least_jerk(ys: tuple[float, ...], highe
 
 
 def at_the_bottom(path: ToolPath) -> list[float]:
-    """y of the places where the tips are down."""
+    """y of the places where the tips are lowest [m]."""
     low = path.position[:, 2] < 0.0121
     return np.unique(np.round(path.position[low, 1], 6)).tolist()
 
 
-def test_a_wide_fold_is_shared_by_hands_that_go_the_same_way() -> None:
+def test_a_wide_fold_is_shared_by_two_hands_that_move_in_the_same_direction() -> None:
     paths = press_paths(LINE, dabs_at(-0.40, -0.25, -0.10, 0.15, 0.30, 0.45), HIGHEST)
     left, right = paths[GraspId.LEFT], paths[GraspId.RIGHT]
     assert np.array_equal(left.t, right.t)
@@ -210,7 +212,7 @@ def test_a_narrow_fold_is_pressed_by_the_hand_of_its_side() -> None:
     assert set(press_paths(LINE, dabs_at(0.3, 0.1), HIGHEST)) == {GraspId.LEFT}
 
 
-def test_the_hand_of_the_side_where_most_of_it_lies_presses() -> None:
+def test_a_fold_in_the_middle_is_pressed_by_the_hand_of_its_larger_side() -> None:
     assert set(press_paths(LINE, dabs_at(-0.2, -0.1, 0.05), HIGHEST)) == {GraspId.RIGHT}
     assert set(press_paths(LINE, dabs_at(0.2, 0.1, -0.05), HIGHEST)) == {GraspId.LEFT}
 
@@ -223,7 +225,7 @@ def test_press_paths_do_not_depend_on_the_direction_of_the_line(angle: float) ->
         press_paths(FoldLine(np.array([0.6, 0.1]), sign * direction), dabs, HIGHEST)[GraspId.LEFT].position
         for sign in (1.0, -1.0)
     ]
-    if angle == 0.0:  # along the table's x axis neither way is more to the left
+    if angle == 0.0:  # along the table's x axis neither end is further left
         assert {tuple(way[0]) for way in ways} == {tuple(way[-1] + [0, 0, START - CLEARANCE]) for way in ways}
     else:
         np.testing.assert_array_equal(*ways)
@@ -238,5 +240,5 @@ def test_fingers_lie_across_the_crease() -> None:
 
 
 def test_one_hand_alone_makes_the_dabs_beside_the_highest_one() -> None:
-    dabs = dabs_at(-0.4, -0.3, 0.3, 0.4)  # the last is the highest
+    dabs = dabs_at(-0.4, -0.3, 0.3, 0.4)  # the last dab is the highest
     assert [dab.point[1] for dab in within_reach(dabs)] == [0.3, 0.4]

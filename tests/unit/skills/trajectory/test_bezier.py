@@ -28,7 +28,7 @@ def controls(seed: int, order: int = 3) -> np.ndarray:
 
 @given(seeds, st.integers(1, 6))
 @settings(max_examples=30)
-def test_evaluate_is_scipys_bernstein_polynomial(seed: int, order: int) -> None:
+def test_evaluate_agrees_with_scipys_bernstein_polynomial(seed: int, order: int) -> None:
     control, u = controls(seed, order), np.linspace(0, 1, 17)
     assert np.allclose(evaluate(control, u), BPoly(control[:, None, :], [0, 1])(u), atol=1e-13)
     assert np.allclose(bernstein(order, u).sum(axis=1), 1.0)
@@ -36,7 +36,7 @@ def test_evaluate_is_scipys_bernstein_polynomial(seed: int, order: int) -> None:
 
 @given(seeds, st.floats(0.05, 0.95))
 @settings(max_examples=30)
-def test_split_gives_the_same_curve_in_two(seed: int, at: float) -> None:
+def test_split_returns_two_parts_of_the_same_curve(seed: int, at: float) -> None:
     control, u = controls(seed), np.linspace(0, 1, 9)
     left, right = split(control, at)
     assert np.allclose(evaluate(left, u), evaluate(control, at * u), atol=1e-13)
@@ -45,7 +45,7 @@ def test_split_gives_the_same_curve_in_two(seed: int, at: float) -> None:
 
 @given(seeds)
 @settings(max_examples=8)
-def test_length_is_the_integral_of_speed(seed: int) -> None:
+def test_the_length_is_the_integral_of_the_speed(seed: int) -> None:
     control = controls(seed)
     derivative = 3 * np.diff(control, axis=0)
     exact, _ = quad(lambda u: float(np.linalg.norm(evaluate(derivative, u)[0])), 0, 1, epsabs=1e-12, limit=500)
@@ -53,12 +53,12 @@ def test_length_is_the_integral_of_speed(seed: int) -> None:
     assert arc_lengths(control)[1][-1] == pytest.approx(exact, rel=1e-6)
 
 
-def test_length_of_a_line_and_of_a_point() -> None:
+def test_the_length_of_a_line_and_of_a_point_is_exact() -> None:
     assert length(np.linspace([0, 0, 0], [0.3, 0.4, 0], 4)) == pytest.approx(0.5, abs=1e-15)
     assert length(np.zeros((4, 3))) == 0.0
 
 
-def test_the_papers_first_guess() -> None:
+def test_the_initial_controls_are_those_of_the_paper() -> None:
     start, end = np.array([0.7, 0.2, 0.0]), np.array([0.4, 0.2, 0.0])
     expected = [start, [0.6, 0.2, 0.1], [0.5, 0.2, 0.1], end]
     assert np.allclose(initial_controls(start, end), expected)

@@ -52,8 +52,8 @@ def test_a_linear_problem_is_solved_exactly(seed: int) -> None:
     assert np.allclose(result.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
 
 
-def test_a_scalar_residual_of_many_variables_goes_down() -> None:
-    """The paper's use: one number, its square minimised."""
+def test_a_scalar_residual_of_many_variables_decreases() -> None:
+    """As in the paper, the residual is one number whose square is minimised."""
     options = SecantOptions(delta=0.1, max_evaluations=80)
     result = secant_levenberg_marquardt(lambda x: np.array([1 + np.sum((x - 0.3) ** 2)]), np.zeros(6), options)
     assert result.residual[0] < 1.05
@@ -65,7 +65,7 @@ def test_broydens_update_is_the_smallest_that_satisfies_the_secant_equation() ->
     new = _broyden(B, h, df)
     assert np.allclose(new @ h, df)
     across = np.cross(h, [0.3, -1.0, 0.2])
-    assert np.allclose(new @ across, B @ across), "nothing changes across the step"
+    assert np.allclose(new @ across, B @ across), "the update does not change directions across the step"
 
 
 def test_the_budget_is_kept_and_the_best_point_returned() -> None:
@@ -83,7 +83,7 @@ def test_the_budget_is_kept_and_the_best_point_returned() -> None:
         assert result.cost == min(seen)
 
 
-def test_differences_can_be_taken_side_by_side_with_the_same_result() -> None:
+def test_parallel_finite_differences_give_the_same_result() -> None:
     alone = secant_levenberg_marquardt(decay, np.array([1.0, 1.0, 0.0]), FINE)
     batches: list[int] = []
 

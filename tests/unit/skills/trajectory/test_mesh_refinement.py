@@ -13,8 +13,9 @@ from skills.trajectory.problem import FoldProblem
 
 
 @pytest.mark.parametrize("name", ["medium_towel", "pants"])
-def test_a_finer_mesh_lies_where_the_coarse_one_lies(name: str) -> None:
-    """A turn and a slope carry over exactly, on each layer; the finer mesh covers as much, with more vertices."""
+def test_a_finer_mesh_has_the_place_of_the_coarse_one(name: str) -> None:
+    """A turn and a slope are transferred exactly, on each layer. The finer mesh covers the same area with more
+    vertices."""
     garment = load_garment(name)
     state = garment.flat_state(*garment.poses.middle)
     step = plan_folds(state, garment).unwrap()[0]
@@ -33,6 +34,6 @@ def test_a_finer_mesh_lies_where_the_coarse_one_lies(name: str) -> None:
     assert np.allclose(finer.positions[:, :2], flat[:, :2], atol=1e-9)
     above = finer.positions[:, 2] - flat[:, 2]
     assert np.abs(above[finer.mesh.layer == 0]).max() < 1e-9
-    assert above.min() > -1e-9 and above.max() < 0.01 + 1e-9, "between the layers where they are welded"
+    assert above.min() > -1e-9 and above.max() < 0.01 + 1e-9, "welded vertices are between the layers"
     assert finer.step is step and finer.target.shape == finer.positions.shape
     assert np.allclose(carried(mesh, where, mesh.rest, mesh.layer), where, atol=1e-9)

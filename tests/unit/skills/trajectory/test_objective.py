@@ -14,24 +14,24 @@ TRIANGLES = Delaunay(FLAT).simplices
 TARGET = np.column_stack([FLAT, np.zeros(len(FLAT))])
 
 
-def test_areas_sum_to_the_rectangle_in_the_plane_and_in_space() -> None:
+def test_triangle_areas_sum_to_the_rectangle_in_the_plane_and_in_space() -> None:
     assert triangle_areas(FLAT, TRIANGLES).sum() == pytest.approx(0.24)
     tilted = TARGET @ np.linalg.qr(RNG.normal(size=(3, 3)))[0]
     assert triangle_areas(tilted, TRIANGLES).sum() == pytest.approx(0.24)
 
 
-def test_a_shift_counts_as_its_length_and_no_shift_as_nothing() -> None:
+def test_the_dissimilarity_of_a_shifted_garment_is_the_length_of_the_shift() -> None:
     assert dissimilarity(TARGET, TARGET, TRIANGLES) == 0.0
     shifted = TARGET + np.array([0.003, -0.004, 0.012])
     assert dissimilarity(TARGET, shifted, TRIANGLES) == pytest.approx(0.013)
 
 
-def test_a_tilt_is_the_mean_of_the_lift() -> None:
+def test_the_dissimilarity_of_a_tilted_garment_is_its_mean_lift() -> None:
     lifted = TARGET + np.column_stack([np.zeros((len(FLAT), 2)), 0.1 * FLAT[:, 0]])
     assert dissimilarity(TARGET, lifted, TRIANGLES) == pytest.approx(0.1 * 0.3, rel=1e-6)
 
 
-def test_rest_areas_weigh_triangles_that_the_target_has_folded_flat() -> None:
+def test_triangles_are_weighted_by_their_rest_areas() -> None:
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0.0]])
     triangles = np.array([[0, 1, 2], [0, 1, 3]])
     moved = vertices.copy()
@@ -40,5 +40,5 @@ def test_rest_areas_weigh_triangles_that_the_target_has_folded_flat() -> None:
     assert dissimilarity(vertices, moved, triangles, area=np.array([1.0, 1.0])) == pytest.approx(0.2)
 
 
-def test_cost_adds_the_lengths_of_all_arms() -> None:
+def test_the_cost_adds_the_path_lengths_of_all_arms() -> None:
     assert cost(np.array([0.5, 0.6]), 0.002) == pytest.approx(1.1 + ALPHA * 0.002)

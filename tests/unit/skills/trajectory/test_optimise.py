@@ -31,7 +31,7 @@ TOWEL = load_garment("medium_towel")
 STATE = TOWEL.flat_state(0.58, 0.0)
 HALF, QUARTER = plan_folds(STATE, TOWEL).unwrap()
 BEST = np.array([0.25, 0.6, 0.85, 0.45])
-"""Way and height of both inner points, in the fold's frame, of the arc that the stand-in likes best."""
+"""Distance and height of both inner control points, in the fold's frame, of the stand-in's best arc."""
 
 
 @dataclass
@@ -56,7 +56,8 @@ FLAT = np.column_stack([MESH.rest, np.zeros(len(MESH.rest))])
 
 
 class Bowl:
-    """D grows with the distance of the tool's path from a wanted one; counts its calls; may take its time."""
+    """A stand-in simulation whose D grows with the distance of the tool's path from the best arc. It counts its
+    calls and may be slow."""
 
     def __init__(self, step=HALF, scale=0.05, delays=False, best=BEST):  # type: ignore[no-untyped-def]
         self.lines = step.lines
@@ -85,21 +86,21 @@ def run(method: str, bowl: Bowl, **more):  # type: ignore[no-untyped-def]
     return optimise_fold(HALF, MESH, FLAT, TOWEL.material, method, predict=bowl, lift_height=0.0, **more)
 
 
-def test_default_comes_near_the_best_arc_and_beats_the_two_baselines() -> None:
-    """With a budget that leaves room for a polish."""
+def test_the_default_method_comes_near_the_best_arc_and_beats_both_baselines() -> None:
+    """The budget is large enough for a polish."""
     methods = ("initial", "two_parameter", "default")
     figures = {m: run(m, Bowl(), budget=40).notes["dissimilarity_m"] for m in methods}
     assert figures["default"] <= figures["two_parameter"] <= figures["initial"]
     assert figures["default"] - 0.002 < 0.15 * (figures["initial"] - 0.002)
 
 
-def test_the_papers_method_improves_its_first_guess() -> None:
+def test_the_papers_method_improves_the_initial_arc() -> None:
     outcome = run("paper", Bowl())
     assert outcome.notes["dissimilarity_m"] < 0.8 * outcome.notes["dissimilarity_initial_m"]
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_the_budget_is_kept_and_the_figures_are_those_of_the_result(method: str) -> None:
+def test_the_budget_is_kept_and_the_notes_agree_with_the_result(method: str) -> None:
     seen: list[tuple[int, int, float]] = []
     bowl = Bowl()
     outcome = run(method, bowl, budget=18, progress=lambda *a: seen.append(a))
@@ -155,12 +156,12 @@ def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         plain, _ = evaluator.many([low, high])
-        assert evaluator.best is plain, "the better as planned"
+        assert evaluator.best is plain, "the plain arc is better without mishaps"
         chosen = most_robust(evaluator, plain, 2)
         taken = evaluator.count
         assert taken == 2 + simulations(2) == 2 + 2 + 2 * len(MISHAPS), "every simulation is counted"
         assert chosen.controls is high
-        assert chosen.dissimilarity == pytest.approx(0.005), "the figure is that of the fold as it is planned"
+        assert chosen.dissimilarity == pytest.approx(0.005), "D is that of the fold without mishaps"
         assert most_robust(evaluator, plain, 1) is plain and evaluator.count == taken
 
 
@@ -181,7 +182,7 @@ def test_the_plain_arc_is_kept_if_the_gain_is_within_noise() -> None:
             assert most_robust(evaluator, simple, 3).controls is arcs[expected]
 
 
-def test_mishaps_are_simulated_only_for_arcs_that_can_still_win() -> None:
+def test_mishaps_are_simulated_only_for_arcs_that_can_still_be_chosen() -> None:
     again: list[float] = []
 
     def level(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -196,12 +197,17 @@ def test_mishaps_are_simulated_only_for_arcs_that_can_still_win() -> None:
         again.clear()
         assert most_robust(evaluator, high, 2) is low
     assert sum(top < 0.2 for top in again) == 1 + len(MISHAPS)
-    assert sum(top > 0.2 for top in again) == 1, "as planned, on the finer mesh"
+    assert sum(top > 0.2 for top in again) == 1, (
+        "this arc is simulated once more, without mishaps on the finer mesh"
+    )
 
 
 @pytest.mark.parametrize(("better_with_mishaps", "kept"), [(0.0, True), (0.002, False)])
-def test_the_plain_arc_is_not_kept_where_it_is_worse_as_planned(better_with_mishaps: float, kept: bool) -> None:
-    """On the whole it comes to as much both times; as planned it is a little worse, or much."""
+def test_the_plain_arc_is_not_kept_if_it_is_much_worse_without_mishaps(
+    better_with_mishaps: float, kept: bool
+) -> None:
+    """The plain arc's mean over all simulations is nearly equal in both cases. Without mishaps it is a little
+    worse or much worse."""
 
     def fold(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         low = max(p.position[:, 2].max() for p in paths.values()) < 0.2
@@ -218,7 +224,7 @@ def test_the_plain_arc_is_not_kept_where_it_is_worse_as_planned(better_with_mish
         assert most_robust(evaluator, plain, 2) is (plain if kept else high)
 
 
-def test_an_arc_that_is_good_on_one_mesh_only_is_rejected() -> None:
+def test_an_arc_that_is_good_on_only_one_mesh_is_rejected() -> None:
 
     def lucky(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         low = max(p.position[:, 2].max() for p in paths.values()) < 0.2
@@ -235,7 +241,7 @@ def test_an_arc_that_is_good_on_one_mesh_only_is_rejected() -> None:
 
 @pytest.mark.parametrize(("gain", "simulations"), [(0.0, 4), (0.1, 4), (0.3, 11)])
 def test_the_search_ends_early_if_the_arc_does_not_matter(gain: float, simulations: int) -> None:
-    """A stack that opens again by itself leaves D as it is, whatever the arc: then the plain one is kept."""
+    """If a stack opens again by itself, D does not depend on the arc, and the plain arc is kept."""
 
     def stack(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         steep = max(p.position[:, 2].max() for p in paths.values()) > 0.22
@@ -246,14 +252,15 @@ def test_the_search_ends_early_if_the_arc_does_not_matter(gain: float, simulatio
     if simulations == 4:
         assert notes["simulations"] == 4 and notes["dissimilarity_m"] == pytest.approx(0.008)
         inner = np.concatenate([c[1:-1, 2] for c in outcome.unwrap().control_points.values()])
-        assert np.allclose(inner, 0.45 * 0.58, atol=0.01), "the plain arc"
+        assert np.allclose(inner, 0.45 * 0.58, atol=0.01), "the result is the plain arc"
     else:
         assert notes["simulations"] >= simulations
         assert notes["dissimilarity_m"] == pytest.approx(0.008 * (1 - gain))
 
 
-def test_each_mishap_changes_what_its_name_says() -> None:
-    """Tools off along the fold's normal and its line, leaning hands, another table: seen by the simulation."""
+def test_a_mishap_changes_tools_friction_and_bending_as_stated() -> None:
+    """The simulation gets tools that are off along the fold's normal and line, leaning hands, and another friction
+    and bending length."""
     met = []
 
     def keep(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -277,7 +284,7 @@ def test_each_mishap_changes_what_its_name_says() -> None:
         assert np.allclose(planned[i].pitch, 0.0)
 
 
-def test_single_arm_folds_are_optimised_too() -> None:
+def test_a_fold_with_one_arm_can_be_optimised() -> None:
     from dataclasses import replace
 
     one = replace(
@@ -295,10 +302,9 @@ def test_a_warm_start_counts_as_a_candidate() -> None:
 
 
 @pytest.mark.parametrize("method", ["two_parameter", "default"])
-def test_a_polish_begins_with_the_cost_of_the_arcs_that_it_begins_with(
-    method: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The best so far is a warm start whose arms differ, which no height, skew or shared point states."""
+def test_a_polish_begins_with_the_cost_of_its_start(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best candidate so far is a warm start with different arcs per arm, which height, skew or shared points
+    cannot express."""
     polish, begun = optimise.secant_levenberg_marquardt, []
 
     def watched(residual, x0, options, many=None, f0=None):  # type: ignore[no-untyped-def]
@@ -322,8 +328,8 @@ def test_a_polish_from_other_arcs_keeps_the_budget() -> None:
 
 
 def test_a_look_up_is_an_optimisation_without_iterations() -> None:
-    """Arcs that come to what they promised are the result after one simulation; where they do not, the search goes
-    on from them and is the same as one that they only began."""
+    """Arcs with the promised D are the result after one simulation. Otherwise the search continues and equals a
+    search with these arcs as a warm start."""
     bowl = Bowl()
     outcome = run("default", bowl, start=bowl.wanted, promised=0.001)
     assert bowl.calls == 1 == outcome.notes["simulations"] and outcome.notes["method"] == "library"
@@ -353,11 +359,14 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
         ((0.004, 0.005), 0.004, False),
     ],
 )
-def test_arcs_short_of_their_promise_are_kept_if_they_gain_as_much(
+def test_arcs_worse_than_promised_are_kept_if_their_gain_is_as_large(
     there: tuple[float, float], guess: float, kept: bool
 ) -> None:
-    """Here the looked-up arcs come to 6 mm and the first guess to `guess`. There: promised, first guess. Those
-    that gained next to nothing there must not be worse than the first guess here."""
+    """Here D is 6 mm for the looked-up arcs and `guess` for the initial arc. there: promised D and D of the
+    initial arc in the library's case.
+
+    Arcs that gained almost nothing there must not be worse than the initial arc here.
+    """
     bowl = Bowl()
 
     def here(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -367,10 +376,10 @@ def test_arcs_short_of_their_promise_are_kept_if_they_gain_as_much(
 
     promised, initial = there
     outcome = run("initial", here, start=bowl.wanted, promised=promised, promised_initial=initial)  # type: ignore
-    assert bowl.calls == outcome.notes["simulations"] == 2, "the arcs, and the first guess to compare them with"
+    assert bowl.calls == outcome.notes["simulations"] == 2, "the looked-up arcs and the initial arc are simulated"
     assert (outcome.unwrap().source == "library") is kept
     trusting = run("initial", here, start=bowl.wanted, promised=0.0055, promised_initial=initial)  # type: ignore
-    assert trusting.notes["simulations"] == 1 and trusting.unwrap().source == "library", "near its promise"
+    assert trusting.notes["simulations"] == 1 and trusting.unwrap().source == "library", "D is near its promise"
 
 
 def test_every_candidate_is_shown_with_the_best_so_far() -> None:
@@ -383,9 +392,7 @@ def test_every_candidate_is_shown_with_the_best_so_far() -> None:
 
 
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0.05, 3), st.floats(0.05, 3))
-def test_acceptance_is_one_limit_that_a_promise_can_only_lower(
-    d: float, promised: float, a: float, b: float
-) -> None:
+def test_a_promise_can_only_lower_the_acceptance_limit(d: float, promised: float, a: float, b: float) -> None:
     rest = np.array([[0, 0], [a, 0], [a, b], [0, b]])
     own, with_promise = acceptance_limit(rest), acceptance_limit(rest, promised)
     assert own == pytest.approx(POOR_SHARE * np.hypot(a, b)) and with_promise == min(own, promised + PROMISE_SLACK)
@@ -394,10 +401,10 @@ def test_acceptance_is_one_limit_that_a_promise_can_only_lower(
     if failure is not None:
         assert failure.kind is FailureKind.PREDICTION_POOR and failure.values["limit_m"] == own
     if judge_prediction("half", d, with_promise) is None:
-        assert failure is None, "what keeps a promise is accepted without one"
+        assert failure is None, "a trajectory accepted with a promise is also accepted without one"
 
 
-def test_a_garment_that_lies_turned_is_accepted_by_the_same_limit() -> None:
+def test_the_acceptance_limit_does_not_depend_on_the_garments_turn() -> None:
     limits = [acceptance_limit(TOWEL.place(0.6, 0.0, angle)) for angle in (-0.3, 0.0, 0.17, 1.2)]
     assert limits == pytest.approx([POOR_SHARE * np.hypot(*TOWEL.size_m)] * 4)
 
@@ -423,7 +430,7 @@ def test_the_optimiser_fails_if_every_simulation_fails() -> None:
     assert failure is not None and failure.kind is FailureKind.OPTIMISER_FAILED
 
 
-def test_a_fold_that_no_arc_makes_well_is_refused_with_its_figures() -> None:
+def test_a_fold_without_a_good_arc_is_refused_with_its_figures() -> None:
     def poor(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         return FLAT
 
@@ -432,7 +439,7 @@ def test_a_fold_that_no_arc_makes_well_is_refused_with_its_figures() -> None:
     assert failure.values["dissimilarity_m"] > failure.values["limit_m"] > 0
 
 
-def test_a_bug_in_the_simulation_is_not_swallowed() -> None:
+def test_an_exception_in_the_simulation_propagates() -> None:
     def broken(mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
         raise IndexError("a bug")
 

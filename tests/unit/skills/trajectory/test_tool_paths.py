@@ -1,4 +1,4 @@
-"""Tool paths: smooth, within the speed cap, on the curve, one clock for both arms."""
+"""Tool paths: they are smooth, within the speed cap and on the curve, and both arms have the same times."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CONTROLS = {s: initial_controls(f.start, f.end) for s, f in frames_of(STEP, TOWE
 
 @given(st.floats(0.01, 2.0), st.floats(0.05, 1.0))
 @settings(max_examples=50)
-def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) -> None:
+def test_the_speed_law_covers_the_length_within_its_caps(length: float, cap: float) -> None:
     law = SpeedLaw.fastest(length, cap)
     t = np.linspace(0, law.duration, 2001)
     s = law.distance(t)
@@ -41,12 +41,12 @@ def test_speed_law_covers_the_length_within_its_caps(length: float, cap: float) 
     assert np.abs(a).max() <= TOOL_ACCELERATION * 1.01
     assert max(v[0], v[-1]) <= TOOL_ACCELERATION * t[1]
     tight = v.max() > 0.999 * cap or np.abs(a).max() > 0.98 * TOOL_ACCELERATION
-    assert tight, "a law that touches no cap is not the fastest"
+    assert tight, "the fastest law reaches at least one cap"
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.3, 8.0))
 @settings(max_examples=50)
-def test_a_law_of_given_duration_takes_it(length: float, duration: float) -> None:
+def test_a_speed_law_of_given_duration_has_this_duration(length: float, duration: float) -> None:
     law = SpeedLaw.lasting(length, duration)
     assert law.duration == pytest.approx(duration, rel=1e-9)
     assert law.distance(np.array([duration]))[0] == pytest.approx(length, rel=1e-9)
@@ -54,13 +54,13 @@ def test_a_law_of_given_duration_takes_it(length: float, duration: float) -> Non
     assert (speed > -1e-12).all()
 
 
-def test_lasting_is_the_inverse_of_fastest() -> None:
+def test_the_law_of_the_fastest_duration_equals_the_fastest_law() -> None:
     law = SpeedLaw.fastest(0.6, 0.35)
     again = SpeedLaw.lasting(0.6, law.duration)
     assert (again.top, again.ramp) == pytest.approx((law.top, law.ramp))
 
 
-def test_distance_is_the_integral_of_the_stated_speed() -> None:
+def test_the_distance_is_the_integral_of_the_speed() -> None:
     law = SpeedLaw.fastest(0.6, 0.35)
 
     def speed(t: float) -> float:
@@ -88,7 +88,7 @@ def test_paths_begin_at_the_grasp_rise_first_and_end_at_the_release() -> None:
     assert (paths[GraspId.LEFT].t == paths[GraspId.RIGHT].t).all()
 
 
-def test_arms_of_different_arcs_start_and_stop_together_at_the_same_share() -> None:
+def test_arms_with_different_arcs_are_always_at_the_same_share_of_their_arcs() -> None:
     longer = CONTROLS[GraspId.LEFT] * (1, 1, 2)
     controls = {GraspId.LEFT: longer, GraspId.RIGHT: CONTROLS[GraspId.RIGHT]}
     paths = fold_paths(controls, {GraspId.LEFT: 0.0, GraspId.RIGHT: 0.0}, fold_duration(controls, 0.35))
@@ -121,7 +121,7 @@ def test_a_lift_goes_straight_up_to_where_the_path_begins() -> None:
     assert raised.position[0] == pytest.approx(path.position[0] - [0.0, 0.0, 0.03])
     assert np.all(up[:, 2] > 0) and np.allclose(up[:, :2], 0.0, atol=1e-12)
     assert np.array_equal(raised.position[n:], path.position)
-    # `lifted` begins at the grasp: it moves the arc's start up, and the offset fades
+    # `lifted` moves the arc's start up from the grasp, and the offset fades out
     of_grasp = lifted(path, 0.03)
     assert of_grasp.position[0] == pytest.approx(path.position[0])
     assert of_grasp.position[n] == pytest.approx(path.position[0] + [0.0, 0.0, 0.03])

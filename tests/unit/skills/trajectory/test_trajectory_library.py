@@ -1,4 +1,4 @@
-"""The trajectory library keeps, scales and verifies its entries."""
+"""The trajectory library stores, scales and verifies its entries."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ points = st.tuples(st.floats(0.3, 0.9), st.floats(-0.4, 0.4), st.floats(0, 0.01)
 
 @given(points, points, st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_normalising_is_undone_and_keeps_shape(start: np.ndarray, end: np.ndarray, seed: int) -> None:
+def test_denormalising_restores_the_arc_and_keeps_its_shape(start: np.ndarray, end: np.ndarray, seed: int) -> None:
     if np.linalg.norm((end - start)[:2]) < 0.05:
         return
     frame = FoldFrame(start, end)
@@ -65,7 +65,7 @@ def test_normalising_is_undone_and_keeps_shape(start: np.ndarray, end: np.ndarra
     )
 
 
-def test_an_entry_gives_back_its_own_trajectory() -> None:
+def test_an_entry_returns_its_own_trajectory() -> None:
     found = trajectory_from(entry(), HALF, TOWEL.material.thickness)
     assert found is not None and found.source == "library" and found.simulations == 0
     for i, control in trajectory(HALF).control_points.items():
@@ -97,10 +97,10 @@ def test_a_single_arm_arc_is_mirrored_for_the_other_arm() -> None:
     assert found is not None
     frame = frames_of(right, TOWEL.material.thickness)[GraspId.RIGHT]
     assert np.allclose(frame.normalise(found.control_points[GraspId.RIGHT]), [[0.3, -0.1, 0.4], [0.7, -0.05, 0.4]])
-    assert trajectory_from(one, HALF, TOWEL.material.thickness) is None, "one arc does not make two"
+    assert trajectory_from(one, HALF, TOWEL.material.thickness) is None, "one arc is not used for two arms"
 
 
-def test_lookup_takes_the_nearest_and_only_within_limits() -> None:
+def test_the_lookup_takes_the_nearest_entry_within_limits() -> None:
     small, large = entry(size_m=(0.36, 0.54)), entry(size_m=(0.46, 0.69), garment="big")
     other = entry(QUARTER)
     library = Library((small, large, other))
@@ -118,14 +118,14 @@ def test_lookup_takes_the_nearest_and_only_within_limits() -> None:
     assert find(variant="other") is None and find(variant="far_onto_near") is small
 
 
-def test_a_nearer_fabric_wins_at_equal_size() -> None:
+def test_a_more_similar_fabric_is_preferred_at_equal_size() -> None:
     stiff = entry(material=replace(TOWEL.material, bending_length=1.5 * TOWEL.material.bending_length))
     library = Library((stiff, entry()))
     assert lookup(library, "towel", "half", TOWEL.material, TOWEL.size_m) is library.entries[1]
     assert lookup(library, "towel", "half", stiff.material, TOWEL.size_m) is stiff
 
 
-def test_text_and_back_is_the_same_library() -> None:
+def test_a_library_reads_back_from_its_text() -> None:
     library = Library((entry(), entry(QUARTER)))
     back, refused = from_json(to_json(library))
     assert not refused
@@ -142,7 +142,7 @@ def test_a_new_entry_replaces_only_its_predecessor() -> None:
 
 
 def _resigned(change: dict[str, object]) -> str:
-    """An altered entry with a matching hash."""
+    """An altered entry whose hash matches."""
     data = json.loads(to_json(Library((entry(),))))
     row = {k: v for k, v in data["entries"][0].items() if k != "sha256"} | change
     data["entries"] = [{"sha256": _digest(row), **row}]
@@ -172,7 +172,7 @@ def test_invalid_entries_are_refused_even_with_a_right_hash(change: dict[str, ob
     assert len(refused[0].reason) > 10
 
 
-def test_an_edited_entry_is_refused_and_its_neighbour_kept() -> None:
+def test_an_edited_entry_is_refused_and_other_entries_are_kept() -> None:
     text = to_json(Library((entry(), entry(QUARTER)))).replace('"simulations": 25', '"simulations": 24', 1)
     library, refused = from_json(text)
     assert [e.step for e in library.entries] == ["quarter"]

@@ -1,4 +1,4 @@
-"""The director of HIL scripts: its actions happen at their cell time."""
+"""The director of HIL scripts: each action happens at its cell time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def a_script(*actions: dict[str, Any], **expect: Any) -> Script:
 
 @pytest.fixture(autouse=True)
 def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A director's guard against a clock that stands still outlives a test that does not close it."""
+    """Without this, a director's guard against a stopped clock would act after a test that does not close the
+    director."""
     monkeypatch.setattr(directing, "WALL_FACTOR", 1e4)
 
 
@@ -50,7 +51,7 @@ def enter(director: Director, state: State, cell: FakeCell) -> None:
 
 
 class Diary:
-    """An agenda that writes down when it was called."""
+    """A schedule that notes the times of its calls."""
 
     def __init__(self, due: list[float], cell: FakeCell) -> None:
         self._due, self._cell, self.done = sorted(due), cell, []
@@ -71,7 +72,7 @@ def test_scheduled_actions_happen_at_their_time_for_any_sleeps(due: list[float],
     clock = ScheduledClock(cell.ports().clock, diary)
     for t in sorted(sleeps):
         clock.sleep_until(t)
-        assert clock.now() == t, "the sleeper wakes when it asked to"
+        assert clock.now() == t, "the sleep ends at the requested time"
     assert diary.done == [(t, t) for t in sorted(due) if t <= max(sleeps)]
 
 
@@ -83,7 +84,7 @@ def test_a_command_falls_between_two_set_points() -> None:
     assert commands.take(PAUSE) is Event.PAUSE and cell.now == 0.26
 
 
-def test_states_count_their_visits() -> None:
+def test_an_action_can_wait_for_a_later_visit_of_a_state() -> None:
     second = {"state": "folding", "visit": 2, "after_s": 0.5}
     director, ports, cell, _, told = begun({"when": second, "tell": "now"})
     for _ in range(2):
@@ -120,7 +121,7 @@ def test_a_command_that_was_never_taken_breaks_the_script() -> None:
 
 def test_an_error_in_a_script_action_does_not_end_the_run() -> None:
     director, ports, *_ = begun({"when": {"time_s": 1.0}, "fault": {"kind": "no_garment"}})
-    ports.clock.sleep_until(2.0)  # the fake is no simulated cell
+    ports.clock.sleep_until(2.0)  # the fake cell has no simulation, so the fault cannot be injected
     (trouble,) = director.seen().trouble
     assert "simulated cell" in trouble
     (broken, *_) = broken_expectations(a_script(), result(), director.seen())
@@ -145,7 +146,7 @@ def test_a_run_without_end_is_aborted() -> None:
     assert commands.take(frozenset({Event.ABORT})) is Event.ABORT and director.seen().overdue
     assert not ports.stop.state().stopped
     ports.clock.sleep_until(661.0)
-    assert ports.stop.state().stopped, "what does not heed that is stopped"
+    assert ports.stop.state().stopped, "a run that ignores the abort is stopped"
     (broken, *_) = broken_expectations(a_script(), result(), director.seen())
     assert "still running after 600 s" in broken
     director.close()
@@ -165,7 +166,7 @@ FAILED = Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "look aga
 
 
 def played(monkeypatch: pytest.MonkeyPatch, script: Script, *, away: float = 0.0) -> Director:
-    """A run that folds, after one missed grasp."""
+    """A run that folds after one missed grasp."""
     cell, commands = FakeCell(np.full(14, away)), CommandQueue()
     director = Director(script, np.zeros(14), lambda line: None)
     director.begin(OpenCell(cell.ports()), commands)
@@ -203,7 +204,7 @@ def test_a_run_that_meets_its_expectations_passes(monkeypatch: pytest.MonkeyPatc
         ({"parked": False}, "the arms were parked"),
     ],
 )
-def test_each_expectation_can_be_broken(
+def test_each_unmet_expectation_is_reported(
     expect: dict[str, Any], said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = a_script(**{**MET, **expect})
@@ -211,7 +212,7 @@ def test_each_expectation_can_be_broken(
     assert len(broken) == 1 and said in broken[0]
 
 
-def test_arms_that_are_not_at_rest_are_not_parked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_arms_away_from_the_rest_pose_do_not_count_as_parked(monkeypatch: pytest.MonkeyPatch) -> None:
     script = a_script(parked=True)
     (broken,) = broken_expectations(script, result(), played(monkeypatch, script, away=0.1).seen())
     assert "not parked" in broken

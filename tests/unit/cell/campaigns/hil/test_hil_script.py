@@ -27,13 +27,13 @@ def script_file(folder: Path, **changes: Any) -> Path:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=[p.stem for p in SHIPPED])
-def test_every_shipped_script_can_be_performed(path: Path) -> None:
+def test_every_shipped_script_is_valid(path: Path) -> None:
     script = read_script(path)
     check_script(script, load_settings(), "sim")
     assert script.name == path.stem
 
 
-def test_all_fields_of_a_script_are_read(tmp_path: Path) -> None:
+def test_every_field_of_a_script_is_read(tmp_path: Path) -> None:
     script = read_script(script_file(
         tmp_path, seed=7, attended=True, cell={"optimiser": {"simulations": 5}},
         do=[
@@ -87,7 +87,7 @@ def test_invalid_input_is_refused_with_its_reason(changes: dict[str, Any], said:
 
 
 @pytest.mark.parametrize("content", [b"", b"- a", b"about: [", b"\xff\xfe", b"about: x\nabout: y"])
-def test_files_that_are_no_scripts_are_refused(content: bytes, tmp_path: Path) -> None:
+def test_other_files_are_refused_as_scripts(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "script.yaml"
     path.write_bytes(content)
     with pytest.raises(ConfigurationError):

@@ -18,7 +18,7 @@ from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 @pytest.mark.parametrize("turn", [-0.1, 0.0, 0.07])
 def test_drift_moves_the_whole_plan_with_the_outline(turn: float) -> None:
-    """The outline's middle is far from the vertices' where a sleeve lies folded over."""
+    """The drift is about a point far from the middle of the vertices, as with a sleeve that is folded over."""
     rng = np.random.default_rng(3)
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     t, middle = np.array([0.012, -0.004]), np.array([0.9, 0.3])
@@ -47,8 +47,7 @@ def test_drift_moves_the_whole_plan_with_the_outline(turn: float) -> None:
     np.testing.assert_allclose(there.targets[GraspId.LEFT][:2], moved(np.array([0.7, 0.1])), atol=1e-12)
 
 
-def test_the_remaining_plan_is_made_again_at_the_drifted_position() -> None:
-    """From the flat garment that moved along, as the plan that moved along says it."""
+def test_a_plan_made_from_the_drifted_garment_equals_the_drifted_plan() -> None:
     towel = load_garment("medium_towel")
     flat = towel.flat_state(*towel.poses.middle)
     steps = plan_folds(flat, towel).unwrap()

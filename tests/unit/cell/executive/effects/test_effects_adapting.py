@@ -1,4 +1,4 @@
-"""Learning friction from a fold: only a fold that dragged cloth is computed."""
+"""Learning friction from a fold: only a fold that dragged cloth is simulated."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MU = TOWEL.material.friction_static
 
 
 class View:
-    """Looks from straight above."""
+    """A view from straight above."""
 
     def shadow_on_table(self, xyz: Array) -> Array:
         return np.asarray(xyz)[:, :2]
@@ -49,7 +49,7 @@ def settings(adapting: bool) -> CellSettings:
 
 
 def motion() -> Any:
-    """A fold, begun from the lifted grasps, drawn up and over so high that it drags what should rest."""
+    """A fold from the lifted grasps that is so high that it drags the part at rest."""
     controls, half = {}, STEPS[0]
     for i, grasp in half.grasps.items():
         start, end = np.append(grasp.point, LIFT_HEIGHT), half.targets[i]
@@ -72,7 +72,7 @@ def outline(vertices: Array, mesh: ClothMesh) -> Array:
 
 
 class Told:
-    """Takes the place of the recorder."""
+    """A recorder that notes what it is told about friction."""
 
     def __init__(self) -> None:
         self.heard: list[tuple[float, float, float]] = []
@@ -95,7 +95,8 @@ def predicted(workers: ThreadPoolExecutor) -> Array:
 def after(
     workers: ThreadPoolExecutor, predicted: Array, contour: Array, *, on: bool = True, index: int = 0
 ) -> Any:
-    """What is believed after a fold that left this outline, the record, the clock and what the view was told."""
+    """The friction after a fold that left this outline, the journal record, the time spent, and the calls of the
+    recorder."""
     clock, told = FakeCell(), Told()
     cell = fake_workcell(clock, workers, expected=TOWEL, recorder=told, settings=settings(on))
     seen: Any = SimpleNamespace(contour=contour, view=View())
@@ -119,7 +120,7 @@ def test_a_fold_as_predicted_needs_no_adaptation(workers: ThreadPoolExecutor, pr
 def test_the_friction_estimate_follows_the_observed_drag(
     workers: ThreadPoolExecutor, predicted: Array, factor: float
 ) -> None:
-    """Seen in a world with another mesh; within the bound; charged, on record and shown."""
+    """The outline comes from a world with another mesh. The update is bounded, charged, recorded and shown."""
     world = mesh_from_contour(STATE.contour, 0.026, TOWEL.layers, 0.4)
     cell = fake_workcell(FakeCell(), workers)
     contour = outline(folded(cell, world, TOWEL.material.with_friction(factor * MU)), world)

@@ -1,4 +1,4 @@
-"""The choice after a failure, and questions to the operator: limits, dwell, time that is not charged."""
+"""The choice of a recovery after a failure, and questions to the operator: limits, dwell, and uncharged time."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ choose_next = EFFECTS[Effect.CHOOSE_RECOVERY]
 
 
 SEEN = context_with(reference=FakeCell().ports().camera.capture())
-"""The empty table was photographed."""
+"""A context in which the empty table was photographed."""
 
 
 def failed(kind: FailureKind, times: int = 1, context: RunContext | None = None) -> RunContext:
@@ -49,7 +49,8 @@ def bounded(tmp_path: Path, **bounds: float) -> CellSettings:
 
 
 def test_a_pause_before_a_recovery_resumes_from_the_last_set_point() -> None:
-    """The arms are never read back exactly where they were sent: a set-point at the reading is a jump."""
+    """The arms' reading always differs a little from the last set-point, so a set-point at the reading would be a
+    jump."""
     cell = FakeCell()
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.008)))
     choose_next(workcell, failed(K.CAMERA_FAULT, context=SEEN))
@@ -59,21 +60,21 @@ def test_a_pause_before_a_recovery_resumes_from_the_last_set_point() -> None:
 
 
 @pytest.mark.parametrize(("kind", "event"), [(K.DRIFT, Event.CARRY_ON), (K.OFF_TARGET, Event.GIVE_UP)])
-def test_a_displaced_last_fold_is_good_enough_and_a_misshapen_one_is_not(kind: FailureKind, event: Event) -> None:
+def test_a_displaced_last_fold_is_accepted_and_a_misshapen_one_is_not(kind: FailureKind, event: Event) -> None:
     plan: Any = (SimpleNamespace(name="half"),)
     context = context_with(SEEN, steps=plan, garment=load_garment("t_shirt"), carried=True)
-    for looks in (1, 2):  # also when it is looked at again: a run that was interrupted then
+    for looks in (1, 2):  # also at a second inspection, after a run was interrupted
         assert choose_next(fake_workcell(FakeCell()), failed(kind, looks, context)).event is event
 
 
 @pytest.mark.parametrize("kind", [K.DRIFT, K.MISSED_LAYER])
-def test_a_fold_that_was_not_carried_is_not_good_enough(kind: FailureKind) -> None:
+def test_a_fold_that_was_not_carried_is_not_accepted(kind: FailureKind) -> None:
     assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is Event.GIVE_UP
 
 
 @pytest.mark.parametrize("kind", list(RECOVERIES))
-def test_the_recoveries_of_a_row_are_used_in_order_and_end(kind: FailureKind) -> None:
-    accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # which leads past the fold
+def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: FailureKind) -> None:
+    accepted = RECOVERIES[kind][-1].event is Event.CARRY_ON  # the run continues after the fold
     context, tried = context_with(SEEN, carried=accepted, garment=load_garment("medium_towel")), []
     while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
@@ -84,7 +85,7 @@ def test_the_recoveries_of_a_row_are_used_in_order_and_end(kind: FailureKind) ->
         assert len(tried) < 10
     assert tried == [(r.event, r.adjust) for r in RECOVERIES[kind]]
     changes = [a for _, a in tried if a is not Adjustment.NONE]
-    if Adjustment.OTHER_VARIANT in changes:  # a fold that begins anew
+    if Adjustment.OTHER_VARIANT in changes:  # the fold is planned anew, without earlier adjustments
         changes = changes[changes.index(Adjustment.OTHER_VARIANT) :]
     assert list(context.fold.adjustments) == changes
 
@@ -101,12 +102,15 @@ def test_a_fold_is_retried_in_the_other_variant_of_the_plan(
         context, events = result.context, [*events, result.event]
         if result.event is Event.GIVE_UP:
             break
-        assert (context.fold.avoided == ()) == (result.event is Event.PLAN_AGAIN), "another way has other postures"
+        assert (context.fold.avoided == ()) == (result.event is Event.PLAN_AGAIN), (
+            "another variant has other postures, so none is avoided"
+        )
     assert events == [Event.GRASP_AGAIN] * 2 + [Event.PLAN_AGAIN] * (ways - 1) + [Event.GIVE_UP]
 
 
-def test_the_variant_does_not_change_with_the_hands_on_the_cloth() -> None:
-    """The garment was let go wherever it was: it is looked at first, and the plan made of that."""
+def test_the_variant_is_not_changed_while_the_hands_hold_cloth() -> None:
+    """The hands release the garment somewhere, so it is located first and the plan is made from the new
+    picture."""
     held: Any = {Side.LEFT: None}
     context = context_with(SEEN, garment=load_garment("pants"), held=held)
     result = choose_next(fake_workcell(FakeCell()), failed(K.UNREACHABLE, 3, context))
@@ -114,7 +118,7 @@ def test_the_variant_does_not_change_with_the_hands_on_the_cloth() -> None:
 
 
 def test_each_step_has_a_limit_on_retries(tmp_path: Path) -> None:
-    """Failures of ever new kinds must not add up to tries without end."""
+    """Failures of different kinds must not add up to endless retries."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=3))
     context, events = RunContext(), []
     for kind in (K.NO_CONTACT, K.SLIPPED, K.TRACKING_ERROR, K.OFF_TARGET, K.DRIFT):
@@ -137,7 +141,8 @@ def test_a_run_has_a_limit_on_retries_over_all_steps(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
 def test_a_good_enough_fold_is_accepted_at_the_retry_limit(tmp_path: Path, bounds: dict[str, int]) -> None:
-    """To carry on is no try: the garment that was folded at last, elsewhere, would be called not folded."""
+    """Accepting a fold is not a retry. Otherwise a garment whose last fold was displaced would count as not
+    folded."""
     workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, **bounds))
     two = ((0, "no_contact -> grasp_again"), (0, "slipped -> look_again"))
     tried = context_with(SEEN, carried=True, recoveries=two)
@@ -157,7 +162,7 @@ def test_recoveries_can_be_disabled(tmp_path: Path, attended: bool, event: Event
 def test_a_failure_without_a_recovery_row_is_not_retried(kind: FailureKind, attended: bool, event: Event) -> None:
     result = choose_next(fake_workcell(FakeCell(), attended=attended), failed(kind))
     assert result.event is event
-    assert result.context.recoveries == (), "asking or giving up is no recovery"
+    assert result.context.recoveries == (), "asking and giving up do not count as recoveries"
 
 
 def test_the_dwell_is_waited_with_the_arms_held(tmp_path: Path) -> None:
@@ -165,7 +170,7 @@ def test_the_dwell_is_waited_with_the_arms_held(tmp_path: Path) -> None:
     choose_next(fake_workcell(cell), failed(K.NO_GARMENT))
     assert cell.now == pytest.approx(1.0)
     gaps = [b - a for (a, _), (b, _) in zip(cell.commands, cell.commands[1:], strict=False)]
-    assert gaps and max(gaps) < 0.2, "the arms' commands timed out"
+    assert gaps and max(gaps) < 0.2, "no command to the arms times out"
     cell = FakeCell()
     choose_next(fake_workcell(cell, settings=bounded(tmp_path, dwell=2.0)), failed(K.OFF_TARGET))
     assert cell.now == pytest.approx(2.0)
@@ -191,7 +196,7 @@ def test_a_stop_ends_the_dwell() -> None:
         (pause, {Event.RESUME, Event.ABORT}),
     ],
 )
-def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
+def test_an_answer_ends_the_wait(ask, known: set[Event]) -> None:
     for answer in known:
         cell = FakeCell()
         cell.now = 20.0
@@ -201,13 +206,13 @@ def test_an_answer_ends_the_waiting(ask, known: set[Event]) -> None:
         assert result.event is answer
         assert result.record == {"command": answer.value}
         assert result.context.waited_s == pytest.approx(2.0 + cell.now - 20.0) and cell.now >= 20.3
-        assert cell.commands == [], "it moved while it asked"
+        assert cell.commands == [], "the arms get no command during a question"
         failure = result.context.failure
         assert (failure.kind if failure else None) is (K.ABORTED if answer is Event.ABORT else None)
 
 
 def test_a_retry_photographs_the_table_if_it_was_not_seen() -> None:
-    """The garment is laid after that: to look for it would find none."""
+    """The garment is laid after this picture, so looking for it before would fail."""
     assert choose_next(fake_workcell(FakeCell()), failed(K.CAMERA_FAULT)).event is Event.START_OVER
     cell = FakeCell()
     workcell = fake_workcell(cell)
@@ -224,7 +229,7 @@ def test_a_retry_looks_for_the_garment_if_no_reference_picture_is_taken(tmp_path
 
 @pytest.mark.parametrize("kind", [K.CAMERA_FAULT, K.NO_GARMENT, K.STUCK_ON_FINGER])
 def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> None:
-    """Otherwise a folded garment could be recognised as a smaller flat one."""
+    """Without the inspection, a folded garment could be recognised as a smaller flat one."""
     carried = failed(kind, context=context_with(SEEN, carried=True))
     result = choose_next(fake_workcell(FakeCell()), carried)
     assert result.event is Event.LOOK_AFTER and result.record["recovery"] == "look_after"
@@ -232,7 +237,8 @@ def test_an_uninspected_fold_is_inspected_before_a_retry(kind: FailureKind) -> N
 
 
 def test_a_finished_fold_is_not_repeated() -> None:
-    """Arms that strayed on the way home: the garment lies folded, to grasp again would fold it once more."""
+    """The arms strayed during the retreat. The garment is folded already, so a new grasp would fold it once
+    more."""
     strayed = failed(K.TRACKING_ERROR, context=context_with(SEEN, carried=True))
     assert choose_next(fake_workcell(FakeCell()), strayed).event is Event.LOOK_AFTER
     before = failed(K.TRACKING_ERROR, context=SEEN)
@@ -244,7 +250,7 @@ def test_a_retry_by_the_operator_starts_the_attempt_anew() -> None:
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
     said = ask_operator(workcell, context_with(SEEN, carried=True, press_tries=2))
-    assert said.event is Event.RETRY and said.context.fold.attempt is None, "nothing of it was tried"
+    assert said.event is Event.RETRY and said.context.fold.attempt is None, "the new attempt has no history"
     blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
     assert blind.event is Event.LOOK_AGAIN
 
@@ -269,7 +275,7 @@ def test_pressing_can_be_skipped_and_a_fold_cannot() -> None:
 
 
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])
-def test_a_stop_is_heard_while_the_operator_is_asked(ask) -> None:
+def test_a_stop_ends_a_question_to_the_operator(ask) -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.ports.stop.trigger("button"))

@@ -31,12 +31,12 @@ from tests.workcells import fake_workcell
 
 K = FailureKind
 ABOVE, LAYER, LAYERS = 0.040, 0.002, 2
-"""How high both tools stand over the table, a layer's thickness [m], and how many lie there."""
+"""Height of both tools above the table [m], thickness of a layer [m], and number of layers."""
 STACK = LAYER * LAYERS
 HOME = -0.1
-"""Where all joints stand above the grasp [rad]."""
+"""Position of all joints above the grasp [rad]."""
 WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
-"""Each joint turns by 10 rad for a metre of the hand's way."""
+"""Each joint turns by 10 rad per metre of the hand's path."""
 
 
 def height(cell: Any, side: Side, q: Array) -> float:
@@ -44,7 +44,7 @@ def height(cell: Any, side: Side, q: Array) -> float:
 
 
 class Hand:
-    """Its tips feel the table through the stack, its pads close at 0.1 m/s on what lies between them."""
+    """A hand whose tips feel the table through the stack. Its pads close at 0.1 m/s on the cloth between them."""
 
     max_opening = 0.0416
 
@@ -55,7 +55,7 @@ class Hand:
         self.jammed = False
         self.lowest = np.inf
         self.heard: list[tuple[float, float]] = []
-        """When it was told to open how far [s], [m]."""
+        """Commanded openings: (time [s], opening [m])."""
 
     def command(self, opening: float, force: float) -> None:
         self._opening, self._since = self._now(), self._cell.now
@@ -74,14 +74,14 @@ class Hand:
     def reading(self) -> TactileReading:
         now = height(None, self.side, self._cell.q)
         self.lowest = min(self.lowest, now)
-        tip = 2500.0 * max(0.0, self._table - now) + 0.2  # it never reads nothing
+        tip = 2500.0 * max(0.0, self._table - now) + 0.2  # the tip has an offset
         pressed = self._told < self._between and self._now() <= self._between + 1e-9
         pads = self.force * pressed * (self._between > 0.0)
         return TactileReading(self._cell.now, self.side, np.full((2, 4, 3), pads / 12), np.array([tip, 0.5 * tip]))
 
 
 def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, RunContext, Any]:
-    """Both hands stand above two layers; `left`: what is otherwise under the left one."""
+    """Both hands are above two layers. left: other values for the table and the cloth under the left hand."""
     cell = FakeCell(q=np.full(14, HOME))
     both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
     monkeypatch.setattr(Hands, "height", height)
@@ -102,19 +102,19 @@ def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.event is Event.DONE
     assert {s: held.count.layers for s, held in result.context.fold.held.items()} == dict.fromkeys(Side, LAYERS)
     for side in Side:
-        assert result.context.fold.biases[side].tip == pytest.approx([0.2, 0.1]), "taken in the air"
+        assert result.context.fold.biases[side].tip == pytest.approx([0.2, 0.1]), "the tare was made in the air"
         assert result.context.fold.held[side].grip == pytest.approx(work.grasp.grip_force)
         touched = result.record["contact_height_m"][side]  # type: ignore[index]
         assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
-        # pressed from the touch on, by a millimetre and as far as a leaning hand's other tip stands higher
+        # the press goes a millimetre below the contact, and further by the height of a leaning hand's other tip
         lean = 0.5 * gripping.PREGRASP_OPENING * np.sin(0.1)
         assert touched - both[side].lowest == pytest.approx(0.001 + lean, abs=0.001)
         closing = [t for t, opening in both[side].heard if opening == 0.0]
         assert closing and height(None, side, cell.q) == pytest.approx(both[side].lowest, abs=2e-4)
         down = next(t for t, q in cell.commands if height(None, side, q) < both[side].lowest + 2e-4)
-        assert closing[0] > down, "closed where it had come to"
+        assert closing[0] > down, "the pads close after the press"
     assert 1.0 < result.record["strongest_push_n"] < work.settings.grasp.press_force  # type: ignore[operator]
-    assert np.diff([t for t, _ in cell.commands]) == pytest.approx(0.01), "one set-point a tick"
+    assert np.diff([t for t, _ in cell.commands]) == pytest.approx(0.01), "there is one set-point per tick"
 
 
 @pytest.mark.parametrize(
@@ -124,14 +124,14 @@ def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_miss_by_one_hand_ends_the_grasp(
     under: dict[str, float], kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No table below it, nothing between its pads, or something that stands there."""
+    """There is no table below the hand, no cloth between its pads, or an object under it."""
     cell, work, context, both = over_cloth(monkeypatch, **under)
     result = EFFECTS[Effect.GRASP](work, context)
     failure = result.context.failure
     assert result.event is Event.FAILED and failure is not None and failure.kind is kind and "left" in failure.what
     assert not result.context.fold.held
     if kind is not K.MISSED_GRASP:
-        assert not any(hand.heard for hand in both.values()), "nothing is closed"
+        assert not any(hand.heard for hand in both.values()), "no hand closes"
     assert np.diff([t for t, _ in cell.commands]).max() < 0.2
 
 
@@ -163,8 +163,8 @@ def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.Mo
 def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
     spoil: Any, kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """While the tips are zeroed, on the way down, in the press, as the pads close. The fake raises on a set-point
-    to a stopped robot."""
+    """The fault occurs during the tare, the descent, the press or the closing. The fake raises an error on a
+    set-point to a stopped robot."""
     cell, work, context, _ = over_cloth(monkeypatch)
     assert EFFECTS[Effect.GRASP](work, context).event is Event.DONE
     for moment in np.linspace(0.02, cell.now - 0.15, 15):
@@ -172,11 +172,11 @@ def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
         again.at(float(moment), lambda again=again: spoil(again))
         result = EFFECTS[Effect.GRASP](work, context)
         assert result.event is Event.FAILED and result.context.failure.kind is kind, moment
-        assert again.now < moment + 0.13, "within a tick, or as soon as a state is too old"
+        assert again.now < moment + 0.13, "the effect ends within a tick, or as soon as a state is too old"
 
 
 def test_a_grasp_under_the_whole_stack_accepts_its_layers() -> None:
-    """One that takes the upper layers only may not take more."""
+    """A grasp of only the upper layers must not take more layers."""
     for layers in (1, 2, 4):
         whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
         upper: Any = SimpleNamespace(height=(layers + 1) * LAYER, layers=layers)
@@ -210,7 +210,7 @@ def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytes
     context = EFFECTS[Effect.GRASP](work, context).context
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))
     monkeypatch.setattr(gripping, "move", lambda *_, **__: None)
-    both[Side.LEFT].force *= 0.8  # it settles
+    both[Side.LEFT].force *= 0.8  # the grip settles
     lifted = gripping.lift(work, context)
     assert lifted.event is Event.DONE
     before, after = context.fold.held[Side.LEFT], lifted.context.fold.held[Side.LEFT]
@@ -220,7 +220,7 @@ def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytes
 
 
 def test_an_idle_arm_stays_at_its_set_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It hangs a little below that: a set-point at its reading would be a jump."""
+    """The arm sags a little below its set-point, so a set-point at its reading would be a jump."""
     cell, work, context, _ = over_cloth(monkeypatch)
     only = {Side.LEFT: WAY}
     motion: Any = SimpleNamespace(descend=only, postures={Side.LEFT: Posture(GraspId.LEFT)})
@@ -264,7 +264,9 @@ def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.Mo
     assert pushes.now == {Side.LEFT: 6.0, Side.RIGHT: 0.0} and pushes.strongest == 6.0
     felt[Side.LEFT], felt[Side.RIGHT] = [2.0, -1.0], [1.5, 0.5]
     assert pushes.look(state_of(0.2)) is None
-    assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 1.0} and pushes.strongest == 6.0, "the strongest so far"
+    assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 1.0} and pushes.strongest == 6.0, (
+        "the strongest push so far is kept"
+    )
     felt[Side.RIGHT] = [float("nan"), 0.5]
     bad = pushes.look(state_of(0.3))
     assert bad is not None and bad.kind is K.HARDWARE_FAULT and "right" in bad.what

@@ -29,12 +29,12 @@ from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
 
 TOUCHED = 0.04
-"""How far down its way the left hand stands [m]."""
+"""Distance that the left hand has descended on its path [m]."""
 WAY = Descent(np.linspace(0.0, 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), TOUCHED)
 
 
 def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[FakeCell, Failure | None, Any]:
-    """The left hand presses on what pushes back so hard, from where it has touched."""
+    """The left hand presses from the contact on, against a surface of this stiffness [N/m]."""
     monkeypatch.setattr(Hands, "depth", lambda *_: TOUCHED)
     cell = FakeCell(q=np.r_[WAY.at(TOUCHED), np.zeros(7)])
     workcell = fake_workcell(cell)
@@ -62,14 +62,14 @@ def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_hand_stops_on_a_hard_surface(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It comes to rest smoothly where its tip is pushed as hard as it may be."""
+    """The hand comes to rest smoothly where the force on its tip reaches the limit."""
     cell, failure, pushes = pressed(monkeypatch, 8_000.0)
     most = fake_workcell(FakeCell()).settings.grasp.press_force
     assert failure is None and most < pushes.strongest < 1.5 * most
     q = np.array([q for _, q in cell.commands])[:, arm_slice(Side.LEFT)]
     depth = np.interp(q[:, 0], WAY.q[:, 0], WAY.depth)
     assert abs(depth[-1] - depth[-5]) < 1e-5 and depth.max() - depth[-1] < 5e-5
-    assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "within the hand's own acceleration"
+    assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "the hand's acceleration limit is kept"
 
 
 def test_a_hand_with_unreadable_fingertips_does_not_press(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,19 +83,19 @@ def test_a_hand_with_unreadable_fingertips_does_not_press(monkeypatch: pytest.Mo
 ONE = np.ones(14)
 LIMITS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 GRIP, THICK = 12.0, 0.004
-"""What each hand squeezes with [N], and how thick the cloth between its pads is [m]."""
+"""Force of each grip [N], and thickness of the cloth between the pads [m]."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of which nothing but its arc matters."""
+    """A motion without postures."""
 
     postures: Any = field(default_factory=dict)
     arc: Any = None
 
 
 def way(distance: float, seconds: float = 2.0) -> ArmTrajectory:
-    """All joints go as far as `distance` [rad] with least jerk."""
+    """All joints move by `distance` [rad] with minimum jerk."""
     t = np.linspace(0.0, seconds, round(100 * seconds) + 1)
     u = (t / seconds)[:, None]
     q = distance * u**3 * (10 - 15 * u + 6 * u**2) * ONE
@@ -117,7 +117,7 @@ def holding(monkeypatch: pytest.MonkeyPatch) -> tuple[FakeCell, Workcell, RunCon
 
 
 def lose(cell: FakeCell, side: Side) -> None:
-    """The pads close on one another."""
+    """The hand loses the cloth, and its pads close on each other."""
     cell.openings[side], cell.pads[side] = 0.0, 0.0
 
 
@@ -142,12 +142,12 @@ def test_a_loss_of_cloth_by_either_hand_ends_the_fold_at_rest_on_its_path(
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.SLIPPED
     assert f"the {side} hand" in result.context.failure.what
     q = np.array([q[0] for _, q in cell.commands])
-    assert 0.05 < q[-1] < 0.45 and q[-1] - q[-2] < 1e-4, "on the way, and at rest"
-    assert cell.now < 0.8 + 0.1 + 0.7, "known within 100 ms, at rest 0.6 s later"
+    assert 0.05 < q[-1] < 0.45 and q[-1] - q[-2] < 1e-4, "the arms rest on the path"
+    assert cell.now < 0.8 + 0.1 + 0.7, "the loss is detected within 100 ms, and the arms rest 0.6 s later"
 
 
 def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From where the hands really hold, the way may be another than was planned."""
+    """The arc is planned again from the hands' real positions, so it may differ from the first plan."""
     cell, workcell, context = holding(monkeypatch)
     blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
     monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
@@ -189,17 +189,17 @@ def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypat
 
 
 def test_a_fold_counts_as_carried_if_the_hands_do_not_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What came of the fold is looked at: it is not made once more."""
+    """The fold was made, so it is inspected and not repeated."""
     _, workcell, context = holding(monkeypatch)
     for gripper in workcell.ports.grippers.values():
         monkeypatch.setattr(gripper, "command", lambda opening, force: None)
     result = EFFECTS[Effect.RELEASE](workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.GRIPPER_FAULT
-    assert result.context.fold.carried and result.context.fold.held, "and nobody knows that it was let go"
+    assert result.context.fold.carried and result.context.fold.held, "the cloth may still be held"
 
 
 def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wide open pads would sweep the stack away."""
+    """Pads that open wide would push the stack away."""
     cell, workcell, context = holding(monkeypatch)
     result = EFFECTS[Effect.RELEASE](workcell, context)
     assert result.event is Event.DONE and result.context.fold.carried and not result.context.fold.held
@@ -214,7 +214,7 @@ def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
     cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s is side else 0.0 for s in Side}
     gone: list[Any] = []
     away = Retreat("up", "home")  # type: ignore[arg-type]
-    monkeypatch.setattr(moving, "_plan_retreat", lambda cell, sides: Outcome(away))
+    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: Outcome(away))
 
     def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
         gone.append((motion, fingertips))
@@ -222,7 +222,9 @@ def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
     monkeypatch.setattr(moving, "move", move)
     result = moving.retreat(workcell, context)
     if side is None:
-        assert (result.event, gone) == (Event.DONE, [("up", True), ("home", False)]), "low only while they rise"
+        assert (result.event, gone) == (Event.DONE, [("up", True), ("home", False)]), (
+            "the hands are near the cloth only while they rise"
+        )
     else:
         assert (result.event, gone) == (Event.FAILED, [("up", True)])
         assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what

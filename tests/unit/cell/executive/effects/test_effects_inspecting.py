@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
@@ -50,8 +49,8 @@ def made(**changes: Any) -> RunContext:
 
 
 def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
-    """What the camera would show is known; nothing is pressed and nothing learned."""
-    monkeypatch.setattr(inspecting, "_compare", lambda *_: Outcome(looked))
+    """Every inspection has this result; nothing is pressed and nothing learned."""
+    monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(looked))
     monkeypatch.setattr(inspecting, "plan_pressing", lambda *_: None)
     monkeypatch.setattr(inspecting, "adapt", lambda cell, index, plan, *_: (plan.garment, {}))
 
@@ -76,12 +75,14 @@ def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     failure = result.context.failure
     assert result.event is Event.FAILED and failure is not None and failure.kind is kind
     assert "fold half: overlap 0.87" in failure.what and failure.hint
-    assert failure.values["iou_aligned"] == 0.87, "by which it is told whether it is good enough"
+    assert failure.values["iou_aligned"] == 0.87, (
+        "the recovery uses this overlap to decide whether the fold is good enough"
+    )
     assert result.context.fold.attempt.inspection is not None and not result.context.done
 
 
 def test_the_next_fold_starts_with_a_new_context() -> None:
-    """Otherwise values of another fold would decide about carrying on, pressing or inspection."""
+    """Otherwise values of the previous fold would affect recoveries, pressing and inspection."""
     before = made(
         inspection=seen(), failure=Failure(K.DRIFT, "it moved"), press_tries=2, adjustments=(Adjustment.LOWER,),
         grasps=3, waited_s=4.0, recoveries=((0, "drift -> carry_on"),),
@@ -92,7 +93,7 @@ def test_the_next_fold_starts_with_a_new_context() -> None:
 
 
 def test_an_uninspected_fold_is_assumed_but_does_not_count_as_made() -> None:
-    """It was carried through, and the operator went on without a look."""
+    """The fold was carried, and the operator continued without an inspection."""
     result = next_step(fake_workcell(FakeCell()), made())
     assert result.context.done == ()
     np.testing.assert_array_equal(result.context.plan.vertices, FOLDED)
@@ -114,7 +115,7 @@ def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why:
     assert result.event is (Event.GIVE_UP if left else Event.ALL_FOLDED)
     if why is not None:
         assert result.context.failure is not None and result.context.failure.what.endswith(f"operator: {why}")
-        assert result.context.through, "what was left out is not made any more"
+        assert result.context.through, "the run is complete although folds were skipped"
 
 
 @pytest.mark.parametrize(("overlap", "event"), [(0.91, Event.DONE), (0.89, Event.FAILED), (0.3, Event.FAILED)])
@@ -138,8 +139,7 @@ def test_an_inspection_without_a_visible_garment_fails(
     lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
     monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(failure=lost))
     frame: Any = object()
-    with ThreadPoolExecutor(1) as workers:
-        result = EFFECTS[effect](fake_workcell(FakeCell(), workers), made(frame=frame, index=index))
+    result = EFFECTS[effect](fake_workcell(FakeCell()), made(frame=frame, index=index))
     assert result.event is Event.FAILED and result.context.failure is lost
 
 

@@ -37,7 +37,7 @@ BAXTER = load_model()
 
 @pytest.fixture(scope="module")
 def baxter() -> dict[str, Any]:
-    """What a fake cell needs to judge motions of the real arms."""
+    """Robot model, checkers and limits with which a fake cell checks motions of the real arms."""
     execution_checker = CollisionChecker(BAXTER, fake_workcell(FakeCell()).table)
     return {
         "robot": BAXTER,
@@ -53,7 +53,7 @@ def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
     result = make_safe(fake_workcell(cell), FIRST)
     assert result.event is Event.DONE
     assert set(cell.openings.values()) == {cell.ports().grippers["left"].max_opening}  # type: ignore[index]
-    assert result.context.failure is FIRST.failure, "why the run ended stays known"
+    assert result.context.failure is FIRST.failure, "the failure that ended the run is kept"
 
 
 def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
@@ -74,8 +74,8 @@ def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pyt
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
 
 
-def test_arms_within_the_planning_margin_find_their_way_home(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fold is executed with a little less room than it was planned with; what was reached so can be left so."""
+def test_arms_that_violate_only_the_planning_margin_are_parked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Execution has a smaller margin than planning, so arms that reached such a pose may also leave it."""
     execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
@@ -89,7 +89,7 @@ def test_arms_within_the_planning_margin_find_their_way_home(monkeypatch: pytest
     monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
     cell = FakeCell(q=np.full(14, 0.5))
     assert make_safe(fake_workcell(cell, execution_checker=execution_checker), FIRST).event is Event.DONE
-    assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands where both can"
+    assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands rise if both can"
 
 
 @pytest.mark.parametrize("free", list(Side))
@@ -107,7 +107,7 @@ def test_one_hand_rises_if_the_other_cannot(free: Side, monkeypatch: pytest.Monk
     other = Side.LEFT if free is Side.RIGHT else Side.RIGHT
     biases: Any = {other: None}
     result = retreat(fake_workcell(FakeCell(q=np.full(14, 0.5))), context_with(biases=biases))
-    assert result.event is Event.FAILED and not moved, "a hand that did not work is not moved in its place"
+    assert result.event is Event.FAILED and not moved, "the other hand is not moved in its place"
 
 
 @pytest.mark.parametrize("fails", [False, True])
@@ -122,7 +122,7 @@ def test_a_fold_is_approached_with_open_hands_and_counts_as_an_attempt(
     result = approach(fake_workcell(cell), context_with(motion=motion, frame=frame, grasps=1, carried=True))
     assert result.event is (Event.FAILED if fails else Event.DONE)
     assert result.context.failure is (lags if fails else None)
-    assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the hand that grasps"
+    assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the grasping hand opens"
     after = result.context.fold
     assert (after.grasps, after.carried) == (2, False) and after.attempt.before is frame
 
@@ -174,8 +174,9 @@ class Watched:
 
 
 @pytest.mark.parametrize(("effect", "calibrated"), [(prepare, 2), (reenter, 0)])
-def test_a_cell_is_prepared_before_anything_else(effect: Any, calibrated: int) -> None:
-    """Motors on, the camera where it was calibrated, hands open, arms parked."""
+def test_preparing_enables_the_motors_first_then_turns_the_head_and_opens_the_hands(
+    effect: Any, calibrated: int
+) -> None:
     cell, asked = FakeCell(q=np.zeros(14)), []
     cell.openings = dict.fromkeys(Side, 0.0)
     ports = cell.ports()
@@ -189,15 +190,15 @@ def test_a_cell_is_prepared_before_anything_else(effect: Any, calibrated: int) -
     assert result.event in {Event.DONE, INTERRUPTED.reentry}
     assert asked[0] == "arms enable" and len(asked) == 1 + calibrated
     assert pans == [0.3] and min(cell.openings.values()) > 0.04
-    assert cell.now >= 1.0, "the head takes its time"
+    assert cell.now >= 1.0, "the effect waits until the head has turned"
 
 
 @pytest.mark.parametrize("off", [0.1, -0.1])
 def test_preparing_the_cell_parks_the_arms(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Straight home, where the way is free."""
-    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("they rise first"))
+    """If the direct path is free, the arms do not rise first."""
+    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("no retreat is planned"))
     cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
     assert prepare(fake_workcell(cell, **baxter), RunContext()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
@@ -215,7 +216,9 @@ def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
 def test_arms_without_a_valid_state_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("a way was planned from nowhere"))
+    monkeypatch.setattr(
+        moving, "plan_retreat", lambda *_, **__: pytest.fail("no motion is planned from an unknown state")
+    )
     cell = FakeCell(q=np.full(14, 0.5))
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))
     if spoil == "stop":
@@ -231,7 +234,7 @@ INTERRUPTED = RunContext(reentry=Event.LOOK_AGAIN)
 
 
 class Hand:
-    """The left gripper, which lost its calibration, is in error or does not move."""
+    """A left gripper that lost its calibration, is in error or does not move."""
 
     max_opening = 0.0416
 
@@ -246,7 +249,9 @@ class Hand:
         self._calibrated, self._in_error = True, False
 
     def command(self, opening: float, force: float) -> None:
-        assert self._calibrated and not self._in_error, "it refuses"
+        assert self._calibrated and not self._in_error, (
+            "a gripper without calibration or in error refuses commands"
+        )
         if not self._stuck:
             self._cell.openings[Side.LEFT] = opening
 
@@ -264,14 +269,14 @@ def with_left(cell: FakeCell, hand: Hand) -> Workcell:
 
 @pytest.mark.parametrize(("calibrated", "in_error"), [(True, False), (False, False), (True, True)])
 def test_a_resumed_run_starts_with_open_hands(calibrated: bool, in_error: bool) -> None:
-    """Calibrating closes a hand before it opens: only what does nothing without it is calibrated."""
+    """Calibration closes a hand before it opens, so only a hand that needs it is calibrated."""
     cell = FakeCell()
     cell.openings = dict.fromkeys(Side, 0.0)
     hand = Hand(cell, calibrated, in_error=in_error)
     result = reenter(with_left(cell, hand), INTERRUPTED)
     assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated and not in_error else 1)
     assert min(cell.openings.values()) > 0.04
-    assert result.context.reentry is Event.LOOK_AGAIN, "should it die before the next line of the journal"
+    assert result.context.reentry is Event.LOOK_AGAIN, "the run can be resumed again if it dies now"
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
@@ -284,7 +289,7 @@ def test_arms_do_not_move_with_a_hand_that_does_not_open(effect: Any, context: R
     assert (cell.q == 0.5).all(), "the arms stay where they are"
 
 
-def test_a_stopped_cell_is_not_entered() -> None:
+def test_a_stopped_cell_is_not_reentered() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     workcell.ports.stop.trigger("button")
@@ -295,7 +300,7 @@ def test_a_stopped_cell_is_not_entered() -> None:
 
 @pytest.mark.parametrize(("age", "opening"), [(1.0, 0.03), (0.0, float("nan"))])
 def test_arms_do_not_move_with_a_hand_of_unknown_opening(age: float, opening: float) -> None:
-    """Its line broke while the pads were closing: the last that was heard of them is that they were open."""
+    """The connection broke while the pads were closing, so the last state says that they are open."""
     cell = FakeCell(q=np.full(14, 0.5))
     hand = Hand(cell)
     last = GripperState(-age, Side.LEFT, opening, 0.0, False, True)
@@ -306,11 +311,11 @@ def test_arms_do_not_move_with_a_hand_of_unknown_opening(age: float, opening: fl
     assert (cell.q == 0.5).all(), "the arms stay where they are"
 
 
-# nothing moves unchecked
+# checks before a motion
 
 
 def across() -> ArmTrajectory:
-    """From the parked pose to one with the hands, not only their fingers, in the table."""
+    """A motion from the parked pose to a pose in which the hands, not only their fingers, are in the table."""
     q1 = np.array(BAXTER.q_park)
     q1[[0, 7]] += [-0.5, 0.5]
     q1[[1, 8]] += 1.0
@@ -318,7 +323,7 @@ def across() -> ArmTrajectory:
 
 
 def hurried() -> ArmTrajectory:
-    """A free motion at twice the speed that the arms may go."""
+    """A free motion at twice the allowed speed."""
     q1 = BAXTER.q_park + np.r_[0.2, 0.1, np.zeros(12)]
     slow = free_motion(BAXTER.q_park, q1, BAXTER.planning)
     return ArmTrajectory(slow.t / 2, slow.q, 2 * slow.qd, 4 * slow.qdd)
@@ -336,7 +341,7 @@ def test_a_colliding_or_too_fast_motion_is_not_begun(
 
 
 def test_the_start_of_a_motion_is_checked_against_the_present_arm_state(baxter: dict[str, Any]) -> None:
-    """It was planned from the parked pose; meanwhile somebody moved a wrist by two degrees."""
+    """The motion was planned from the parked pose. Meanwhile a person moved a wrist by two degrees."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[np.zeros(13), np.deg2rad(2.0)])
     there = free_motion(BAXTER.q_park, BAXTER.q_park + np.r_[0.1, np.zeros(13)], BAXTER.planning)
     failure = move(fake_workcell(cell, **baxter), there)
@@ -344,12 +349,14 @@ def test_the_start_of_a_motion_is_checked_against_the_present_arm_state(baxter: 
     cell = FakeCell(q=BAXTER.q_park)
     cell.now, cell.frozen_since = 5.0, 4.0
     failure = move(fake_workcell(cell, **baxter), there)
-    assert failure is not None and failure.kind is K.STALE_STATE and cell.commands == [], "or nobody knows where"
+    assert failure is not None and failure.kind is K.STALE_STATE and cell.commands == [], (
+        "a stale state is refused too"
+    )
 
 
 @pytest.mark.parametrize("said", [Event.PAUSE, Event.ABORT])
 def test_pauses_and_aborts_do_not_interrupt_making_the_cell_safe(baxter: dict[str, Any], said: Event) -> None:
-    """Only a stop ends it; other commands are ignored."""
+    """Only a stop ends this motion."""
     cell = FakeCell(q=BAXTER.q_park + np.r_[0.1, np.zeros(13)])
     workcell = fake_workcell(cell, **baxter)
     cell.at(1.0, lambda: workcell.commands.put(said))
@@ -359,7 +366,7 @@ def test_pauses_and_aborts_do_not_interrupt_making_the_cell_safe(baxter: dict[st
 
 @pytest.mark.parametrize("effect", [prepare, clear])
 def test_arms_do_not_go_home_while_a_gripper_is_being_calibrated(effect: Any) -> None:
-    """Its pads go where they like."""
+    """A gripper moves its pads during its calibration."""
     cell = FakeCell(q=np.full(14, 0.5))
     hand = Hand(cell)
     begun = hand.state
@@ -367,8 +374,10 @@ def test_arms_do_not_go_home_while_a_gripper_is_being_calibrated(effect: Any) ->
     result = effect(with_left(cell, hand), FIRST)
     assert result.event is Event.FAILED and result.context.failure.kind is K.GRIPPER_FAULT
     assert "left gripper is not calibrated" in result.context.failure.what
-    assert (cell.q == 0.5).all() and np.diff([t for t, _ in cell.commands]).max() < 0.2, "held meanwhile"
-    assert 10.0 < cell.now < 20.0, "a calibration takes its time, but not for ever"
+    assert (cell.q == 0.5).all() and np.diff([t for t, _ in cell.commands]).max() < 0.2, (
+        "the arms are held meanwhile"
+    )
+    assert 10.0 < cell.now < 20.0, "the wait for a calibration has a time limit"
 
 
 def test_a_gripper_that_opens_slowly_is_waited_for() -> None:

@@ -39,7 +39,7 @@ MESH = mesh_from_contour(STATE.contour, 0.05, TOWEL.layers)
 PROMISED = 0.004
 LIBRARY_HEIGHT = 0.64
 LIFT = 0.005
-"""Of the grasp before the arc [m]: little, so that an arc is told by its top."""
+"""Lift before the arc [m]. It is small, so that an arc is identified by its top."""
 NEAR = 0.013
 DIAGONAL = float(np.linalg.norm(np.ptp(MESH.rest, axis=0)))
 
@@ -57,14 +57,15 @@ def library(height: float = LIBRARY_HEIGHT) -> Library:
 
 
 class Perceived:
-    """Takes the place of a perception."""
+    """A stand-in for a perception."""
 
     def __init__(self, state: GarmentState) -> None:
         self.state, self.garment = state, "medium_towel"
 
 
 class Cloth:
-    """Simulates: D is `others` for every arc but the library's, whose is `looked_up`. Keeps the tops seen."""
+    """A stand-in simulation. D is `looked_up` for the library's arc and `others` for every other arc. It notes the
+    tops of all arcs."""
 
     def __init__(self, looked_up: float, others: float) -> None:
         self.looked_up, self.others = looked_up, others
@@ -80,7 +81,7 @@ class Cloth:
 
 
 class Watcher:
-    """Takes the place of the recorder."""
+    """A recorder that notes all candidates."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[float, int, Mapping[GraspId, Array], tuple[float, float], tuple[float, float]]] = []
@@ -98,7 +99,7 @@ def workers() -> Iterator[ThreadPoolExecutor]:
 
 
 class Choice:
-    """One choice by a workcell around that cloth."""
+    """One choice of a trajectory, in a workcell with this cloth."""
 
     def __init__(
         self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
@@ -136,13 +137,13 @@ class Choice:
 def test_a_looked_up_arc_with_the_promised_cost_is_used(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, behind: float, others: float, simulations: int
 ) -> None:
-    """One that is well behind it is compared with the first guess, which does as much worse here."""
+    """An arc well behind its promise is compared with the initial arc, which is worse by the same amount here."""
     comes_to = PROMISED + behind * PROMISE_SLACK
     choice = Choice(Cloth(comes_to, others), workers, monkeypatch)
     assert choice.result.event is Event.DONE and choice.trajectory.source == "library"
-    assert len(choice.cloth.tops) == simulations == choice.trajectory.simulations, "nothing is optimised"
-    assert choice.trajectory.dissimilarity == pytest.approx(comes_to), "as simulated here"
-    assert choice.kept == [], "what is in the library is not added to it"
+    assert len(choice.cloth.tops) == simulations == choice.trajectory.simulations, "no optimisation runs"
+    assert choice.trajectory.dissimilarity == pytest.approx(comes_to), "D is the one simulated now"
+    assert choice.kept == [], "an arc from the library is not added again"
     costs = choice.settings.computing
     assert choice.cell.now == pytest.approx(costs.library_s + simulations * costs.simulation_s)
 
@@ -160,7 +161,9 @@ def test_a_looked_up_arc_with_a_high_predicted_cost_is_optimised(
     choice = Choice(Cloth(PROMISED + 1.1 * PROMISE_SLACK, 0.003), workers, monkeypatch)
     assert choice.result.event is Event.DONE and choice.trajectory.source == "optimised"
     assert choice.trajectory.dissimilarity == pytest.approx(0.003)
-    assert choice.cloth.tops[0] == pytest.approx(0.75 * LIBRARY_HEIGHT, abs=NEAR), "the look-up was tried first"
+    assert choice.cloth.tops[0] == pytest.approx(0.75 * LIBRARY_HEIGHT, abs=NEAR), (
+        "the looked-up arc is simulated first"
+    )
     assert choice.trajectory.simulations == len(choice.cloth.tops) <= choice.settings.optimiser.simulations + 1
     ((kept, _, _, notes),) = choice.kept
     assert kept is choice.trajectory and notes["method"] == "default" and notes["dissimilarity_initial_m"]
@@ -180,7 +183,7 @@ def test_a_trajectory_that_cannot_be_saved_is_still_used(
 def test_the_looked_up_arc_is_kept_if_nothing_better_is_found(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The promise is broken, but the fold is still worth making: a warm start counts as a candidate."""
+    """The arc is worse than promised but good enough, and it counts as a candidate of the search."""
     choice = Choice(Cloth(0.012, 0.030), workers, monkeypatch)
     assert choice.trajectory.source == "optimised" and choice.trajectory.dissimilarity == pytest.approx(0.012)
 
@@ -188,7 +191,7 @@ def test_the_looked_up_arc_is_kept_if_nothing_better_is_found(
 def test_arcs_for_another_number_of_hands_are_ignored(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a towel of one's own, which its file folds with one hand."""
+    """The other entry is from a user's towel that is folded with one hand."""
     (both,) = library().entries
     one_hand = replace(both, garment="mine", inner={GraspId.LEFT: both.inner[GraspId.LEFT]})
     choice = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library((one_hand, both)))
@@ -212,15 +215,15 @@ def test_the_first_recovery_optimises_the_looked_up_arc_and_the_second_ignores_i
 ) -> None:
     again = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE)
     assert len(again.cloth.tops) > 2 and again.trajectory.source == "optimised"
-    assert again.trajectory.dissimilarity == pytest.approx(PROMISED), "the warm start"
+    assert again.trajectory.dissimilarity == pytest.approx(PROMISED), "the result is the warm start"
     plain = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, Adjustment.OPTIMISE, Adjustment.PLAIN_ARC)
     assert len(plain.cloth.tops) == 1 and plain.trajectory.dissimilarity == pytest.approx(0.008)
-    assert plain.kept == [], "the next run would take the first guess for what a search has found"
+    assert plain.kept == [], "the initial arc is not saved as the result of a search"
     empty = Choice(Cloth(PROMISED, 0.008), workers, monkeypatch, shelf=Library())
     assert len(empty.cloth.tops) > 2 and empty.trajectory.source == "optimised" and len(empty.kept) == 1
 
 
-def test_the_view_is_shown_every_candidate_of_the_search(
+def test_the_recorder_gets_every_candidate_of_the_search(
     workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     choice = Choice(Cloth(0.012, 0.006), workers, monkeypatch)
@@ -241,10 +244,10 @@ def test_each_search_has_its_own_reproducible_random_numbers() -> None:
     first, second, third = (_draws(workcell, k).random(4) for k in range(3))
     assert len({tuple(x) for x in (first, second, third)}) == 3
     np.testing.assert_array_equal(_draws(workcell, 2).random(4), third)
-    np.testing.assert_array_equal(first, workcell.rng().random(4), "the first one is as ever")
+    np.testing.assert_array_equal(first, workcell.rng().random(4), "the first search uses the run's generator")
 
 
-# in another way
+# other variants
 
 
 def perceived() -> Any:
@@ -252,7 +255,7 @@ def perceived() -> Any:
 
 
 def planned(context: RunContext) -> RunContext:
-    """Perceived, and planned as its adjustments say."""
+    """The context after planning with its adjustments."""
     result = EFFECTS[Effect.PLAN_FOLDS](fake_workcell(FakeCell(), expected=TOWEL), context)
     assert result.event is Event.DONE
     assert result.record.get("ways", [s.variant for s in result.context.steps]) == [
@@ -261,12 +264,12 @@ def planned(context: RunContext) -> RunContext:
     return result.context
 
 
-def test_another_variant_of_a_fold_moves_the_other_part() -> None:
+def test_the_other_variant_of_a_fold_moves_the_other_part() -> None:
     first = planned(context_with(perception=perceived()))
     other = planned(context_with(first, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in first.steps] == ["left_onto_right", "far_onto_near"]
     assert [s.variant for s in other.steps] == ["right_onto_left", "far_onto_near"]
-    for i in GraspId:  # what was taken hold of on one side of the line is on the other, at the same distance
+    for i in GraspId:  # the grasps are on the other side of the line, at the same distance
         before, now = (s.line.signed_distance(s.grasps[i].point) for s in (first.steps[0], other.steps[0]))
         assert before > 0.1 and now == pytest.approx(before)
         away = first.steps[0].line.signed_distance(other.steps[0].grasps[i].point)
@@ -274,7 +277,9 @@ def test_another_variant_of_a_fold_moves_the_other_part() -> None:
     assert other.plan is not None and first.plan is not None
     assert len(other.plan.vertices) == len(first.plan.vertices)
     again = planned(context_with(first, adjustments=(Adjustment.OTHER_VARIANT,) * 2))
-    assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], "there are no more than two"
+    assert [s.variant for s in again.steps] == ["left_onto_right", "far_onto_near"], (
+        "the plan has only two variants"
+    )
 
 
 def test_changing_the_variant_keeps_the_folds_already_made() -> None:
@@ -282,7 +287,7 @@ def test_changing_the_variant_keeps_the_folds_already_made() -> None:
     assert first.plan is not None
     moved = context_with(first, index=1, adjustments=(), vertices=first.plan.vertices + 0.001)
     same = planned(moved)
-    assert same.steps is moved.steps, "the plan stands"
+    assert same.steps is moved.steps, "the plan does not change"
     other = planned(context_with(moved, adjustments=(Adjustment.OTHER_VARIANT,)))
     assert [s.variant for s in other.steps] == ["right_onto_left", "near_onto_far"]
     assert (

@@ -1,4 +1,4 @@
-"""Taking pictures: misleading ones are refused, and the context keeps the right ones."""
+"""Taking pictures: misleading pictures are refused, and the context keeps valid ones."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def test_noise_of_the_head_angle_is_accepted() -> None:
     assert camera.shots == 1
 
 
-def test_two_pictures_are_remembered() -> None:
-    """A frozen camera is known by comparing the last picture with the one before."""
+def test_the_context_keeps_the_last_two_pictures() -> None:
+    """A frozen camera is detected by comparing the last picture with the previous one."""
     workcell, _ = seeing()
     workcell.ports.clock.sleep_until(20.0)
     context = RunContext()
@@ -92,7 +92,7 @@ def test_two_pictures_are_remembered() -> None:
 
 
 def test_the_view_uses_the_refined_camera_pose() -> None:
-    """Contours and key points are stated from there: drawn into the picture from elsewhere they lie off."""
+    """Contours and key points refer to this pose. With another pose they would be drawn at the wrong place."""
     shown: list[Any] = []
     recorder = SimpleNamespace(camera=lambda t, frame, calibration: shown.append(calibration))
     workcell, _ = seeing(recorder=recorder)
@@ -104,7 +104,7 @@ def test_the_view_uses_the_refined_camera_pose() -> None:
     assert shown == [workcell.calibration, refined, refined]
 
 
-def test_a_failed_look_leaves_no_old_picture() -> None:
+def test_a_failed_look_counts_as_one_camera_fault() -> None:
     workcell, _ = seeing()
     good = look(workcell, RunContext()).context
     turned = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.4))
@@ -120,7 +120,7 @@ class Camera:
 
 @pytest.mark.parametrize("effect", [look, photograph_table])
 def test_a_hanging_camera_is_detected(effect) -> None:
-    """It gives the picture that it had: of a table without arms, or with them in the way."""
+    """The camera returns an old picture of a table without arms, or with the arms in view."""
     cell = FakeCell()
     workcell = fake_workcell(cell)
     workcell = replace(workcell, calibration=replace(workcell.calibration, head_pan=0.0))
@@ -141,7 +141,7 @@ def test_a_black_picture_is_no_reference() -> None:
 
 
 def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a run with `auto`: a towel that was let go half folded looks like a smaller one that lies flat."""
+    """In a run with `auto`, a towel that was released half folded looks like a smaller flat one."""
     expected: list[str | None] = []
 
     def perceiving(*given: Any) -> Outcome[Any]:
@@ -156,26 +156,27 @@ def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch
         recognise(workcell, context_with(first, garment=load_garment("medium_towel")))
         told = replace(workcell, expected=load_garment("small_towel"))
         recognise(told, context_with(first, garment=load_garment("medium_towel")))
-    assert expected == [None, "medium_towel", "small_towel"], "what was named on the command line counts most"
+    assert expected == [None, "medium_towel", "small_towel"], "the garment named on the command line has priority"
 
 
 @pytest.mark.parametrize("index", [1, 2])
 def test_between_two_folds_the_folded_garment_is_located_and_not_recognised_again(
     index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Folded, it looks like another garment."""
+    """A folded garment looks like another garment."""
     found = Result(Event.DONE, RunContext())
     monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda *_: found)
     monkeypatch.setattr(
-        "cell.executive.effects.seeing.perceive", lambda *_: pytest.fail("it was taken for a flat one")
+        "cell.executive.effects.seeing.perceive",
+        lambda *_: pytest.fail("a folded garment is not recognised as a flat one"),
     )
     workcell, _ = seeing()
     assert recognise(workcell, context_with(look(workcell, RunContext()).context, index=index, steps=())) is found
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_the_time_in_which_a_person_lays_the_garment_is_not_the_robots(simulated: bool) -> None:
-    """In simulation it takes the time that is declared, which counts."""
+def test_the_time_in_which_a_person_lays_the_garment_is_not_robot_time(simulated: bool) -> None:
+    """In simulation, laying takes the declared time, which counts as robot time."""
     workcell, _ = seeing()
     ports = workcell.ports
     ports.clock.sleep_until(20.0)

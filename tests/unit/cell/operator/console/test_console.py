@@ -1,4 +1,4 @@
-"""The operator's page over a real socket: messages, commands, access."""
+"""The operator's page over a real socket: messages, commands and access."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def linked(address: str, origin: str | None = None) -> ClientConnection:
 
 
 def heard(link: ClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """The next message that is wanted; signs of life do not put off the end of waiting."""
+    """The next message that fulfils `wanted`. Heartbeats do not extend the time limit."""
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
         message = dict(json.loads(link.recv(timeout=5.0)))
@@ -73,7 +73,7 @@ def heard(link: ClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> d
 
 
 def told(link: ClientConnection, key: str) -> Any:
-    """What the next message with `key` says of it."""
+    """The value of `key` in the next message that has this key."""
     return heard(link, lambda message: key in message)[key]
 
 
@@ -82,11 +82,11 @@ def say(link: ClientConnection, **message: Any) -> dict[str, Any]:
     return heard(link, lambda answer: "noted" in answer or "refused" in answer)
 
 
-def test_the_page_is_whole_and_shows_the_view(address: str) -> None:
+def test_the_page_is_complete_and_shows_the_viewer(address: str) -> None:
     with urllib.request.urlopen(address) as answer:
         text = answer.read().decode()
     assert 'const VIEWER = "http://127.0.0.1:1/?url=x' in text and "{{" not in text
-    assert text.count("</script>") == 1, "the address cannot end the script"
+    assert text.count("</script>") == 1, "an address cannot end the page's script"
     assert answer.headers["X-Frame-Options"] == "DENY" and answer.headers["Referrer-Policy"] == "no-referrer"
 
 
@@ -132,8 +132,8 @@ def test_the_page_receives_every_change_of_the_run_status(address: str, board: R
         assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
 
 
-def test_a_garments_file_is_shown_by_its_name() -> None:
-    """Underscores are shown as blanks: of a path, that would be another one."""
+def test_a_garment_file_is_shown_by_its_name() -> None:
+    """Underscores are shown as blanks, which would change a path."""
     shown = RunStatus("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
     assert shown["garment"] == "my_own_towel"
 
@@ -144,13 +144,13 @@ def test_allowed_commands_enter_the_queue(address: str, board: RunStatus, comman
         assert "refused" in say(link, say="approve") and "refused" in say(link, say="resume")
         assert say(link, say="pause") == {"noted": "pause"}
         assert commands.take(ALL) is Event.PAUSE
-        assert board.allowed() == {Event.RESUME, Event.ABORT}, "what pauses can be resumed"
+        assert board.allowed() == {Event.RESUME, Event.ABORT}, "a pause that was requested can be resumed"
         assert say(link, say="resume") == {"noted": "resume"} and commands.take(ALL) is Event.RESUME
         assert Event.RESUME not in board.allowed()
 
 
 def test_an_answer_belongs_to_its_question(address: str, board: RunStatus, commands: CommandQueue) -> None:
-    """A click that arrives when the next fold is shown approves nothing."""
+    """A late click that arrives when the next fold is shown approves nothing."""
     enter(board, State.AWAITING_APPROVAL)
     with linked(address) as link:
         first = told(link, "run_status")["question"]["number"]
@@ -163,18 +163,18 @@ def test_an_answer_belongs_to_its_question(address: str, board: RunStatus, comma
         assert commands.take(ALL) is Event.APPROVE
 
 
-def test_pressing_is_asked_about_and_answered(address: str, board: RunStatus, commands: CommandQueue) -> None:
+def test_the_operator_can_skip_a_pressing(address: str, board: RunStatus, commands: CommandQueue) -> None:
     enter(board, State.AWAITING_PRESSING)
     with linked(address) as link:
         question = told(link, "run_status")["question"]
         assert "Press it flat" in question["text"]
-        assert "refused" in say(link, say="pause"), "it stands still"
+        assert "refused" in say(link, say="pause"), "the cell is not moving, so it cannot be paused"
         assert say(link, say="skip", question=question["number"]) == {"noted": "skip"}
         assert commands.take(ALL) is Event.SKIP
 
 
 def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -> None:
-    """It is no mere look: the fold is made again, of a garment that was laid back."""
+    """A retry makes the fold again, so the garment must first be laid as it was before the fold."""
     planned: Any = tuple(SimpleNamespace(name=name, variant="") for name in ("half", "quarter"))
     for steps, told in (((), ""), (planned, " To try again, first lay the garment as it was before this fold.")):
         context = context_with(steps=steps).with_failure(Failure(FailureKind.SLIPPED, "it slipped", "look"))
@@ -185,7 +185,7 @@ def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -
         assert shown["question"]["text"] == f"it slipped. Look.{told}"
         assert shown["labels"] == {"retry": "Try again"}
     enter(board, State.AWAITING_APPROVAL)
-    assert board.snapshot()["labels"] == {}, "where a look is all that it is"
+    assert board.snapshot()["labels"] == {}, "at an approval, a retry only takes a new picture"
 
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
@@ -213,7 +213,7 @@ def test_every_message_gets_an_answer(
     with linked(address) as link:
         link.send(message)
         assert told(link, "refused")
-        assert say(link, say="pause") == {"noted": "pause"}, "and the link lives on"
+        assert say(link, say="pause") == {"noted": "pause"}, "the link stays open"
     assert not cell.stop_reason
 
 
@@ -229,7 +229,7 @@ def test_the_page_receives_the_end_before_it_closes(
         page.__exit__(None, None, None)
         shown = told(link, "run_status")
     assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
-    assert shown["end"]["go_on"] == "", "there is nothing to go on with"
+    assert shown["end"]["go_on"] == "", "an aborted run has no command to resume"
     assert shown["allowed"] == []
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=2.0)
@@ -238,15 +238,17 @@ def test_the_page_receives_the_end_before_it_closes(
 def test_the_page_explains_how_to_resume_after_a_stop(board: RunStatus, tmp_path: Path) -> None:
     failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
     board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
-    assert board.snapshot()["end"]["go_on"] == "", "a run that has put nothing down cannot be gone on with"
+    assert board.snapshot()["end"]["go_on"] == "", "a run without a checkpoint cannot be resumed"
     (tmp_path / "run-1" / "checkpoint").mkdir(parents=True)
     (tmp_path / "run-1" / "checkpoint" / "context").write_bytes(b"context_with")
     board.finish(State.STOPPED, failure, tmp_path / "run-1")
-    assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", "where the run is"
+    assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", (
+        "the command names the run's folder"
+    )
     step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
     board.performed(2.0, step, Result(Event.GIVE_UP, RunContext(through=True)))
     board.finish(State.FAULT, failure, tmp_path / "run-1")
-    assert board.snapshot()["end"]["go_on"] == "", "what is through its plan is not gone on with"
+    assert board.snapshot()["end"]["go_on"] == "", "a run that is through its plan cannot be resumed"
 
 
 def test_an_occupied_port_is_reported(address: str) -> None:
@@ -258,7 +260,7 @@ def test_an_occupied_port_is_reported(address: str) -> None:
 def test_a_link_that_cannot_send_the_status_is_closed(
     address: str, board: RunStatus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A page that hears nothing must know, so that it looks for another link."""
+    """A page that gets no status must notice, so that it opens another link."""
     with linked(address) as link:
         told(link, "run_status")
         monkeypatch.setattr(board, "snapshot", lambda: 1 / 0)

@@ -1,4 +1,4 @@
-"""The operator's page in a browser: stop without a link, and fixed places of the buttons."""
+"""The operator's page in a browser: stop without a link, and fixed positions of the buttons."""
 
 from __future__ import annotations
 
@@ -44,9 +44,11 @@ setInterval(() => {
 
 
 class Silent(BaseHTTPRequestHandler):
-    """Serves the page, tells what boards there are over its first link, each once something was said of the one
-    before, and then neither says nor answers anything: a program that hangs. What is said on that link is put into
-    `said`. script: of the test, in the page."""
+    """A server that hangs. It serves the page and sends the boards' statuses over the first link, each after the
+    page has answered the previous one. Then it sends nothing more.
+
+    said: the page's messages on the first link. script: the test's script, appended to the page.
+    """
 
     boards: Sequence[RunStatus]
     script: str
@@ -77,7 +79,7 @@ class Silent(BaseHTTPRequestHandler):
                 self.said.put(frame)
 
     def _frame(self) -> str:
-        """The next frame of a browser, unmasked; empty at the link's end."""
+        """The browser's next frame, unmasked. Empty at the end of the link."""
         head = self.rfile.read(2)
         if len(head) < 2:
             return ""
@@ -95,7 +97,8 @@ Page = Callable[[Sequence[RunStatus], str], "Queue[str]"]
 
 @pytest.fixture
 def page(tmp_path: Path) -> Iterator[Page]:
-    """Opens the page in a browser: its messages to a program that sends these statuses and then hangs."""
+    """Opens the page in a browser. Returns the page's messages to a server that sends these statuses and then
+    hangs."""
     with ExitStack() as closing:
 
         def opened(boards: Sequence[RunStatus], script: str) -> Queue[str]:
@@ -130,13 +133,13 @@ def a_board() -> RunStatus:
 
 
 def test_stop_works_on_a_page_that_lost_its_link(page: Page) -> None:
-    """A program that hangs for a moment hears of it as soon as it goes on."""
+    """A program that hangs for a moment gets the stop as soon as it continues."""
     said = page([a_board()], PRESS_STOP_WHEN_LOST)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}
 
 
 def test_buttons_keep_their_place_in_every_state(page: Page) -> None:
-    """A hand on its way to STOP would meet the button of a question that comes up just then, and approve."""
+    """Otherwise a click meant for STOP could hit the approve button of a question that opens at this moment."""
     computing, asking, ended = entered(a_board(), State.OPTIMISING), a_board(), entered(a_board(), State.FAULT)
     computing.computing(3, 25, "simulations at most, best D 2.1 mm")
     computing.note("coming to rest on the way")

@@ -33,17 +33,17 @@ def test_terminal_and_page_get_the_same_messages() -> None:
 
 
 @pytest.mark.parametrize(("typed", "keys"), [(True, " (a, Enter)"), (False, "")])
-def test_the_key_is_named_if_a_terminal_is_attended(typed: bool, keys: str) -> None:
+def test_questions_name_the_key_if_a_terminal_is_attended(typed: bool, keys: str) -> None:
     told, stream = notifier(typed=typed)
     told.ask("lay the garment")
     assert stream.getvalue().strip().endswith(f"lay the garment, then approve{keys}")
     before = stream.getvalue()
     told.ask(None)
-    assert stream.getvalue() == before, "there is nothing to say"
+    assert stream.getvalue() == before, "without a terminal no key is named"
 
 
 def test_a_quiet_run_still_asks_questions(capsys: pytest.CaptureFixture[str]) -> None:
-    """Standard output is kept for the result."""
+    """Standard output is reserved for the result."""
     page = board()
     told, stream = notifier(page, quiet=True)
     told.ask("lay the garment")

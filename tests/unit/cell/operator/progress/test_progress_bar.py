@@ -23,7 +23,7 @@ class Clock:
         return self.now
 
 
-def test_on_a_terminal_one_line_is_written_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_progress_in_one_line_that_is_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     out, clock = Terminal(), Clock()
     bar = ProgressBar(out, clock)
@@ -34,11 +34,11 @@ def test_on_a_terminal_one_line_is_written_over(monkeypatch: pytest.MonkeyPatch)
     assert "\n" not in text and text.count("\r[") == 10
     last = text.split("\r")[-1]
     assert "10/40" in last and "best D 2.5 mm" in last and "5 min 0 s left" in last
-    assert re.search(r"\[(#{6})(\.{18})\]", last), "a quarter is full"
+    assert re.search(r"\[(#{6})(\.{18})\]", last), "a quarter of the bar is full"
     bar.line("half: done")
     assert out.getvalue().endswith("\r\x1b[Khalf: done\n")
     bar.clear()
-    assert out.getvalue().endswith("half: done\n"), "what is not shown is not taken away"
+    assert out.getvalue().endswith("half: done\n"), "a bar that is not shown is not cleared"
 
 
 def test_the_progress_bar_fits_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,12 +59,12 @@ def test_progress_without_a_terminal_is_a_few_plain_lines() -> None:
     assert all(re.fullmatch(r"\d+/100  simulations(  (\d+ min )?\d+ s left)?", line) for line in lines)
 
 
-def test_time_left_follows_the_mean_pace_and_a_total_that_shrinks() -> None:
+def test_the_time_left_follows_the_mean_pace_and_a_reduced_total() -> None:
     out, clock = Terminal(), Clock()
     bar = ProgressBar(out, clock)
     clock.now += 2.0
     bar.update(2, 10)
-    assert "left" not in out.getvalue(), "two say nothing yet"
+    assert "left" not in out.getvalue(), "two values give no estimate yet"
     clock.now += 2.0
     bar.update(4, 10)
     assert "  6 s left" in out.getvalue()
@@ -82,7 +82,7 @@ def test_each_task_is_timed_from_its_own_start() -> None:
     assert "  6 s left" in out.getvalue()
 
 
-def test_a_stream_that_is_gone_does_no_harm() -> None:
+def test_a_closed_stream_is_ignored() -> None:
     out = Terminal()
     bar = ProgressBar(out)
     out.close()

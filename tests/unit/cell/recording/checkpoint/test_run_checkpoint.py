@@ -57,7 +57,7 @@ def context() -> RunContext:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Equal in type and value, arrays and pictures bit for bit."""
+    """Whether two values have equal types and values, with arrays and pictures equal bit for bit."""
     if type(a) is not type(b):
         return False
     if isinstance(a, np.ndarray):
@@ -88,10 +88,10 @@ def test_a_checkpoint_restores_the_context(kept: Path) -> None:
     assert not same(read(kept), context_with(context(), index=0))
 
 
-def test_a_checkpoint_is_read_by_a_python_that_names_enum_members(
+def test_a_checkpoint_from_a_python_that_pickles_enum_members_by_name_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As 3.11.2, Debian's, does: a member of an Enum is put down as getattr(kind, name)."""
+    """Python 3.11.2, Debian's version, pickles an Enum member as getattr(kind, name)."""
     for kind in (Event, FailureKind, Adjustment, Side, GraspId):
         monkeypatch.setattr(kind, "__reduce_ex__", lambda self, _: (getattr, (type(self), self.name)))
     assert pickle.dumps(Event.START).find(b"getattr") > 0
@@ -100,7 +100,7 @@ def test_a_checkpoint_is_read_by_a_python_that_names_enum_members(
 
 
 def test_unchanged_pictures_and_arrays_are_not_written_again(kept: Path) -> None:
-    """A picture and a large array of the last effect are not written again by the next one."""
+    """The next checkpoint does not write pictures and large arrays of the previous one again."""
     before = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
     write_checkpoint(kept, context_with(read(kept), index=0), FrameStore(kept.parent / "frames"))
     after = {p.name: p.stat().st_mtime_ns for p in (*kept.iterdir(), *(kept.parent / "frames").iterdir())}
@@ -132,7 +132,7 @@ def test_a_damaged_array_or_picture_is_refused(kept: Path, pattern: str, damage:
         read(kept)
 
 
-def test_another_version_is_refused(kept: Path) -> None:
+def test_a_checkpoint_of_another_version_is_refused(kept: Path) -> None:
     head, _, body = (kept / "context").read_bytes().partition(b"\n")
     older = json.loads(head) | {"foldcell": "0.0.1"}
     (kept / "context").write_bytes(json.dumps(older).encode() + b"\n" + body)
@@ -146,7 +146,7 @@ class Harm:
 
 
 @pytest.mark.parametrize("content", [Harm(), ["a list"], np.zeros(3)])
-def test_a_checkpoint_can_hold_nothing_but_a_context(
+def test_a_checkpoint_with_other_objects_is_refused_without_executing_them(
     kept: Path, content: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)

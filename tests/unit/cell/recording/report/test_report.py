@@ -1,4 +1,4 @@
-"""The report page and the pictures of folds: complete, self-contained, true to their input."""
+"""The report page and the pictures of folds: complete, self-contained and true to their input."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from robots.ports import Side
 
 
 class Page(HTMLParser):
-    """What a browser would fetch, and whether the tags close."""
+    """A parser that collects a page's text and resources, and checks that its tags close."""
 
     VOID = frozenset({"meta", "img", "br", "path", "link", "hr"})
 
@@ -77,7 +77,7 @@ def run() -> RunRecord:
     return run_record()
 
 
-def test_page_fetches_nothing_and_closes_its_tags(run, tmp_path):
+def test_the_page_fetches_nothing_and_closes_its_tags(run, tmp_path):
     text = write_report(tmp_path / "report.html", run).read_text(encoding="utf-8")
     page = Page(text)
     assert page.open == []
@@ -87,7 +87,7 @@ def test_page_fetches_nothing_and_closes_its_tags(run, tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "report.html"]
 
 
-def test_pictures_of_the_page_are_the_pictures_given(run):
+def test_the_page_shows_the_given_pictures(run):
     uris = [s for s in Page(render(run)).sources if s.startswith("data:image/jpeg;base64,")]
     given = [*run.pictures] + [p for step in run.steps for p in step.key_frames]
     assert len(uris) == len(given) == 15
@@ -111,18 +111,18 @@ def test_the_report_shows_result_steps_and_failures(run):
     assert "Score passed" in Page(render(replace(run, score=good))).text
 
 
-def test_hardware_run_is_not_called_simulated(run):
+def test_a_hardware_run_is_not_called_simulated(run):
     hardware = replace(run, simulated=False, driver="ros", score=(), steps=())
     text = Page(render(hardware)).text
     assert "simulated" not in text
     assert "on hardware" in text
 
 
-def test_barest_record_of_a_fault_renders():
+def test_a_fault_with_the_fewest_figures_has_a_page():
     page = Page(render(RunRecord("r", "jeans", "fault", reason="joint <s1> is out of reach & hot", hint="look")))
     assert page.open == []
     assert "Fault: Jeans" in page.text
-    assert "joint <s1> is out of reach & hot" in page.text  # escaped in the source, read as given
+    assert "joint <s1> is out of reach & hot" in page.text  # escaped in the page's source
 
 
 def test_markup_in_names_is_escaped():
@@ -154,7 +154,7 @@ def test_figures_are_formatted_with_units():
 
 
 def test_outlines_keep_their_proportions_and_handedness():
-    """A unit step in x is as long as one in y; far is up, left is left."""
+    """A unit step in x is as long as one in y. Far is up, and left is left."""
     contour = np.array([[0.5, -0.1], [0.7, -0.1], [0.7, 0.3], [0.5, 0.3]])
     svg = str(silhouettes(StepRecord("s", observed=(contour,))))
     d = re.search(r'class="observed" d="M([^"]+) Z"', svg)
@@ -167,7 +167,7 @@ def test_outlines_keep_their_proportions_and_handedness():
     assert far_left[0] < far_right[0]
 
 
-def test_step_without_outlines_has_no_drawing():
+def test_a_step_without_outlines_has_no_drawing():
     assert silhouettes(StepRecord("s")) is None
 
 
@@ -179,15 +179,15 @@ def sheet() -> tuple[show.Towel, np.ndarray]:
     return towel, np.column_stack([towel.material, np.full(len(towel.material), 0.001)])
 
 
-def test_outline_of_a_flat_towel_is_its_rectangle():
+def test_the_outline_of_a_flat_towel_is_its_rectangle():
     towel, vertices = sheet()
     (contour,) = outline(vertices, towel.triangles)
     drawn, true = Polygon(contour), Polygon([(0.4, -0.3), (0.8, -0.3), (0.8, 0.3), (0.4, 0.3)])
     assert drawn.intersection(true).area / drawn.union(true).area > 0.985
 
 
-def test_outline_of_a_folded_towel_is_not_hollow():
-    """Layers that overlap must add up, not cancel: half the area, without holes."""
+def test_the_outline_of_a_folded_towel_is_not_hollow():
+    """Overlapping layers must add up and not cancel out: the outline has half the area and no holes."""
     towel, vertices = sheet()
     step = show.steps()[0]
     contours = outline(show.turned(vertices, step.line, np.pi, 0.004), towel.triangles)
@@ -195,13 +195,13 @@ def test_outline_of_a_folded_towel_is_not_hollow():
     assert Polygon(contours[0]).area == pytest.approx(0.12, rel=0.12)
 
 
-def test_nearer_layer_hides_the_farther_one():
-    """Two sheets one millimetre apart: the upper one is seen everywhere, whatever their order in the list."""
+def test_the_nearer_layer_hides_the_farther_one():
+    """Two sheets are one millimetre apart. The upper one is seen everywhere, for any order in the list."""
     towel, vertices = sheet()
     n = len(vertices)
     upper = vertices + np.array([0.0, 0.0, 0.001])
     both = np.vstack([vertices, upper])
-    turned_over = towel.triangles[:, ::-1]  # shows its back upwards
+    turned_over = towel.triangles[:, ::-1]  # the sheet's back faces upwards
     view = View(np.array([0.6, -0.2, 1.2]), np.array([0.6, 0.0, 0.0]), 300.0, 160, 120)
     for triangles in (
         np.vstack([towel.triangles, turned_over + n]),
@@ -218,7 +218,7 @@ def test_nearer_layer_hides_the_farther_one():
         assert distances[seen] < 0.02 < distances[1 - seen]
 
 
-def test_everything_fits_the_frame():
+def test_cloth_and_arcs_fit_the_frame():
     _, vertices = sheet()
     step = show.steps()[0]
     arcs = [show.arc(step, i) for i in step.grasps]
@@ -232,7 +232,7 @@ def test_everything_fits_the_frame():
     assert max(np.ptp(uv[:, 0]) / 300.0, np.ptp(uv[:, 1]) / 200.0) > 0.75
 
 
-def test_strip_has_one_picture_per_frame_and_shows_green_arcs():
+def test_a_fold_strip_has_one_picture_per_frame_and_shows_green_arcs():
     towel, vertices = sheet()
     step = show.steps()[0]
     arcs = {i.planned_arm: show.arc(step, i) for i in step.grasps}
@@ -251,15 +251,15 @@ def test_strip_has_one_picture_per_frame_and_shows_green_arcs():
     assert fold_strip([], towel.triangles) == []
 
 
-def test_record_takes_pictures_of_any_width(tmp_path):
+def test_the_page_takes_pictures_of_any_width(tmp_path):
     wide = Picture(np.zeros((90, 2000, 3), np.uint8), "wide")
     path = write_report(Path(tmp_path / "r.html"), RunRecord("r", "t", "folded", pictures=(wide,)))
     uri = next(s for s in Page(path.read_text()).sources if s.startswith("data:"))
     assert cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), 1).shape == (29, 640, 3)
 
 
-def test_the_frames_shown_are_of_the_hold_that_made_the_fold():
-    """A hold that was lost before, of this fold or of the next, is not in the fold's strip."""
+def test_the_strip_shows_only_the_grasp_that_made_the_fold():
+    """An earlier grasp that was lost, of this fold or of the next one, is not in the fold's strip."""
     held = [(3.0, 4.5), (9.0, 9.4), (15.0, 19.0)]
     frames = [(t, np.zeros((3, 3)), {}) for begin, end in held for t in np.arange(begin, end, 0.1)]
 
@@ -272,7 +272,7 @@ def test_the_frames_shown_are_of_the_hold_that_made_the_fold():
     assert _held_during(note(30.0, 31.0), frames) == [] and _held_during(note(), frames) == []
 
 
-def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
+def test_the_page_names_gaps_of_the_recording(tmp_path: Path) -> None:
     request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, tmp_path)
     lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7}
     result = FoldResult(
@@ -286,15 +286,15 @@ def test_the_page_names_what_the_recording_lacks(tmp_path: Path) -> None:
     assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
 
 
-def test_the_overlap_after_alignment_is_called_so(run: RunRecord) -> None:
-    """It is of what was seen: a prediction alone has no overlap."""
+def test_the_overlap_after_alignment_is_labelled_as_aligned(run: RunRecord) -> None:
+    """The aligned overlap is a figure of the observed outline, not of the prediction."""
     step = replace(run.steps[0], aligned_iou=0.987, observed_iou=0.912)
     text = Page(render(replace(run, steps=(step,)))).text
     assert "IoU, aligned 0.987" in text and "IoU, observed 0.912" in text and "IoU, predicted" not in text
 
 
-def test_times_of_stages_in_which_an_operator_is_waited_for_are_not_called_the_robots(run: RunRecord) -> None:
-    """They are the cell's: an answer that took ten minutes is none of the robot time above."""
+def test_times_that_include_waiting_for_the_operator_are_labelled_as_cell_time(run: RunRecord) -> None:
+    """An answer that took ten minutes is cell time and not robot time."""
     text = Page(render(replace(run, robot_time_s=18.6, stage_times_s={"asking": 582.2}))).text
     assert text.count("Robot time") == 1 and "Cell time" in text and "9 min 42 s" in text
     assert "include waiting for the operator" in text

@@ -1,4 +1,4 @@
-"""Remarks on the page and in the report: failures, recoveries, and operator commands."""
+"""Run events on the page and in the report: failures, recoveries and operator commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_pause_during_a_motion_is_announced_before_the_end_of_the_motion() -> 
     assert said[0].text == "while folding"
 
 
-def test_begin_and_end_of_a_pause_between_effects_are_announced() -> None:
+def test_the_begin_and_end_of_a_pause_between_effects_are_announced() -> None:
     assert told(FOLDING, Result(Event.PAUSE, RunContext(), {"interrupted": True})) == [
         RunEvent(9.0, "command", "pause", "before folding")
     ]

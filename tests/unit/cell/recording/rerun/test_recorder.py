@@ -1,4 +1,4 @@
-"""The Rerun recording: complete, harmless to the run, geometrically true."""
+"""The Rerun recording: complete, harmless to the run and geometrically correct."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from robots.ports import JointState, Side
 
 
 def rows(path: Path) -> dict[str, list[pa.RecordBatch]]:
-    """Entity path -> its batches, in file order."""
+    """The batches of each entity path, in file order."""
     found: dict[str, list[pa.RecordBatch]] = defaultdict(list)
     for chunk in rerun.chunk.RrdReader(str(path)).stream():
         found[chunk.entity_path].append(chunk.to_record_batch())
@@ -42,7 +42,7 @@ def rows(path: Path) -> dict[str, list[pa.RecordBatch]]:
 
 
 def column(batches: list[pa.RecordBatch], name: str) -> list:
-    """Values of one component over all rows that have it."""
+    """The values of one component in all rows that have it."""
     return [v for b in batches if name in b.schema.names for v in b.column(name).to_pylist() if v is not None]
 
 
@@ -72,8 +72,8 @@ def test_the_file_holds_every_row_of_every_series(recorded):
         np.testing.assert_allclose(np.diff(t), 0.01, atol=1e-6)
 
 
-def test_the_path_of_an_arm_without_a_part_in_the_new_plan_is_removed():
-    """Another search may give the fold to the other arm, and one hand presses what two have folded."""
+def test_the_path_of_an_arm_that_is_not_in_the_new_plan_is_removed():
+    """A new plan may use the other arm, or press with one hand after a fold with two."""
     arc = np.zeros((3, 3))
     shown = {"left", "right"}
     for arcs in ({Side.LEFT: arc, Side.RIGHT: arc}, {Side.RIGHT: arc}):
@@ -85,7 +85,7 @@ def test_the_path_of_an_arm_without_a_part_in_the_new_plan_is_removed():
     assert shown == {"right"}
 
 
-def test_states_are_kept_in_order_and_the_last_lane_reaches_the_end(recorded):
+def test_states_are_recorded_in_order_until_the_end_of_the_run(recorded):
     path, _, length = recorded
     batches = rows(path)["/executive/state"]
     order = np.argsort(times(batches), kind="stable")
@@ -103,7 +103,7 @@ def test_the_layout_is_stored_in_the_file(recorded):
 
 
 def transforms_at(path: Path, t: float) -> dict[str, tuple[str, float, np.ndarray]]:
-    """Frame -> (its parent, cell time, T_parent_frame): the newest of each that is not newer than t."""
+    """For each frame (parent, cell time, T_parent_frame): the newest transform that is not newer than t [s]."""
     newest: dict[str, tuple[str, float, np.ndarray]] = {}
     for entity, batches in rows(path).items():
         if not entity.startswith("/tf"):
@@ -123,8 +123,8 @@ def transforms_at(path: Path, t: float) -> dict[str, tuple[str, float, np.ndarra
     return newest
 
 
-def test_robot_is_drawn_where_its_joints_say(recorded):
-    """The transforms in the file, chained up to the base frame, against Pinocchio."""
+def test_the_robot_is_drawn_at_its_joint_positions(recorded):
+    """The file's transforms, chained up to the base frame, agree with Pinocchio."""
     path, _, _ = recorded
     model, series = load_model(), rows(path)
     newest = transforms_at(path, 10.0)
@@ -144,13 +144,14 @@ def test_robot_is_drawn_where_its_joints_say(recorded):
         np.testing.assert_allclose(T, model.tool_pose(side, np.array(q)), atol=2e-6)
 
 
-def test_the_optimisers_curve_and_arcs_are_kept_and_end_with_the_plan(recorded):
-    """Every candidate's figures and arc, the best so far beside them; C is 1000 D and the paths' length."""
+def test_the_optimisers_curve_and_arcs_are_recorded_and_cleared_by_the_plan(recorded):
+    """The recording has the figures and arc of every candidate and of the best one so far. C is 1000 D plus the
+    length of the paths."""
     path, _, _ = recorded
     found = rows(path)
     series = {name: np.ravel(column(found[f"/optimiser/{name}"], "Scalars:scalars"))
               for name in ("candidate_mm", "dissimilarity_mm", "cost", "simulations")}  # fmt: skip
-    assert {len(values) for values in series.values()} == {16}, "eight candidates in each of two folds"
+    assert {len(values) for values in series.values()} == {16}, "two folds have eight candidates each"
     best = series["dissimilarity_mm"].reshape(2, 8)
     assert np.all(np.diff(best, axis=1) <= 0) and np.all(series["candidate_mm"].reshape(2, 8) >= best - 1e-9)
     np.testing.assert_allclose(series["cost"], series["dissimilarity_mm"] + 1.4)
@@ -162,10 +163,10 @@ def test_the_optimisers_curve_and_arcs_are_kept_and_end_with_the_plan(recorded):
         planned = times(found[f"/world/table/arcs/planned/{side}"])
         for kind in ("candidate", "best"):
             cleared = times(found[f"/world/table/arcs/{kind}"])
-            assert set(np.round(planned, 6)) <= set(np.round(cleared, 6)), "what was searched goes with the plan"
+            assert set(np.round(planned, 6)) <= set(np.round(cleared, 6)), "the plan clears the arcs of the search"
 
 
-def test_garment_truth_is_labelled_and_can_be_switched_off(recorded, tmp_path):
+def test_the_garments_ground_truth_is_labelled_and_can_be_disabled(recorded, tmp_path):
     path, _, _ = recorded
     assert any("truth (simulation)" in e.replace("\\", "") for e in rows(path))
     recorder = Recorder.open(tmp_path / "off.rrd", "x", show.TABLE, truth=False)
@@ -175,7 +176,7 @@ def test_garment_truth_is_labelled_and_can_be_switched_off(recorded, tmp_path):
     assert not any("truth" in e for e in rows(tmp_path / "off.rrd"))
 
 
-def test_truth_is_recorded_only_while_it_moves(tmp_path):
+def test_ground_truth_is_recorded_only_while_the_cloth_moves(tmp_path):
     recorder = Recorder.open(tmp_path / "t.rrd", "x", show.TABLE)
     towel = show.Towel.make(5, 5)
     vertices = np.column_stack([towel.material, np.zeros(25)])
@@ -189,7 +190,7 @@ def test_truth_is_recorded_only_while_it_moves(tmp_path):
     assert 6 <= len(t) <= 9
 
 
-def test_bad_values_are_counted_and_the_rest_is_kept(tmp_path):
+def test_bad_values_are_counted_and_valid_ones_are_recorded(tmp_path):
     recorder = Recorder.open(tmp_path / "bad.rrd", "x", show.TABLE)
     recorder.camera(0.0, show.picture(np.zeros((4, 3)), show.Towel.make(2, 2), 1, 0.0), None)  # type: ignore[arg-type]
     recorder.observed(0.1, np.full((3, 5), np.nan))
@@ -202,21 +203,21 @@ def test_bad_values_are_counted_and_the_rest_is_kept(tmp_path):
     assert column(rows(tmp_path / "bad.rrd")["/log"], "TextLog:text") == [["still here"]]
 
 
-def test_a_recording_that_cannot_be_begun_does_not_stop_the_run(tmp_path):
+def test_a_recording_that_cannot_be_opened_does_not_stop_the_run(tmp_path):
     recorder = Recorder.open(tmp_path / "missing" / "run.rrd", "x", show.TABLE)
     recorder.event(0.0, "hello")
     report = recorder.close()
     assert report.error_count >= 1
 
 
-def test_silent_recorder_takes_everything_and_keeps_nothing():
+def test_a_silent_recorder_accepts_everything_and_records_nothing():
     recorder = Recorder.silent()
     show.play(recorder, folds=1)
     assert recorder.close() == RecorderReport()
 
 
 def test_methods_return_before_anything_is_encoded(tmp_path, monkeypatch):
-    """Whoever hands a picture over does not wait for its encoding."""
+    """The caller that passes a picture does not wait for its encoding."""
     recorder = Recorder.open(tmp_path / "r.rrd", "x", show.TABLE)
     frame = show.picture(np.zeros((4, 3)), show.Towel.make(2, 2), 1, 0.0)
     handed_over, encode = threading.Event(), cv2.imencode
@@ -233,7 +234,7 @@ def test_methods_return_before_anything_is_encoded(tmp_path, monkeypatch):
     assert len(column(rows(tmp_path / "r.rrd")["/world/table/camera/picture"], "EncodedImage:blob")) == 100
 
 
-def test_killed_run_leaves_a_readable_recording(tmp_path):
+def test_a_killed_run_leaves_a_readable_recording(tmp_path):
     path = tmp_path / "killed.rrd"
     code = f"""
         import time
@@ -261,7 +262,7 @@ def test_killed_run_leaves_a_readable_recording(tmp_path):
     assert ["the last word"] in column(found["/log"], "TextLog:text")
 
 
-def test_silent_client_of_the_live_stream_holds_nothing_up(tmp_path):
+def test_a_silent_client_of_the_live_stream_does_not_delay_the_run(tmp_path):
     recorder = Recorder.open(tmp_path / "live.rrd", "x", show.TABLE, live=True)
     assert recorder.live_url is not None
     port = int(recorder.live_url.split(":")[2].split("/")[0])
@@ -279,7 +280,7 @@ def test_silent_client_of_the_live_stream_holds_nothing_up(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::rerun.error_utils.RerunWarning")  # the viewer's file has no footer
-def test_live_viewer_receives_the_recording_and_may_hang(tmp_path):
+def test_a_live_viewer_gets_the_recording_and_may_hang(tmp_path):
     recorder = Recorder.open(tmp_path / "file.rrd", "run-7", show.TABLE, live=True)
     assert recorder.live_url is not None
     recorder.event(0.0, "before the viewer came")
@@ -292,7 +293,8 @@ def test_live_viewer_receives_the_recording_and_may_hang(tmp_path):
         wait_for(lambda: copy.exists() and copy.stat().st_size > 10_000)
         recorder.event(1.0, "after it")
         wait_for(lambda: len(written(copy)) == 2)
-        os.killpg(viewer.pid, signal.SIGSTOP)  # `rerun` is a script that starts the viewer
+        # the whole process group, because `rerun` is a script that starts the viewer
+        os.killpg(viewer.pid, signal.SIGSTOP)
         show.play(recorder, folds=1)
         assert recorder.close().complete
     finally:
@@ -303,8 +305,8 @@ def test_live_viewer_receives_the_recording_and_may_hang(tmp_path):
 
 
 def written(copy: Path) -> list:
-    """The log in a file that is still being written: it begins with the blueprint alone, and may end in the middle
-    of a message."""
+    """The log in a file that is still being written. The file may hold only the blueprint or end within a
+    message."""
     try:
         return column(rows(copy)["/log"], "TextLog:text")
     except (ValueError, RuntimeError):
@@ -314,11 +316,11 @@ def written(copy: Path) -> list:
 def wait_for(condition: Callable[[], bool], timeout: float = 60.0) -> None:
     end = time.monotonic() + timeout
     while not condition():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, "the condition is not met in time"
         time.sleep(0.1)
 
 
-def test_pump_drops_when_full_but_never_what_is_essential():
+def test_a_full_pump_drops_items_except_essential_ones():
     gate, done = threading.Event(), []
 
     def work(item: int) -> None:
@@ -334,7 +336,7 @@ def test_pump_drops_when_full_but_never_what_is_essential():
     assert done == [k for k, ok in enumerate(taken) if ok] + [99]
 
 
-def test_pump_survives_errors_and_counts_what_is_left_at_the_end():
+def test_a_pump_continues_after_errors_and_counts_the_items_left_at_the_end():
     errors: list[BaseException] = []
     stuck = threading.Event()
 
@@ -363,7 +365,7 @@ def test_every_state_has_a_colour():
     assert set(style.STATE_COLOURS) == set(State)
 
 
-def test_normals_of_a_sphere_point_outwards():
+def test_the_normals_of_a_sphere_point_outwards():
     polar, azimuth = np.linspace(0.3, np.pi - 0.3, 30), np.linspace(0, 2 * np.pi, 60, endpoint=False)
     u, v = np.meshgrid(polar, azimuth, indexing="ij")
     points = np.column_stack([(np.sin(u) * np.cos(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(u).ravel()])
@@ -377,8 +379,9 @@ def test_normals_of_a_sphere_point_outwards():
     assert (facing @ scene.TOWARDS_EYE).min() >= -1e-12
 
 
-def test_mask_of_the_table_view_lands_on_the_camera_picture():
-    """A rectangle on the table, painted in table pixels, against its corners projected by the pinhole."""
+def test_the_mask_of_the_table_view_is_mapped_to_the_camera_picture():
+    """A rectangle on the table, drawn in pixels of the table view, agrees with its corners projected by a pinhole
+    camera."""
     calibration, pixel = show.calibration(), 0.002
     view = scene.TableView(calibration, show.TABLE, pixel)
     mask = np.zeros(view.shape, dtype=bool)

@@ -1,4 +1,4 @@
-"""Recording of the ports' exchanges, and replay in the same order; another question is reported."""
+"""Recording of the ports' exchanges, and their replay in the same order. A different question is reported."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def sweep(seconds: float = 1.0) -> ArmTrajectory:
 
 
 def work(ports: Ports, commands: CommandQueue) -> list[Any]:
-    """A little of everything that an executive does."""
+    """Calls of every kind that an executive makes. Returns all answers."""
     told: list[Any] = []
     ports.arms.enable()
     ports.head.command_pan(0.1)
@@ -75,7 +75,7 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
 def taken_down(
     folder: Path, cell: FakeCell, act: Callable[[Ports, CommandQueue], Any], commands: CommandQueue | None = None
 ) -> Any:
-    """What came of it, with its transcript in the folder."""
+    """The result of `act`, whose transcript is written into the folder."""
     port_recorder = PortRecorder(folder)
     heard = port_recorder.between(cell.ports(), commands or CommandQueue())
     try:
@@ -90,7 +90,7 @@ def answers(folder: Path) -> Answers:
 
 
 def again(folder: Path, act: Callable[[Ports, CommandQueue], Any]) -> Any:
-    """What comes of it by the answers alone; all of them are asked for."""
+    """The result of `act` from the recorded answers alone. Asserts that it uses all of them."""
     there = answers(folder)
     told = act(there.ports(), there.commands())
     assert there.next is not None and there.next.channel is Channel.END
@@ -100,7 +100,7 @@ def again(folder: Path, act: Callable[[Ports, CommandQueue], Any]) -> Any:
 def test_the_same_questions_get_the_same_answers(tmp_path: Path) -> None:
     cell = FakeCell()
     then = taken_down(tmp_path, cell, work)
-    assert cell.commands, "it did work"
+    assert cell.commands, "the arms were commanded"
     assert again(tmp_path, work) == then
 
 
@@ -114,7 +114,7 @@ def test_pauses_and_operator_commands_are_replayed(tmp_path: Path) -> None:
     assert again(tmp_path, work) == then
 
 
-def test_a_stop_comes_at_the_same_tick(tmp_path: Path) -> None:
+def test_a_stop_is_replayed_at_the_same_tick(tmp_path: Path) -> None:
     cell = FakeCell()
     ports = cell.ports()
     cell.at(0.5, lambda: ports.stop.trigger("the button"))
@@ -189,11 +189,11 @@ def test_a_halt_is_not_caught_as_a_failure(tmp_path: Path) -> None:
     assert not issubclass(Halt, Exception)
 
 
-# the stop
+# stops
 
 
 def test_the_stop_works_from_any_thread_and_is_not_recorded(tmp_path: Path) -> None:
-    """Others look at it as often as they like; what the executive asked is the same."""
+    """Other threads may poll the stop at any rate. Only the executive's questions are recorded."""
     cell = FakeCell()
 
     def act(ports: Ports, commands: CommandQueue) -> bool:
@@ -247,7 +247,8 @@ def computed(cell: Workcell, skill: Callable[[], Any]) -> Outcome[Any]:
 def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     tmp_path: Path, workers: ThreadPoolExecutor, pressed: bool
 ) -> None:
-    """How often the stop was asked meanwhile is the wall clock's affair; whether it was set is decided by."""
+    """The number of polls of the stop depends on the wall clock. Only the result of the computation is
+    replayed."""
     cell, port_recorder, free = FakeCell(), PortRecorder(tmp_path), threading.Event()
     ports = cell.ports()
     heard = port_recorder.between(ports, CommandQueue())
@@ -263,7 +264,8 @@ def test_a_stop_during_computing_is_replayed_at_any_computing_speed(
     there = answers(tmp_path)
     replayed = fake_workcell(cell, workers, ports=there.ports(), watched_stop=there.watched_stop())
     ages = threading.Event()
-    now = computed(replayed, ages.wait if pressed else (lambda: False))  # to wait for what is void takes for ever
+    # waiting for the discarded result would take forever
+    now = computed(replayed, ages.wait if pressed else (lambda: False))
     ages.set()
     assert (now.failure and now.failure.what, now.value) == (then.failure and then.failure.what, then.value)
     assert there.next is not None and there.next.channel is Channel.END
@@ -275,17 +277,17 @@ def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolE
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
     try:
         with pytest.raises(Halt):
-            replayed.compute(1.0, ages.wait)  # to wait for it would take for ever
+            replayed.compute(1.0, ages.wait)  # waiting for this result would take forever
     finally:
         ages.set()
 
 
-# whole
+# completeness
 
 
 @pytest.mark.parametrize("name", ["Clock", "Arms", "Head", "Gripper", "Tactile", "Camera", "Stop", "Attendant"])
 def test_every_method_of_every_port_is_recorded_and_replayed(name: str, tmp_path: Path) -> None:
-    """A port that learns something new has to be taken down with it."""
+    """A new method of a port must be recorded and replayed too."""
     protocol = getattr(robots.ports, name)
     methods = {n for n, m in inspect.getmembers(protocol, inspect.isfunction) if not n.startswith("_")}
     attributes = set(protocol.__annotations__)
@@ -324,7 +326,7 @@ def test_ports_are_not_wrapped_without_a_recording(tmp_path: Path) -> None:
 
 
 def test_an_altered_answer_is_replayed_as_altered(tmp_path: Path) -> None:
-    """The answers come from the transcript and from nowhere else."""
+    """All answers come from the transcript."""
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.arms.state())
     whole = Transcript(tmp_path / TRANSCRIPT)
     first, *rest = list(whole)

@@ -1,4 +1,5 @@
-"""Writing and reading transcripts: truncated ones are readable, and no run waits or fails for them."""
+"""Writing and reading transcripts: truncated ones are readable, and no run waits for them or fails because of
+them."""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ def test_a_transcript_reads_back_as_written(tmp_path: Path) -> None:
 
 
 def test_exchanges_are_on_disk_without_closing_the_transcript(tmp_path: Path) -> None:
-    """A killed process leaves all but its last moment."""
+    """A killed process leaves a transcript in which only the last moment is missing."""
     writer = TranscriptWriter(tmp_path, CONSTANTS)
     for e in sleeps(3):
         writer.note(e.channel, e.question, e.answer)
@@ -155,6 +156,6 @@ def test_a_blocked_disk_does_not_fill_the_memory(tmp_path: Path, monkeypatch: py
     assert "too slow" in (writer.close() or "")
 
 
-def test_constants_come_back() -> None:
+def test_constants_read_back_as_written() -> None:
     ports = replace(FakeCell().ports(), driver="other", simulated=False)
     assert CellConstants.of(ports) == replace(CONSTANTS, driver="other", simulated=False)

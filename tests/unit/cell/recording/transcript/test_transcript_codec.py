@@ -34,7 +34,7 @@ VALUES: list[Any] = [
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
-def test_a_value_comes_back(value: Any) -> None:
+def test_a_value_is_unpacked_as_packed(value: Any) -> None:
     back = unpack(pack(value))
     assert back == value and type(back) is type(value)
     assert pack(back) == pack(value)
@@ -49,7 +49,7 @@ def test_a_value_comes_back(value: Any) -> None:
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_readings_come_back_bit_for_bit_and_read_only(value: Any) -> None:
+def test_readings_are_unpacked_bit_for_bit_and_read_only(value: Any) -> None:
     back = unpack(pack(value))
     for name, field in vars(value).items():
         there = getattr(back, name)
@@ -86,13 +86,13 @@ def test_types_that_no_port_returns_are_refused() -> None:
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_a_value_or_refused(data: bytes) -> None:
+def test_any_bytes_are_unpacked_or_refused(data: bytes) -> None:
     with suppress(ValueError):
         unpack(data)
 
 
 @given(st.sampled_from([*VALUES, JointState(1.0, J, J, J, 0.0)]), st.data())
-def test_a_damaged_value_is_a_value_or_refused(value: Any, data: Any) -> None:
+def test_a_damaged_value_is_unpacked_or_refused(value: Any, data: Any) -> None:
     packed = bytearray(pack(value))
     packed[data.draw(st.integers(0, len(packed) - 1))] = data.draw(st.integers(0, 255))
     with suppress(ValueError):

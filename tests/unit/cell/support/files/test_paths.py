@@ -1,4 +1,4 @@
-"""The logs folder, and unusable folders that are reported before anything moves."""
+"""The logs folder. Unusable folders are reported before anything moves."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ def test_the_option_wins_over_the_environment(tmp_path: Path) -> None:
     assert logs_directory(None, environment) == tmp_path / "environment"
 
 
-def test_a_checkout_keeps_its_logs_in_itself() -> None:
+def test_a_checkout_keeps_its_logs_in_its_own_folder() -> None:
     root = repository_root()
     assert root is not None and (root / "cell" / "support" / "files" / "paths.py").is_file()
     assert logs_directory(None, {}) == root / "logs"
@@ -32,23 +32,23 @@ def test_an_installed_package_uses_the_users_data_folder(tmp_path: Path, monkeyp
     assert logs_directory(None, {}) == tmp_path / "data" / "foldcell" / "logs"
 
 
-def test_an_empty_variable_names_nothing() -> None:
+def test_an_empty_environment_variable_is_ignored() -> None:
     assert logs_directory(None, {"FOLDCELL_LOGS": ""}) == logs_directory(None, {})
 
 
-def test_a_relative_option_is_relative_to_where_the_command_was_typed(
+def test_a_relative_logs_option_is_relative_to_the_current_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert logs_directory(Path("mine"), {}) == tmp_path / "mine"
 
 
-def test_prepare_makes_the_folder_and_leaves_it_empty(tmp_path: Path) -> None:
+def test_preparing_the_logs_makes_an_empty_folder(tmp_path: Path) -> None:
     logs = prepare_logs(tmp_path / "a" / "b", least_free=0)
     assert logs.is_dir() and list(logs.iterdir()) == []
 
 
-def test_a_file_in_the_way_is_a_storage_error(tmp_path: Path) -> None:
+def test_a_file_in_place_of_the_logs_folder_is_a_storage_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     for logs in (tmp_path / "file", tmp_path / "file" / "logs"):
         with pytest.raises(StorageError, match="cannot be written"):
@@ -65,7 +65,7 @@ def test_a_read_only_folder_is_a_storage_error(lockable: Any) -> None:
 
 
 def test_a_folder_without_space_is_left_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a full or read-only file system does."""
+    """The file system is full or read-only."""
     for number in (errno.EROFS, errno.ENOSPC):
 
         def refuse(*_: object, _number: int = number, **__: object) -> None:

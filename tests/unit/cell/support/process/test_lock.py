@@ -1,4 +1,5 @@
-"""One owner at a time: refused while held, free when its process is gone."""
+"""One owner at a time: a second one is refused while the lock is held, and the lock is free when its owner's
+process is gone."""
 
 import os
 import signal
@@ -45,8 +46,9 @@ def test_a_second_owner_is_refused_with_the_pid_of_the_first(tmp_path: Path) -> 
         with pytest.raises(CellBusyError, match=str(process.pid)) as caught:
             OwnerLock(path).acquire()
         assert caught.value.values["pid"] == process.pid
-        assert isinstance(caught.value, ConfigurationError)  # a usage error for the commands: nothing moved
-        assert path.read_text().strip() == str(process.pid)  # the refused one left no trace
+        # a usage error for the commands, because nothing has moved
+        assert isinstance(caught.value, ConfigurationError)
+        assert path.read_text().strip() == str(process.pid)  # the refused owner has changed nothing
     finally:
         process.kill()
         process.wait()
@@ -70,7 +72,7 @@ def test_a_child_that_outlives_a_killed_owner_does_not_hold_the_cell(tmp_path: P
         assert is_held(path)
         process.kill()
         process.wait()
-        os.kill(int(child), 0)  # it is alive
+        os.kill(int(child), 0)  # the child is alive
         assert not is_held(path)
     finally:
         os.kill(int(child), signal.SIGKILL)
@@ -86,7 +88,7 @@ def test_a_child_that_ends_does_not_free_its_parent(tmp_path: Path) -> None:
         assert is_held(path)
 
 
-def test_release_and_acquire_again(tmp_path: Path) -> None:
+def test_a_released_lock_can_be_acquired_again(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "cell.lock"
     lock = OwnerLock(path).acquire()
     assert lock.acquire() is lock
@@ -103,7 +105,8 @@ def test_two_locks_in_one_process_exclude_each_other(tmp_path: Path) -> None:
 
 
 def test_checking_a_lock_does_not_block_its_owner(tmp_path: Path) -> None:
-    """`is_held` holds a shared lock for an instant; an owner that comes just then has to wait, not fail."""
+    """`is_held` holds a shared lock for an instant. An owner that acquires at this moment must wait and not
+    fail."""
     import fcntl
     import threading
 

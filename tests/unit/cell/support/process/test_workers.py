@@ -51,7 +51,7 @@ def test_no_worker_is_left_behind(tmp_path: Path, number: int, code: int, each: 
     script, told = tmp_path / "maker.py", tmp_path / "pid"
     script.write_text(MAKER)
     environment = {**os.environ, "PYTHONPATH": os.getcwd()}
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a child inherits that it is ignored, as under nohup
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a child inherits an ignored SIGHUP, as under nohup
     maker = subprocess.Popen([sys.executable, str(script), str(told), *each], env=environment)
     signal.signal(signal.SIGHUP, before)
     until = time.monotonic() + 30.0
@@ -82,7 +82,7 @@ open(os.path.join({folder!r}, ("stopped" if asked else "whole") + "-{number}"), 
 
 @pytest.mark.parametrize("each", [None, 8])
 def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: int | None) -> None:
-    """The running task may finish in order; queued tasks are dropped."""
+    """The running task is interrupted in an orderly way, and queued tasks are dropped."""
 
     def ended(how: str) -> list[str]:
         return sorted(path.name for path in tmp_path.glob(f"{how}-*"))
@@ -102,7 +102,7 @@ def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: i
 @pytest.mark.parametrize("each", [None, 1, 3])
 @pytest.mark.timeout(60)
 def test_tasks_run_in_another_process(each: int | None) -> None:
-    """Also where far more waits than there are processes, and these are replaced."""
+    """There are more tasks than processes, and processes are replaced."""
     with worker_pool(2, each) as pool:
         pids = list(pool.map(_pid, range(14)))
     assert os.getpid() not in pids
@@ -111,7 +111,7 @@ def test_tasks_run_in_another_process(each: int | None) -> None:
 
 
 @pytest.mark.timeout(60)
-def test_a_process_that_dies_fails_its_own_task_only() -> None:
+def test_a_dead_process_fails_only_its_own_task() -> None:
     with worker_pool(2, 4) as pool:
         tasks = [pool.submit(_die if k == 3 else _pid, k) for k in range(9)]
         failed = [k for k, task in enumerate(tasks) if isinstance(task.exception(), BrokenExecutor)]

@@ -1,4 +1,4 @@
-"""Clipping of set-points: within limits and reach, and back inside from outside."""
+"""Clipping of set-points to limits and reach, and the return from outside the limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UPPER = np.linspace(0.5, 3.0, 14)
 VELOCITY = np.linspace(1.0, 4.0, 14)
 LIMITS = JointLimits(-0.8 * UPPER, UPPER, VELOCITY, VELOCITY * 5.0, VELOCITY * 50.0)
 REACH = VELOCITY * 0.040
-"""What docs/safety.md allows a set-point: as far as the joints go in 40 ms at full speed [rad]."""
+"""Largest step of a set-point by docs/safety.md: the motion of the joints in 40 ms at full speed [rad]."""
 ROUNDING = 1e-12
 
 
@@ -35,7 +35,7 @@ far_out = between(LIMITS.lower - 20.0 * REACH, LIMITS.upper + 20.0 * REACH)
 
 
 def outside(q: Array) -> Array:
-    """(14,) how far each joint is from its range [rad]."""
+    """Distance of each joint from its range (14,) [rad]."""
     return np.maximum(np.maximum(LIMITS.lower - q, q - LIMITS.upper), 0.0)
 
 
@@ -60,7 +60,7 @@ def test_a_set_point_outside_the_limits_never_jumps_or_moves_further_out(
 
 @given(goal=inside, before=far_out)
 def test_a_set_point_outside_the_limits_returns_inside(goal: Array, before: Array) -> None:
-    """As directly as from anywhere else, a step's reach at a time."""
+    """The set-point returns directly, by at most one step each time."""
     steps = int(np.ceil(np.max(np.abs(goal - before) / REACH))) + 1
     for _ in range(steps):
         sent = clip_setpoint(goal, np.zeros(14), before, before, LIMITS, 0.0).q

@@ -1,4 +1,4 @@
-"""Joint states in, joint commands out."""
+"""The arms' driver: joint states in, joint commands out."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from robots.model import JointLimits
 from robots.ports import Array, Ports, Side, arm_slice
 from robots.setpoint import JUMP_TIME
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 ZERO = np.zeros(14)
 
 
 class Arms:
-    """The arms of a robot that is switched on, on a clock that is turned by hand."""
+    """The arms of an enabled robot, with a clock that a test sets."""
 
     def __init__(self, puppet: Puppet, node: Node, limits: JointLimits, raw: bool) -> None:
         self.puppet, self.clock = puppet, HandClock()
@@ -39,7 +39,7 @@ class Arms:
         self.pass_time(0.0)
 
     def pass_time(self, seconds: float) -> None:
-        """The robot has spoken since."""
+        """Advance the clock and wait for the robot's next messages."""
         self.clock.time += seconds
         wait(lambda: self.port.state().stamp == self.clock.time, "joint states")
         wait(lambda: self.stop.robot.newest and self.stop.robot.newest.stamp == self.clock.time, "its state")
@@ -48,12 +48,12 @@ class Arms:
         return self.puppet.heard[LIMB[side] + name]
 
     def dynamics(self) -> int:
-        """How many each arm has heard; 0 as long as they differ."""
+        """Number of messages that each arm has received; 0 while the numbers differ."""
         heard = {len(self.heard(side, "inverse_dynamics_command")) for side in Side}
         return heard.pop() if len(heard) == 1 else 0
 
     def command(self, q: Array, qd: Array = ZERO):
-        """The set-point, after the robot has heard it."""
+        """Send a command and wait until the robot has received it. Returns the set-point."""
         before = [len(self.puppet.heard[topic]) for topic in self._told]
         sent = self.port.command(q, qd)
         wait(
@@ -87,12 +87,12 @@ def refused(arms: RosArms, q: Array, qd: Array = ZERO) -> FailureKind:
     return caught.value.kind
 
 
-# what it reads -----------------------------------------------------------------------------------------
+# joint states ------------------------------------------------------------------------------------------
 
 
-def test_the_state_is_read_by_name(puppet: Puppet, ports: Ports) -> None:
+def test_the_joint_state_is_read_by_joint_name(puppet: Puppet, ports: Ports) -> None:
     assert NAMES[2:16] != list(JOINT_NAMES)
-    for _ in range(20):  # among messages of other joints
+    for _ in range(20):  # messages of other joints arrive too
         state = ports.arms.state()
         np.testing.assert_array_equal(state.q, puppet.q)
         np.testing.assert_array_equal(state.qd, puppet.qd)
@@ -101,7 +101,7 @@ def test_the_state_is_read_by_name(puppet: Puppet, ports: Ports) -> None:
         puppet.let(1)
 
 
-def test_a_message_that_lacks_a_joint_or_a_figure_is_none(puppet: Puppet, arms: Arms) -> None:
+def test_a_message_without_a_joint_or_a_value_is_ignored(puppet: Puppet, arms: Arms) -> None:
     before = puppet.q.copy()
     puppet.hush(JOINTS)
     arms.clock.time += 1.0
@@ -127,7 +127,7 @@ def spoiled(message: Any, field: str, name: str, wrong: float) -> Any:
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_a_message_whose_figures_are_no_numbers_is_none(puppet: Puppet, arms: Arms, wrong: float) -> None:
+def test_a_message_with_values_that_are_not_finite_is_ignored(puppet: Puppet, arms: Arms, wrong: float) -> None:
     puppet.hush(JOINTS)
     before = arms.port.state()
     arms.clock.time += 1.0
@@ -136,13 +136,13 @@ def test_a_message_whose_figures_are_no_numbers_is_none(puppet: Puppet, arms: Ar
         puppet._publishers[JOINTS].publish(spoiled(puppet.joints(), field, name, wrong))
         puppet.let(5)
     assert arms.port.state() is before
-    for field in ("position", "velocity", "effort"):  # of what is none of ours
+    for field in ("position", "velocity", "effort"):  # a joint that the driver does not use
         puppet._publishers[JOINTS].publish(spoiled(puppet.joints(), field, "torso_t0", wrong))
         wait(lambda: arms.port.state().stamp == arms.clock.now(), "it is heard")
         arms.clock.time += 1.0
 
 
-def test_the_stamp_is_the_arrival_and_grows_old(puppet: Puppet, arms: Arms) -> None:
+def test_the_stamp_of_a_state_is_its_time_of_arrival(puppet: Puppet, arms: Arms) -> None:
     arms.pass_time(0.5)
     assert arms.port.state().stamp == arms.clock.now() == 100.5
     puppet.hush(JOINTS)
@@ -151,7 +151,9 @@ def test_the_stamp_is_the_arrival_and_grows_old(puppet: Puppet, arms: Arms) -> N
     assert arms.port.state().stamp == 100.5
 
 
-def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: Node, limits: JointLimits) -> None:
+def test_the_state_before_the_first_message_has_no_valid_time(
+    puppet: Puppet, node: Node, limits: JointLimits
+) -> None:
     puppet.hush(JOINTS)
     clock = HandClock()
     stop = RosStop(node, clock)
@@ -239,7 +241,7 @@ def test_both_arms_are_commanded_by_name(puppet: Puppet, arms: Arms) -> None:
     assert not sent.clipped and sent.stamp == arms.clock.now()
 
 
-def test_the_robot_hears_what_is_returned(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
+def test_the_robot_receives_the_returned_set_point(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     rng = np.random.default_rng(5)
     clipped = 0
     for _ in range(30):
@@ -261,11 +263,11 @@ def test_set_points_keep_the_joint_velocity_limits(puppet: Puppet, arms: Arms, l
         np.testing.assert_allclose(sent.q, np.minimum(stood + k * reach, limits.upper), rtol=0, atol=1e-12)
         assert sent.clipped
         arms.pass_time(0.01)
-    arms.pass_time(0.3)  # nobody commands them any more: from where they stand
+    arms.pass_time(0.3)  # after a pause in commands, the set-point starts at the arms' position
     np.testing.assert_allclose(arms.command(stood + 5.0).q, np.minimum(stood + reach, limits.upper), atol=1e-12)
 
 
-def test_limits_hold_for_any_command(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
+def test_set_points_are_within_the_limits_for_any_command(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
     puppet.q = limits.upper - 0.01
     wait(lambda: np.array_equal(arms.port.state().q, puppet.q), "they stand near their ends")
     sent = arms.command(limits.upper + 0.01, 3.0 * limits.velocity)
@@ -274,10 +276,10 @@ def test_limits_hold_for_any_command(puppet: Puppet, arms: Arms, limits: JointLi
     assert sent.clipped
 
 
-def test_arms_outside_of_their_limits_hold_and_come_back_without_a_jump(
+def test_arms_outside_their_limits_hold_and_return_without_a_jump(
     puppet: Puppet, arms: Arms, limits: JointLimits
 ) -> None:
-    """Somebody pushed them there."""
+    """A person pushed the arms there."""
     reach = limits.velocity * JUMP_TIME
     puppet.q = limits.upper + 2.5 * reach
     stood = puppet.q.copy()
@@ -289,10 +291,12 @@ def test_arms_outside_of_their_limits_hold_and_come_back_without_a_jump(
         arms.pass_time(0.01)
         sent = arms.command(limits.upper - 0.01)
         np.testing.assert_allclose(sent.q, np.maximum(stood - k * reach, limits.upper - 0.01), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(arms.command(stood).q, limits.upper)  # not out again
+    np.testing.assert_array_equal(arms.command(stood).q, limits.upper)  # the arms do not leave their limits again
 
 
-def test_after_enabling_it_begins_where_the_arms_stand(puppet: Puppet, ports: Ports, limits: JointLimits) -> None:
+def test_the_first_set_point_after_enabling_starts_at_the_arms_position(
+    puppet: Puppet, ports: Ports, limits: JointLimits
+) -> None:
     ports.arms.enable()
     puppet.deaf = {LIMB[side] + "joint_command" for side in Side}
     for _ in range(3):
@@ -313,7 +317,9 @@ def test_after_enabling_it_begins_where_the_arms_stand(puppet: Puppet, ports: Po
     ],
     ids=["disabled", "stopped", "no state", "no joint states"],
 )
-def test_commands_are_refused(puppet: Puppet, arms: Arms, spoil: Callable, kind: FailureKind) -> None:
+def test_commands_are_refused_if_the_robot_is_off_stopped_or_silent(
+    puppet: Puppet, arms: Arms, spoil: Callable, kind: FailureKind
+) -> None:
     arms.command(puppet.q)
     spoil(puppet)
     puppet.let(10)
@@ -324,7 +330,7 @@ def test_commands_are_refused(puppet: Puppet, arms: Arms, spoil: Callable, kind:
     assert len(arms.heard(Side.LEFT)) == len(arms.heard(Side.RIGHT)) == 1
 
 
-def test_a_moment_of_silence_is_forgiven(puppet: Puppet, arms: Arms) -> None:
+def test_a_short_silence_does_not_refuse_commands(puppet: Puppet, arms: Arms) -> None:
     arms.command(puppet.q)
     puppet.silent = {STATE}
     arms.clock.time += 0.15
@@ -362,7 +368,7 @@ def test_command_timeout_and_full_speed_are_published(puppet: Puppet, ports: Por
 # raw positions -----------------------------------------------------------------------------------------
 
 
-def test_raw_positions_bring_the_sinusoids_velocities_and_accelerations(
+def test_raw_positions_have_the_velocities_and_accelerations_of_a_sinusoid(
     puppet: Puppet, make: Callable[..., Arms], limits: JointLimits
 ) -> None:
     arms = make(raw=True)
@@ -399,7 +405,7 @@ def test_accelerations_stay_within_the_limits(
         np.testing.assert_array_equal(second.accelerations, -limits.acceleration[arm_slice(side)])
 
 
-def test_the_setting_chooses_raw_positions(puppet: Puppet, connect: Connect) -> None:
+def test_the_raw_position_setting_selects_the_command_mode(puppet: Puppet, connect: Connect) -> None:
     with connect(raw_position=True) as ports:
         ports.arms.enable()
         ports.arms.command(puppet.q, ZERO)

@@ -1,4 +1,4 @@
-"""The camera port: a picture taken after the request, or a fault with its reason."""
+"""The camera port: a picture that was taken after the request, or a fault with its reason."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from robots.ports import CameraFrame
 from tests.optional_parts import ROS
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:notifyAll"),  # rospy's own
+    pytest.mark.filterwarnings("ignore:notifyAll"),  # a warning of rospy
     ROS.required,
 ]
 HEIGHT, WIDTH = 3, 4
@@ -53,9 +53,11 @@ def depths(n: int) -> np.ndarray:
 
 
 class Film:
-    """Takes a picture every third tick while somebody looks: the n-th has colour n and depth n + 0.5.
+    """Takes a picture on every third tick while a subscriber exists. The n-th picture has colour n and depth n +
+    0.5.
 
-    colour, depth: when the n-th of them was taken [s], None: never."""
+    colour, depth: time of the n-th exposure [s]; None: the message is lost.
+    """
 
     def __init__(self, puppet: Puppet) -> None:
         self.puppet = puppet
@@ -106,7 +108,7 @@ def fault(act: Callable[[], Any]) -> str:
 # taking a picture --------------------------------------------------------------------------------------
 
 
-def test_a_picture_that_was_under_way_is_not_returned(film: Film, camera: RosCamera) -> None:
+def test_a_picture_exposed_before_the_request_is_not_returned(film: Film, camera: RosCamera) -> None:
     number = 0
     for _ in range(3):
         film.taken = 0
@@ -117,7 +119,7 @@ def test_a_picture_that_was_under_way_is_not_returned(film: Film, camera: RosCam
         wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
 
 
-def test_colour_and_depth_of_one_moment_come_together(film: Film, camera: RosCamera) -> None:
+def test_colour_and_depth_of_the_same_time_are_combined(film: Film, camera: RosCamera) -> None:
     film.depth = lambda n: 50.010 + 0.033 * n
     for _ in range(3):
         frame = camera.capture()
@@ -127,14 +129,14 @@ def test_colour_and_depth_of_one_moment_come_together(film: Film, camera: RosCam
 
 
 def test_depth_of_an_earlier_exposure_is_not_used(film: Film, camera: RosCamera) -> None:
-    """At 60 pictures a second both lie near enough, and the wrong one is there first."""
+    """At 60 pictures per second two depth pictures are near enough in time, and the wrong one arrives first."""
     film.colour = film.depth = lambda n: 50.0 + n / 60
     for _ in range(3):
         frame = camera.capture()
         np.testing.assert_array_equal(frame.depth, depths(int(frame.rgb[0, 0, 0])))
 
 
-def test_a_lost_depth_picture_is_waited_out(film: Film, camera: RosCamera) -> None:
+def test_a_picture_with_lost_depth_is_replaced_by_the_next_one(film: Film, camera: RosCamera) -> None:
     film.depth = lambda n: None if n in (1, 2) else 50.0 + 0.033 * n
     frame = camera.capture()
     assert frame.rgb[0, 0, 0] >= 3
@@ -160,7 +162,7 @@ def test_the_camera_subscribes_only_while_it_takes_a_picture(
 
 
 @pytest.mark.parametrize(("silent", "patience"), [(("rgb", "depth", "info"), 0.3), (("depth",), 2.0)])
-def test_silence_is_a_fault_that_names_the_topics(
+def test_a_silent_camera_is_a_fault_that_names_the_topics(
     film: Film, camera: RosCamera, monkeypatch, silent: tuple[str, ...], patience: float
 ) -> None:
     monkeypatch.setattr(camera_module, "ANSWER_S", patience)
@@ -199,7 +201,7 @@ def test_an_unreadable_picture_is_a_fault_with_its_reason(
     assert says in fault(camera.capture)
 
 
-def test_after_a_fault_it_takes_pictures_again(film: Film, camera: RosCamera, monkeypatch) -> None:
+def test_the_camera_takes_pictures_again_after_a_fault(film: Film, camera: RosCamera, monkeypatch) -> None:
     film.info = figures(width=99)
     fault(camera.capture)
     film.info = figures()
@@ -231,7 +233,7 @@ def test_depth_is_in_metres_and_nan_where_nothing_was_seen(padding: int, order: 
     np.testing.assert_allclose(read, np.where(millimetres > 0, seen, np.nan), rtol=1e-6)
 
 
-def test_cut_off_pictures_are_not_read() -> None:
+def test_truncated_pictures_are_refused() -> None:
     short = image(RGB, "rgb8")
     short.data = short.data[:-1]
     assert "complete rows" in fault(lambda: read_colour(short))
@@ -241,7 +243,7 @@ def test_cut_off_pictures_are_not_read() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"width": 5}, {"height": 2}, {"fx": 0.0}, {"fy": 0.0}])
-def test_figures_of_another_picture_do_not_fit(wrong: dict) -> None:
+def test_intrinsics_of_another_picture_size_are_refused(wrong: dict) -> None:
     assert "intrinsics" in fault(lambda: read_intrinsics(figures(**wrong), image(RGB, "rgb8")))
 
 
@@ -265,10 +267,12 @@ def test_a_still_pictures_depth_is_the_mean_of_its_exposures(film: Film, node: N
     frame = camera.capture()
     last = float(frame.rgb[0, 0, 0])
     mean = (float(frame.depth[0, 0]) - 1.0) / 0.001 - 0.5
-    assert last - 20.0 < mean < last - 3.499, "of eight, the last of which gives the colours; some may get lost"
+    assert last - 20.0 < mean < last - 3.499, (
+        "depth is the mean of eight exposures, of which some may get lost; the last one gives the colours"
+    )
 
 
-def test_a_slow_camera_gives_what_it_exposed_in_time(film: Film, node: Node) -> None:
+def test_a_slow_camera_returns_the_exposures_taken_in_time(film: Film, node: Node) -> None:
     film.pictures = lambda n: (image(colours(n), "rgb8"), image(1.0 + 0.001 * depths(n), "32FC1"))
     clock = HandClock()
     camera = RosCamera(node, clock, CameraTopics(**CAMERA), exposures=1000)
@@ -280,7 +284,7 @@ def test_a_slow_camera_gives_what_it_exposed_in_time(film: Film, node: Node) -> 
     clock.time += camera_module.EXPOSED_S + 0.05
     thread.join(30.0)
     assert taken and 1.001 < taken[0].depth[0, 0] < 2.0
-    assert clock.now() - taken[0].stamp < PICTURE_AGE, "or whoever asked would refuse it"
+    assert clock.now() - taken[0].stamp < PICTURE_AGE, "an older picture would be refused by the caller"
 
 
 def test_a_timeout_keeps_the_exposures_taken_so_far(film: Film, node: Node, monkeypatch) -> None:
@@ -289,7 +293,7 @@ def test_a_timeout_keeps_the_exposures_taken_so_far(film: Film, node: Node, monk
     assert camera.capture().depth.shape == (HEIGHT, WIDTH)
 
 
-def test_a_stop_ends_the_waiting_for_a_picture(film: Film, node: Node) -> None:
+def test_a_stop_ends_the_wait_for_a_picture(film: Film, node: Node) -> None:
     stopped = threading.Event()
     camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), settle=60.0, stopped=stopped.is_set)
     threading.Timer(0.3, stopped.set).start()
@@ -315,7 +319,7 @@ def test_a_glimpse_never_waits_and_is_never_old(film: Film, node: Node) -> None:
     camera.glimpse()
     film.puppet.let(20)
     clock.time += 5.0
-    assert camera.glimpse() is None, "it was meant for another moment"
+    assert camera.glimpse() is None, "a glimpse is not a picture of another time"
     wait(lambda: not film.puppet.listeners(CAMERA["rgb"]), "nobody looks any more")
 
 
@@ -340,7 +344,8 @@ def test_a_hanging_master_does_not_block_the_camera(
 
 
 def test_a_slow_camera_is_not_waited_for_until_its_picture_is_old() -> None:
-    """One exposure every half a second: the next one is not worth the first one's age. One every fifth is."""
+    """With an exposure every half second, waiting for another one would make the first too old. With one every
+    fifth of a second, the camera waits."""
     wanted = camera_module._Wanted(first=1, settle=0.0, exposures=8)
     for arrivals, handed_over, exposures in (((10.0,), 10.3, 1), ((10.0, 10.2, 10.4), 10.42, 3)):
         pairs = [(t, t, None, None) for t in arrivals]

@@ -1,4 +1,4 @@
-"""The cell's time: this machine's clock, or that of a simulated robot."""
+"""The cell's time: this machine's clock, or the clock of a simulated robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from robots.baxter.ros.ports import clock as clock_module
 from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
 from robots.errors import DriverError, FailureKind
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 
 
 class Told:
@@ -59,8 +59,9 @@ def test_the_wall_clock_never_goes_back() -> None:
     assert time.monotonic() - wall < 10.0
 
 
-def test_the_time_in_which_the_machine_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Linux's monotonic clock stands still in a suspend, the boot clock does not: what was heard before is old."""
+def test_the_time_of_a_suspend_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Linux's monotonic clock stops during a suspend, but the boot clock does not. Messages from before the
+    suspend are old."""
     slept, read = 0.0, time.clock_gettime
     monkeypatch.setattr(time, "clock_gettime", lambda k: read(k) + (slept if k == time.CLOCK_BOOTTIME else 0.0))
     clock = WallClock()
@@ -74,7 +75,7 @@ def test_the_clock_reads_the_time_of_the_topic(told: Told) -> None:
     assert told.clock.now() == 12.5
 
 
-def test_the_clock_never_goes_back(told: Told) -> None:
+def test_the_topics_clock_never_goes_back(told: Told) -> None:
     told.set(12.5)
     told.say(3.0)
     told.set(12.75)
@@ -114,9 +115,7 @@ def test_a_time_step_below_rounding_is_ignored(told: Told) -> None:
 
 
 @pytest.mark.parametrize("talks", [False, True], ids=["silent", "says the same again"])
-def test_a_clock_that_stands_still_is_a_driver_error(
-    told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool
-) -> None:
+def test_a_clock_that_stops_is_a_driver_error(told: Told, monkeypatch: pytest.MonkeyPatch, talks: bool) -> None:
     monkeypatch.setattr(clock_module, "SILENCE_S", 0.4)
     told.set(7.0)
     over = threading.Event()

@@ -14,12 +14,12 @@ from robots.baxter.ros.ports.gripper import RosGripper
 from robots.errors import DriverError, FailureKind
 from robots.ports import Ports, Side
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 FULL = 0.0416
 
 
 class Bench:
-    """A driver of the left gripper on a clock that is turned by hand, and the gripper."""
+    """The left gripper and its driver, with a clock that a test sets."""
 
     def __init__(self, puppet: Puppet, node: Node) -> None:
         self.puppet, self.clock = puppet, HandClock()
@@ -36,13 +36,13 @@ class Bench:
         self.done()
 
     def handled(self) -> list[tuple]:
-        """What the gripper did, with the figures."""
+        """The commands that the gripper handled, with their values."""
         figures = {"go": ("position",), "configure": ("moving_force", "holding_force")}
         told = [(m.command, json.loads(m.args or "{}")) for m in self.hand.handled]
         return [(what, *(values[name] for name in figures.get(what, ()))) for what, values in told]
 
     def pass_time(self, seconds: float, step: float = 0.06) -> None:
-        """A little at a time, and the gripper speaks in between."""
+        """Advance the clock in small steps, with gripper states in between."""
         until = self.clock.time + seconds
         while self.clock.time < until:
             self.clock.time += step
@@ -80,7 +80,7 @@ def test_a_command_waits_for_the_end_of_the_calibration(bench: Bench) -> None:
     bench.pass_time(3.0, step=0.5)
     assert bench.port.state().moving
     assert [m.command for m in bench.hand.heard] == ["calibrate"] * len(bench.hand.heard)
-    bench.port.command(0.03, 6.0)  # no fault: it takes its time
+    bench.port.command(0.03, 6.0)  # a long calibration is no fault
     bench.hand.calibrating = 1
     bench.done()
     assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"]
@@ -168,7 +168,7 @@ def test_the_force_is_configured_only_when_it_changes(bench: Bench) -> None:
 
 
 at_once_or_not = pytest.mark.parametrize("at_once", [True, False], ids=["at once", "when it is done"])
-"""Whether the next command waits for the end of a calibration: the executive's does not."""
+"""Whether the next command waits for the end of the calibration. The executive does not wait."""
 
 
 @at_once_or_not
@@ -207,7 +207,7 @@ def test_a_deaf_gripper_is_a_fault_after_a_while(bench: Bench) -> None:
     bench.port.command(0.03, 6.0)
     bench.pass_time(0.2)
     assert "left" in fault(bench.port)
-    bench.port.command(0.03, 6.0)  # it may hear again
+    bench.port.command(0.03, 6.0)  # the gripper may hear again
     bench.pass_time(2.1)
     assert "left" in fault(bench.port, 0.01)
     bench.hand.deaf = False
@@ -250,13 +250,13 @@ def test_the_gripper_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet
     assert not bench.port.state().calibrated
 
 
-def test_before_anything_is_heard_the_state_is_of_no_time(puppet: Puppet, node: Node) -> None:
+def test_the_state_before_the_first_message_has_no_valid_time(puppet: Puppet, node: Node) -> None:
     puppet.hush("/robot/end_effector/right_gripper/state")
     state = RosGripper(node, HandClock(), Side.RIGHT).state()
     assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated
 
 
-def test_a_gripper_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
+def test_a_gripper_counts_as_moving_while_a_command_waits(bench: Bench) -> None:
     bench.calibrate()
     bench.hand.deaf = True
     assert not bench.port.state().moving
@@ -271,7 +271,7 @@ def test_a_gripper_counts_as_moving_while_an_order_waits(bench: Bench) -> None:
 
 
 def test_an_answer_to_another_program_is_ignored(puppet: Puppet, connect: Connect) -> None:
-    """Both begin to count at the same number."""
+    """Both programs start with the same sequence number."""
     hand = puppet.hands[Side.LEFT]
     for n in (1, 2):
         with connect() as ports:
@@ -296,7 +296,7 @@ def test_each_side_has_its_own_gripper(puppet: Puppet, connect: Connect) -> None
         assert right.state().opening == pytest.approx(FULL) == right.max_opening
 
 
-def test_an_order_interrupted_by_a_stop_is_not_done_after_it(puppet: Puppet, ports: Ports) -> None:
+def test_a_command_interrupted_by_a_stop_is_not_executed_afterwards(puppet: Puppet, ports: Ports) -> None:
     hand, port = puppet.hands[Side.LEFT], ports.grippers[Side.LEFT]
     port.calibrate()
     wait(lambda: not port.state().moving, "calibrated")
@@ -324,7 +324,7 @@ def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
     puppet.let(10)
     assert bench.port.state().in_error
     bench.port.calibrate() if at_once else bench.calibrate()
-    assert not bench.port.state().in_error, "that is what the calibration ends"
+    assert not bench.port.state().in_error, "the calibration ends the error"
     bench.port.command(0.02, 6.0)
     bench.done()
     cleared = ["clear_calibration"] * calibrated

@@ -1,4 +1,4 @@
-"""Gripper orders in any sequence, without a network or a clock."""
+"""Gripper commands in any sequence, without a network or a clock."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ from tests.optional_parts import ROS
 pytestmark = ROS.required
 STATE_S = 0.05
 LONG = 40
-"""States in which all that was ordered has been done."""
+"""Number of states after which all commands have been executed."""
 
 
 @dataclass
 class Hand:
-    """A gripper that handles one order at a time, and is offended by what the SDK would not send. refuses: what it
-    does not do but says that it has handled, with an error, until it is told something else."""
+    """A gripper that handles one command at a time and fails the test on commands that the SDK would not send.
+
+    refuses: the command that it reports as handled with an error, but does not execute.
+    """
 
     calibrated: int = 0
     error: int = 0
@@ -59,14 +61,16 @@ class Hand:
         if message.command == "clear_calibration":
             self.calibrated = 0
         elif message.command == "calibrate":
-            assert not self.calibrated, "nobody could tell when it ends"
+            assert not self.calibrated, (
+                "a calibrated gripper is not calibrated again, because its end could not be detected"
+            )
             self.busy, self.force = 4, None
             self.calibrations += 1
         elif message.command == "configure":
             self.force = figures["holding_force"]
         elif message.command == "go":
-            assert self.calibrated, "go, before it is calibrated"
-            assert self.force is not None, "go, with nobody knows what force"
+            assert self.calibrated, "go is not sent before the calibration"
+            assert self.force is not None, "go is not sent before the force is configured"
             self.position = figures["position"]
 
     def state(self) -> Any:
@@ -81,14 +85,14 @@ class Hand:
 
 
 class Bench:
-    """One gripper and its driver. What is done with both is noted as it ought to end."""
+    """One gripper and its driver. The bench notes the expected end of each command."""
 
     def __init__(self, calibrated: bool = False, error: bool = False) -> None:
         self.wire, self.hand = Wire(), Hand(int(calibrated), int(error))
         self.stopped = False
         self.port = RosGripper(self.wire, self.wire, Side.LEFT, lambda: self.stopped)  # type: ignore[arg-type]
         self.due = 0
-        """Calibrations that the hand has to have done."""
+        """Number of calibrations that the hand must have made."""
         self.wanted: tuple[float, float] | None = None
         self.states(1)
 
@@ -122,14 +126,14 @@ class Bench:
         self.due, self.wanted = 0, None
 
     def reset(self) -> None:
-        """If it was stopped."""
+        """Reset a stopped robot."""
         if self.stopped:
             self.stopped, told = False, self.wire.count
             self.states(8)
-            assert self.wire.count == told, "what a stop left undone is void"
+            assert self.wire.count == told, "commands that a stop interrupted are void"
 
     def ends(self) -> None:
-        """All that was ordered is done, in its order."""
+        """Assert that all commands are executed in order."""
         self.states(LONG)
         state = self.port.state()
         assert not state.moving and self.hand.calibrations >= self.due
@@ -142,7 +146,7 @@ class Bench:
             assert state.opening == pytest.approx(opening)
 
     def _refused(self, order: Callable[[], None]) -> bool:
-        """Whether the robot is stopped, and the order was refused for it."""
+        """Whether the robot is stopped and therefore refused the command."""
         if not self.stopped:
             order()
             return False
@@ -163,8 +167,8 @@ deeds = st.one_of(
 
 @settings(max_examples=400)
 @given(calibrated=st.booleans(), deeds=st.lists(deeds, max_size=12))
-def test_the_last_of_any_sequence_of_orders_is_done(calibrated: bool, deeds: list[tuple]) -> None:
-    """However few states of the gripper lie between two orders."""
+def test_the_last_command_of_any_sequence_is_executed(calibrated: bool, deeds: list[tuple]) -> None:
+    """This holds for any number of gripper states between two commands."""
     bench = Bench(calibrated)
     for name, *figures in deeds:
         getattr(bench, name)(*figures)
@@ -181,7 +185,7 @@ def test_a_command_right_after_a_calibration_follows_it(calibrated: bool, error:
     assert bench.hand.calibrations == 1
 
 
-def test_the_last_of_many_commands_right_after_a_calibration_is_done() -> None:
+def test_the_last_of_many_commands_right_after_a_calibration_is_executed() -> None:
     bench = Bench(calibrated=True, error=True)
     bench.calibrate()
     for opening in (0.01, 0.02, 0.03, 0.02):
@@ -192,8 +196,8 @@ def test_the_last_of_many_commands_right_after_a_calibration_is_done() -> None:
 
 
 @pytest.mark.parametrize("states", range(8))
-def test_a_second_calibration_during_the_first_is_done(states: int) -> None:
-    """The end of the first is not taken for that of the second."""
+def test_a_second_calibration_during_the_first_is_executed(states: int) -> None:
+    """The end of the first calibration is not taken for the end of the second."""
     bench = Bench()
     bench.calibrate()
     bench.states(states)
@@ -203,7 +207,7 @@ def test_a_second_calibration_during_the_first_is_done(states: int) -> None:
 
 
 @pytest.mark.parametrize("states", range(10))
-def test_an_order_cancelled_by_a_stop_is_not_resumed(states: int) -> None:
+def test_a_command_cancelled_by_a_stop_is_not_resumed(states: int) -> None:
     bench = Bench(calibrated=True)
     bench.calibrate()
     bench.command(0.01, 6.0)
@@ -220,13 +224,13 @@ def test_a_command_given_before_a_stop_can_be_repeated_after_it() -> None:
     bench.command(0.01, 6.0)
     bench.ends()
     bench.stop()
-    bench.hand.position, bench.hand.force = 0.0, None  # without power
+    bench.hand.position, bench.hand.force = 0.0, None  # a robot without power
     bench.reset()
     bench.command(0.01, 6.0)
     bench.ends()
 
 
-def test_a_hand_that_numbers_all_orders_0_is_understood() -> None:
+def test_a_hand_that_echoes_sequence_0_for_all_commands_is_supported() -> None:
     bench = Bench(calibrated=True, error=True)
     bench.hand.counts = False
     bench.calibrate()
@@ -252,11 +256,11 @@ def test_a_refusal_is_reported_once_and_does_not_block_later_commands() -> None:
     what = fault(bench)
     assert "refused to go" in what and "a test" in what
     bench.hand.refuses = ""
-    bench.command(0.0, 6.0)  # the same again: it was not done
+    bench.command(0.0, 6.0)  # the same command again, because it was not executed
     bench.ends()
 
 
-def test_the_pads_do_not_go_with_a_force_that_was_refused() -> None:
+def test_the_pads_do_not_move_after_a_refused_force() -> None:
     bench = Bench(calibrated=True)
     bench.command(0.01, 12.0)
     bench.ends()
@@ -271,7 +275,7 @@ def test_the_pads_do_not_go_with_a_force_that_was_refused() -> None:
 
 
 @pytest.mark.parametrize("calibrate", [False, True])
-def test_an_order_that_timed_out_is_not_done_later(calibrate: bool) -> None:
+def test_a_command_that_timed_out_is_not_executed_later(calibrate: bool) -> None:
     bench = Bench(calibrated=True)
     bench.hand.deaf = True
     if calibrate:
@@ -292,15 +296,15 @@ def test_an_order_that_timed_out_is_not_done_later(calibrate: bool) -> None:
     bench.ends()
 
 
-def test_a_gripper_counts_as_moving_from_the_command_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even while a state comes: what was heard before it is not put together with what waits after it."""
+def test_a_gripper_counts_as_moving_as_soon_as_it_is_commanded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This also holds if a state arrives at the same time: an old state is not combined with a newer queue."""
     bench = Bench(calibrated=True)
     bench.command(0.01, 6.0)
     bench.ends()
     hearing = bench.port.hearing
 
     class Meanwhile:
-        """The news that it moves comes when the one before has been taken."""
+        """A state with moving = 1 arrives right after the previous state was read."""
 
         @property
         def newest(self) -> Any:
@@ -316,7 +320,7 @@ def test_a_gripper_counts_as_moving_from_the_command_on(monkeypatch: pytest.Monk
     assert bench.port.state().moving
 
 
-def test_a_hand_of_which_nothing_was_heard_is_not_calibrated() -> None:
+def test_a_hand_before_its_first_state_counts_as_not_calibrated() -> None:
     wire = Wire()
     port = RosGripper(wire, wire, Side.LEFT)  # type: ignore[arg-type]
     with pytest.raises(DriverError, match="not calibrated"):
@@ -326,7 +330,7 @@ def test_a_hand_of_which_nothing_was_heard_is_not_calibrated() -> None:
 
 
 def test_a_command_interrupted_by_a_stop_fails_as_stopped() -> None:
-    """What it waited for has become void by the stop: to say that the hand is not calibrated would mislead."""
+    """The stop voids the calibration that the command waits for, so 'not calibrated' would be misleading."""
     bench = Bench()
     looks = iter([False, True])
     port = RosGripper(bench.wire, bench.wire, Side.LEFT, lambda: next(looks))  # type: ignore[arg-type]
@@ -336,7 +340,7 @@ def test_a_command_interrupted_by_a_stop_fails_as_stopped() -> None:
 
 
 def test_a_calibration_continues_when_another_command_is_echoed() -> None:
-    """The robot echoes the last sender: the calibration is not sent again and keeps its 10 s."""
+    """The robot echoes the last sender. The calibration is not sent again and keeps its time limit of 10 s."""
     bench = Bench()
     bench.calibrate()
     bench.states(2)
@@ -347,7 +351,7 @@ def test_a_calibration_continues_when_another_command_is_echoed() -> None:
     assert bench.wire.count == told and bench.hand.busy > 0
 
 
-def test_the_state_of_a_silent_hand_ages_despite_commands() -> None:
+def test_commands_do_not_renew_the_state_of_a_silent_hand() -> None:
     bench = Bench(calibrated=True)
     stamp = bench.port.state().stamp
     assert stamp == bench.wire.now()
@@ -361,7 +365,7 @@ def test_the_state_of_a_silent_hand_ages_despite_commands() -> None:
 
 @pytest.mark.parametrize("name", ["position", "force"])
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
-def test_a_state_whose_figures_are_no_numbers_is_none(name: str, wrong: float) -> None:
+def test_a_state_with_values_that_are_not_finite_is_ignored(name: str, wrong: float) -> None:
     bench = Bench(calibrated=True)
     before = bench.port.state()
     bench.wire.time += 1.0

@@ -1,4 +1,4 @@
-"""The head turns until it arrives; tactile readings are read as they come."""
+"""The head turns until it arrives. Tactile readings are read as they arrive."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robots.baxter.ros.ports.tactile import RosTactile
 from robots.errors import DriverError
 from robots.ports import JointState, Ports, Side
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 LEFT = Side.LEFT
 
 
@@ -38,13 +38,13 @@ def standing(pan: float) -> JointState:
     return JointState(0.0, zero, zero, zero, pan)
 
 
-def test_turning_the_head_times_out(puppet: Puppet, node: Node) -> None:
+def test_a_head_that_does_not_arrive_is_commanded_for_five_seconds(puppet: Puppet, node: Node) -> None:
     clock = HandClock()
     head = RosHead(node, clock)
     wait(lambda: puppet.hears(HEAD), "it is heard")
     head.watch(standing(0.0))
     head.command_pan(0.4)
-    wait(lambda: len(puppet.heard[HEAD]) == 1, "it is told")  # a newer order would replace it
+    wait(lambda: len(puppet.heard[HEAD]) == 1, "it is told")  # a newer command would replace it
     for n in range(1, 40):
         clock.time += 0.125
         head.watch(standing(0.0))
@@ -110,7 +110,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("channels", MALFORMED.values(), ids=MALFORMED)
-def test_a_malformed_message_is_none(
+def test_a_malformed_tactile_message_is_ignored(
     puppet: Puppet, tactile: tuple[RosTactile, HandClock], channels: dict
 ) -> None:
     port, clock = tactile
@@ -124,14 +124,14 @@ def test_a_malformed_message_is_none(
     wait(lambda: port.reading().stamp == 105.0, "a whole message")
 
 
-def test_other_channels_and_other_sizes_are_understood(puppet: Puppet, node: Node) -> None:
+def test_other_tactile_channels_and_sizes_are_read(puppet: Puppet, node: Node) -> None:
     puppet.pads[LEFT] = pads(temperature=[30.0], pad_0=[1.0] * 10, pad_1=[2.0] * 10)
     port = RosTactile(node, HandClock(), LEFT, 5)
     wait(lambda: port.hearing.newest, "a reading")
     assert port.reading().cells.shape == (2, 5, 2) and port.reading().grip == 10.0
 
 
-def test_silent_pads_grow_old(puppet: Puppet, tactile: tuple[RosTactile, HandClock]) -> None:
+def test_the_reading_of_silent_pads_ages(puppet: Puppet, tactile: tuple[RosTactile, HandClock]) -> None:
     port, clock = tactile
     puppet.hush(PADS[LEFT])
     clock.time += 5.0
@@ -139,7 +139,7 @@ def test_silent_pads_grow_old(puppet: Puppet, tactile: tuple[RosTactile, HandClo
     assert port.reading().stamp == 100.0
 
 
-def test_before_anything_is_heard_the_reading_is_of_no_time(puppet: Puppet, node: Node) -> None:
+def test_the_reading_before_the_first_message_has_no_valid_time(puppet: Puppet, node: Node) -> None:
     puppet.hush(PADS[LEFT])
     reading = RosTactile(node, HandClock(), LEFT, 4).reading()
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()

@@ -20,14 +20,14 @@ LIMIT = 1.39
 
 
 class Bench:
-    """A head that stands still wherever it is put, its driver, and a stop."""
+    """A head that stays where a test puts it, its driver, and a stop."""
 
     def __init__(self) -> None:
         self.wire, self.stopped, self.pan = Wire(), False, 0.0
         self.port = RosHead(self.wire, self.wire, lambda: self.stopped)  # type: ignore[arg-type]
 
     def states(self, seconds: float) -> int:
-        """Joint states at 100 Hz; how often it was told meanwhile."""
+        """Send joint states at 100 Hz. Returns the number of commands to the head meanwhile."""
         told, zero = self.wire.count, np.zeros(14)
         for _ in range(round(100 * seconds)):
             self.wire.time += 0.01
@@ -53,7 +53,7 @@ def test_the_head_angle_is_clipped_to_its_limits(angle: float) -> None:
 @pytest.mark.parametrize("goal", [-0.5, 0.5])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_the_head_is_commanded_at_20_hz_until_it_arrives(goal: float, side: float) -> None:
-    """From either side, with a tolerance of 5 mrad; it is commanded again if it is pushed away."""
+    """This holds from either side, with a tolerance of 5 mrad. A head that is pushed away is commanded again."""
     bench = Bench()
     bench.port.command_pan(goal)
     bench.pan = goal + side * 0.0055

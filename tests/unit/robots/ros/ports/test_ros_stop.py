@@ -1,4 +1,5 @@
-"""The stop: from anywhere, at once, until the robot has stopped, and no way out but a reset."""
+"""The stop: it works immediately from any thread, is repeated until the robot has stopped, and ends only by a
+reset."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from robots.baxter.ros.ports.stop import RosStop
 from robots.errors import DriverError, FailureKind
 from robots.ports import Ports, Side
 
-pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # rospy's own
+pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 ZERO = np.zeros(14)
 
 
@@ -70,7 +71,7 @@ def test_a_stop_is_sent_to_a_robot_that_is_already_stopped(puppet: Puppet, stop:
     wait(lambda: puppet.heard[STOP], "told")
 
 
-def test_the_first_reason_stays(puppet: Puppet, stop: RosStop) -> None:
+def test_the_first_reason_of_a_stop_is_kept(puppet: Puppet, stop: RosStop) -> None:
     stopped_by(stop, "the first")
     stamp = stop.state().stamp
     stop.trigger("the second")
@@ -78,12 +79,12 @@ def test_the_first_reason_stays(puppet: Puppet, stop: RosStop) -> None:
     puppet.stays(lambda: len(puppet.heard[STOP]))
 
 
-def test_a_stop_without_a_reason_is_a_stop(stop: RosStop) -> None:
+def test_a_stop_without_a_reason_works(stop: RosStop) -> None:
     stop.trigger("")
     assert stop.state().stopped and stop.state().reason
 
 
-def test_triggering_never_waits(puppet: Puppet, stop: RosStop) -> None:
+def test_triggering_a_stop_never_blocks(puppet: Puppet, stop: RosStop) -> None:
     puppet.deaf.add(STOP)
 
     def many() -> None:
@@ -164,7 +165,7 @@ def test_a_signal_while_resetting_stops_again(puppet: Puppet, stop: RosStop, mon
 # closing -----------------------------------------------------------------------------------------------
 
 
-def test_a_stop_that_was_asked_for_last_still_reaches_the_robot(puppet: Puppet, connect: Connect) -> None:
+def test_a_stop_right_before_closing_reaches_the_robot(puppet: Puppet, connect: Connect) -> None:
     for _ in range(5):
         puppet.stopped = False
         with connect() as ports:
@@ -206,13 +207,13 @@ def test_closing_leaves_no_file_open(puppet: Puppet, node: Node) -> None:
     assert pipes() == before
 
 
-# what the robot says -----------------------------------------------------------------------------------
+# the robot's reports -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("source", "reason"), [(1, "button"), (3, "fault"), (4, "computer"), (0, "reports that it is stopped")]
 )
-def test_a_stop_of_the_robot_is_seen_with_its_reason(
+def test_a_stop_reported_by_the_robot_has_its_reason(
     puppet: Puppet, stop: RosStop, source: int, reason: str
 ) -> None:
     puppet.button, puppet.source, puppet.stopped = int(source == 1), source, True
@@ -220,7 +221,7 @@ def test_a_stop_of_the_robot_is_seen_with_its_reason(
     assert reason in stop.state().reason
     puppet.source = 3 if source == 4 else 4
     puppet.let(10)
-    assert reason in stop.state().reason, "what stopped it first"
+    assert reason in stop.state().reason, "the first reason stays"
     assert puppet.heard[STOP] == []
 
 
@@ -241,7 +242,7 @@ def test_a_stop_stays_when_the_robot_no_longer_reports_it(puppet: Puppet, ports:
     assert caught.value.kind is FailureKind.STOPPED
 
 
-def test_the_age_of_an_unstopped_state_is_that_of_the_last_message(puppet: Puppet, stop: RosStop) -> None:
+def test_the_stamp_of_an_unstopped_state_is_that_of_the_last_message(puppet: Puppet, stop: RosStop) -> None:
     puppet.hush(STATE)
     state = stop.state()
     puppet.let(10)
@@ -251,7 +252,7 @@ def test_the_age_of_an_unstopped_state_is_that_of_the_last_message(puppet: Puppe
 # resetting ---------------------------------------------------------------------------------------------
 
 
-def test_no_reset_while_the_button_is_pressed(puppet: Puppet, stop: RosStop) -> None:
+def test_a_reset_is_refused_while_the_button_is_pressed(puppet: Puppet, stop: RosStop) -> None:
     puppet.button, puppet.source, puppet.stopped = 1, 1, True
     wait(lambda: stop.state().stopped, "seen")
     with pytest.raises(DriverError, match="pressed") as caught:
@@ -293,7 +294,7 @@ def test_a_stop_works_again_after_each_reset(puppet: Puppet, stop: RosStop) -> N
         assert not stop.state().stopped
 
 
-def test_a_reset_that_fails_leaves_the_stop_as_it_was(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
+def test_a_failed_reset_leaves_the_stop_unchanged(puppet: Puppet, stop: RosStop, monkeypatch) -> None:
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     puppet.deaf |= {STOP, RESET}
     puppet.enabled = True
@@ -344,7 +345,7 @@ def test_a_persistent_fault_is_reported(puppet: Puppet, stop: RosStop, monkeypat
 def test_a_remaining_error_does_not_prevent_the_reset_of_a_stop(
     puppet: Puppet, stop: RosStop, monkeypatch
 ) -> None:
-    """A robot can be enabled with one: it is the robot's to refuse."""
+    """A robot can be enabled in spite of an error. The robot itself decides this."""
     monkeypatch.setattr(stop_module, "RESET_S", 0.3)
     stop.trigger("a test")
     wait(lambda: puppet.stopped, "stopped")

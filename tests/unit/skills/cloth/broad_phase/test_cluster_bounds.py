@@ -16,8 +16,8 @@ NOTCHED = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.25], [0.16, 0.25], [0.15, 0.
 MESH = mesh_from_contour(NOTCHED, 0.02, layers=2)
 
 
-def test_the_geometry_of_triangles_is_that_of_their_corners():
-    """Also in clusters with corners in two rows. Places without a triangle have no normal."""
+def test_the_geometry_of_triangles_agrees_with_their_corners():
+    """This includes clusters with two rows of corners. Places without a triangle have no normal."""
     rng = np.random.default_rng(5)
     clusters = topology_of(MESH).clusters
     m, corners = len(clusters.tri), len(clusters.corner)
@@ -48,7 +48,8 @@ def test_the_geometry_of_triangles_is_that_of_their_corners():
 
 
 def test_a_cluster_has_no_more_corners_than_two_rows_hold():
-    """One of triangles that have but one corner in common, each with the next one; others are left alone."""
+    """A cluster of triangles that share only one corner with the next one is split. Other clusters do not
+    change."""
     chain = np.arange(2 * LEAF).reshape(-1, 2)
     chain = np.column_stack([chain, chain[:, 1] + 1])
     strip = np.arange(LEAF)[:, None] + np.arange(3)
@@ -60,10 +61,11 @@ def test_a_cluster_has_no_more_corners_than_two_rows_hold():
     assert all(len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in made)
 
 
-def test_arrays_read_by_vector_instructions_are_cache_aligned():
+def test_arrays_for_vector_instructions_are_cache_aligned():
     clusters = topology_of(MESH).clusters
     state = new_state(20, 30, 4, 25, 25, clusters)
     for made in (clusters, state, new_pairs(50, 40)):
         for name, array in made._asdict().items():
-            if array.size and name not in ("awake", "expired", "ridge_searched", "top_row"):  # read one by one
+            # these arrays are read one value at a time
+            if array.size and name not in ("awake", "expired", "ridge_searched", "top_row"):
                 assert array.ctypes.data % 64 == 0, name

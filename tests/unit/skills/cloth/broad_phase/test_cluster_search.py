@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from skills.cloth import kernel, solver
 from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
 from skills.cloth.broad_phase.cluster_search import search_pairs
 from skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
@@ -40,7 +41,8 @@ def two_sheets():
 
 
 def nearest(a, b):
-    """Least distance of two convex hulls of points (k, 3), (m, 3), after Frank and Wolfe (not less)."""
+    """Distance of the convex hulls of points (k, 3) and (m, 3) by the Frank-Wolfe method. The result is an upper
+    bound."""
     box = max((a.min(axis=0) - b.max(axis=0)).max(), (b.min(axis=0) - a.max(axis=0)).max())
     if box > RELEASE * THICK:
         return box
@@ -57,8 +59,11 @@ def nearest(a, b):
 
 
 def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
-    """Pairs of different layers that are near in one of `places` but not found; asked(vertices): whether a pair is
-    to be found. -> vertex-triangle, edge-edge pairs, and how many near ones there are."""
+    """Pairs of different layers that are near in one of `places` but were not found.
+
+    asked(vertices): whether a pair must be found. Returns missing vertex-triangle pairs, missing edge-edge pairs,
+    and the number of near pairs.
+    """
     layer, x, near = mesh.layer, places[0], 0
     vt, ee = [], []
     for t, tri in enumerate(mesh.triangles):
@@ -84,15 +89,15 @@ def near_edges(mesh, edges, places, asked):
 
 
 def bits_of(clusters, chosen):
-    """A bit for each of the edges that are chosen (e,), as clusters keep them."""
+    """The chosen edges (e,) as bits in the layout of the clusters."""
     bits = np.zeros(clusters.edge.shape, np.int32)
     bits.ravel()[clusters.at_edge[chosen]] = 1
     return (bits << np.arange(bits.shape[1])).sum(axis=1).astype(np.int32)
 
 
 @pytest.mark.parametrize(("stale_share", "ridge_share"), [(1.0, 1.0), (0.4, 1.0), (1.0, 0.5), (0.4, 0.2)])
-def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share):
-    """And of edges those that are ridges, no others."""
+def test_every_near_pair_of_two_sheets_is_found(stale_share, ridge_share):
+    """Of the edges, only ridges are found."""
     mesh, x = two_sheets()
     rng = np.random.default_rng(2)
     edges = mesh.edges.astype(np.int32)
@@ -110,7 +115,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     ridge = rng.random(len(edges)) < ridge_share
     clusters.ridge[:] = bits_of(
         clusters, np.ones(len(edges), bool)
-    )  # first all, then fewer: nothing is left of them
+    )  # all edges first, then fewer: nothing of the first remains
     fit_ridges(clusters, course, slack)
     np.testing.assert_array_equal(clusters.ridge, clusters.bent)
     clusters.fitted[:] = False
@@ -118,8 +123,8 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     fit_ridges(clusters, course, slack)
     n_vt, n_ee = search_pairs(clusters, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
-    assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each once
-    stale = np.ones(len(x), bool)  # vertices of stale clusters only
+    assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each pair is found once
+    stale = np.ones(len(x), bool)  # only vertices of stale clusters
     stale[corner[np.repeat(~clusters.stale, np.diff(clusters.corner_start))]] = False
     places = [x, x + 0.5 * HORIZON * speed, x + HORIZON * speed]
     lost_vt, lost_ee, near = missing_pairs(
@@ -128,7 +133,7 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
     assert near > 20 and not lost_vt
     assert all(ridge[e] and ridge[f] for e, f in found_ee) and len(found_ee) > 20 * ridge_share**2
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
-    for room in (LANES, 2 * LANES, 100):  # lists that are too short tell so, and nothing is written behind them
+    for room in (LANES, 2 * LANES, 100):  # too short lists are reported, and nothing is written behind their ends
         short = [np.full((room + 2 * LANES, 2), -7, np.int32) for _ in range(2)]
         told = search_pairs(clusters, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
         for a, n, wanted, all_of_them in zip(short, told, (n_vt, n_ee), (vt, ee), strict=True):
@@ -140,9 +145,12 @@ def test_every_pair_of_two_sheets_that_is_near_is_found(stale_share, ridge_share
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize(("half", "overlap"), [((0.01, 0.01), -5e-4), ((0.01, 0.01), 0.04), ((0.0, 0.05), 0.04)])
-def test_self_contact_in_a_notch_is_found_for_flat_cloth(turn, half, overlap):
-    """The legs of pants on a table, drawn together until their seams all but touch, edge to edge, or one lies on
-    the other. half: of the notch's width, at its end and where it opens [m]."""
+def test_self_contact_of_flat_cloth_in_a_notch_is_found(turn, half, overlap):
+    """The legs of pants on a table are moved together until their seams nearly touch, or until one leg lies on the
+    other.
+
+    half: half of the notch's width at its end and at its opening [m].
+    """
     out, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
     seam = [(0.0, half[0]), (0.2, half[1])]
     leg = [(-0.1, 0.12), (0.2, 0.12), *seam[::-1]]
@@ -185,8 +193,7 @@ def test_self_contact_in_a_notch_is_found_for_flat_cloth(turn, half, overlap):
 
 
 def test_normals_are_up_to_date_for_every_search():
-    """Which layer of a sheet can touch itself is told by the normals of stale clusters and of those beside
-    them."""
+    """The normals of stale clusters and of their neighbours decide whether a sheet can touch itself."""
     mesh = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.025)
     x = mesh.lay_flat(THICK)
     clusters = build_clusters(mesh, mesh.edges.astype(np.int32))
@@ -208,20 +215,21 @@ def test_normals_are_up_to_date_for_every_search():
     asked = np.unique(np.concatenate([beside[start[k] : start[k + 1]] for k in np.flatnonzero(stale)]))
     assert stale.sum() < len(asked) < m / 2 and np.isin(np.flatnonzero(stale), asked).all()
     np.testing.assert_array_equal(some[asked], every[asked])
-    assert not np.array_equal(some, every)  # the others were not fitted
+    assert not np.array_equal(some, every)  # the other clusters were not fitted
 
 
 @pytest.mark.parametrize(("gravity", "shake", "sleep_frames"), [(9.81, 0.05, 0), (9.81, 0.05, 10), (0.0, 0.0, 0)])
-def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames):
-    """Fallen onto each other, where clusters leave their courses, and flown straight, where courses run out."""
+def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, shake, sleep_frames, monkeypatch):
+    """Sheets that fall onto each other, whose clusters leave their courses, and sheets that fly straight, whose
+    courses run out."""
     mesh, x = two_sheets()
     x[:, 2] += np.where(mesh.layer == 1, 0.035, 0.012)
     rng = np.random.default_rng(3)
     settings = SolverSettings(
         frame_rate=240, substeps=PHASE, gravity=(0.0, 0.0, -gravity), drag=0.0, sleep_frames=sleep_frames
     )
+    monkeypatch.setattr(solver, "flat_cosine", lambda *_: float(EVERY_EDGE))
     sim = ClothSimulation(mesh, MATERIAL, x, settings)
-    sim._solver_parameters = sim._solver_parameters._replace(flat=float(EVERY_EDGE))
     upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
     sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shake * rng.standard_normal(x.shape))
     edges, seen, searched = sim._body.edge, 0, []
@@ -239,11 +247,11 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         seen += near
         searched.append(int(sim._body.clusters.stale.sum()))
     assert seen > 1000
-    assert min(searched) < len(sim._body.clusters.tri)  # not everything every time
+    assert min(searched) < len(sim._body.clusters.tri)  # not all clusters are searched every time
 
 
 def bent_edges(sim, x):
-    """Which edges are bent by so much that pairs of them may touch, or have not two triangles."""
+    """Edges that are bent enough to touch other edges, and edges with only one triangle."""
     hinge, edges = sim._body.hinge, np.sort(sim._body.edge, axis=1)
     number = {tuple(e): k for k, e in enumerate(edges.tolist())}
     bent = np.ones(len(edges), bool)
@@ -253,7 +261,8 @@ def bent_edges(sim, x):
 
 
 def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
-    """Where an edge is bent now but will be flat in the middle of what is foreseen, for a frame at most."""
+    """Pairs are missed for at most a frame, where an edge is bent now but will be flat in the middle of the
+    horizon."""
     near = missing = 0
     for seed in range(3, 7):
         mesh, x = two_sheets()
@@ -262,7 +271,7 @@ def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
         upper = np.where(mesh.layer[:, None] == 1, 1.0, 0.0)
         shaken = 0.05 * np.random.default_rng(seed).standard_normal(x.shape)
         sim.set_positions(x, upper * [0.3, 0.2, -0.8] + shaken)
-        sim.advance(1)  # they begin in each other
+        sim.advance(1)  # the sheets cross at first
         edges = sim._body.edge
         for _ in range(40):
             before = sim.positions
@@ -277,7 +286,7 @@ def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
 
 @pytest.mark.parametrize(("phase", "pace"), [(4, 4), (4, 8), (7, 7), (7, 14)])
 def test_contacts_are_not_used_beyond_the_horizon_of_their_pairs(phase, pace):
-    """A cluster of one corner that flies as foreseen: it is searched anew as late as can be, and no later."""
+    """A cluster with one corner moves exactly as predicted. It is searched again at the last possible time."""
     x, h, speed = np.zeros((1, 4)), 0.001, np.array([1.0, 0.0, 0.0])
     base, course = np.zeros((3, 1), np.float32), speed[:, None].astype(np.float32)
     one, none = np.zeros(1, np.int32), np.zeros(1, bool)
@@ -292,19 +301,23 @@ def test_contacts_are_not_used_beyond_the_horizon_of_their_pairs(phase, pace):
 
 
 @pytest.mark.parametrize("substeps", [16, 20])
-def test_lists_that_have_to_grow_change_nothing(substeps, monkeypatch):
-    """Sheets that begin in each other, and swing: lists grow when a frame begins, and within it."""
+def test_growing_pair_lists_do_not_change_the_result(substeps, monkeypatch):
+    """Two sheets pass through each other at first and then swing. Their lists grow at the beginning of a frame and
+    within one."""
     mesh, x = two_sheets()
     x[:, 2] += 0.03
     large, small = (ClothSimulation(mesh, MATERIAL, x, SolverSettings(substeps=substeps)) for _ in range(2))
-    small._pairs = new_pairs(60, 60)
-    grown_at, grow = set(), small._grow_pairs
+    lists = {f"pairs.{name}": array for name, array in new_pairs(60, 60)._asdict().items()}
+    small.restore(small.checkpoint() | lists)
+    grown_at, run_frames = set(), kernel.run_frames
 
-    def grow_and_tell():
-        grown_at.add(int(small._state.counts[SUBSTEP]))
-        grow()
+    def watched(body, parameters, state, *others):
+        ended = run_frames(body, parameters, state, *others)
+        if ended == kernel.PAIRS_FULL:
+            grown_at.add(int(state.counts[SUBSTEP]))
+        return ended
 
-    monkeypatch.setattr(small, "_grow_pairs", grow_and_tell)
+    monkeypatch.setattr(kernel, "run_frames", watched)
     for _ in range(40):
         large.advance(1)
         small.advance(1)

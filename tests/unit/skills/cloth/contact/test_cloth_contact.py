@@ -28,7 +28,7 @@ def rectangle(width, height):
 
 @pytest.fixture(scope="module")
 def folded():
-    """A bag of two layers, folded over: four layers and a crease."""
+    """A bag of two layers that is folded over: four layers and a crease."""
     mesh = mesh_from_contour(rectangle(0.5, 0.3), 0.025, layers=2)
     t = np.linspace(0.0, 2.0, 121)
     q = 0.5 - 0.5 * np.cos(np.pi * t / 2.0)
@@ -42,7 +42,7 @@ def folded():
 
 
 def test_folded_layers_come_to_rest_and_sleep(folded):
-    """Of 16 such bags, their starts moved by 1e-6 m, all were at rest after 4 s."""
+    """All of 16 such bags, with starts that differ by 1e-6 m, were at rest after 4 s."""
     mesh, x = folded
     s = ClothSimulation(mesh, MATERIAL, x)
     s.advance(480)
@@ -53,7 +53,7 @@ def test_folded_layers_come_to_rest_and_sleep(folded):
 
 
 def test_partly_sleeping_layers_continue_from_a_checkpoint_bit_for_bit(folded):
-    """Nothing of an earlier search counts that is not in it: here all edges had been ridges."""
+    """Only the checkpoint counts, and not an earlier search. Here all edges were ridges before the restore."""
     mesh, x = folded
     one = ClothSimulation(mesh, MATERIAL, x)
     for _ in range(12):
@@ -117,11 +117,12 @@ def test_sheets_that_meet_edge_on_do_not_pass_into_each_other():
         s.advance(1)
         assert count_crossings(s.positions, mesh.triangles) == 0
         nearest = min(nearest, s.positions[n:, 0].min() - s.positions[:n, 0].max())
-    assert nearest < MATERIAL.thickness  # they met
+    assert nearest < MATERIAL.thickness  # the sheets have met
 
 
 def thrown(seed):
-    """Crossings that stay where two layers of shirting, 1.5 mm thick, hit two on the table at 1 m/s."""
+    """Number of crossings that remain after two layers of shirting, 1.5 mm thick, hit two layers on the table at 1
+    m/s."""
     thin = Material(
         areal_mass=0.18, stretch_fraction=0.0136, bending_length=0.016, thickness=0.0015, friction_static=0.46,
         friction_dynamic=0.39, friction_layers=0.6,
@@ -151,6 +152,6 @@ def thrown(seed):
 
 
 def test_thrown_flaps_do_not_stay_inside_another_sheet():
-    """Seven of eight do not; where contacts were renewed four substeps apart, and sides were those of the moment,
-    only two did not."""
+    """At least seven of eight flaps have no crossings. With a narrow phase every four substeps and without a
+    memory of sides, only two had none."""
     assert sum(thrown(seed) > 0 for seed in range(8)) <= 1

@@ -1,4 +1,5 @@
-"""The schedule of narrow phases: often enough that nothing passes through, and independent of other pairs."""
+"""The schedule of narrow phases: they are frequent enough that nothing passes through, and independent of other
+pairs."""
 
 import hypothesis.strategies as st
 import pytest
@@ -17,7 +18,7 @@ from skills.cloth.contact.contacts import (
 
 FRAMES = st.sampled_from([16, 20, 28, 64])
 LIMITS = [share * way for way in (HASTE_WAY, LEISURE_WAY, 0.5 * LEISURE_WAY) for share in (0.99, 1.01)]
-WAYS = st.one_of(st.floats(0.0, 12.0), st.sampled_from(LIMITS))  # in a phase
+WAYS = st.one_of(st.floats(0.0, 12.0), st.sampled_from(LIMITS))  # distance moved within a phase
 
 
 @given(st.data(), FRAMES, st.booleans(), WAYS)
@@ -26,12 +27,12 @@ def test_no_pair_comes_too_near_between_two_narrow_phases(data, substeps, leisur
     pace = 2 * phase if leisure else phase
     s = data.draw(st.integers(0, substeps - 1))
     then, next_pace = next_narrow_phase(s, substeps, phase, pace, way / phase)
-    assert s < then <= min(s + pace, substeps), "contacts serve no longer than they were made for"
+    assert s < then <= min(s + pace, substeps), "contacts are not used longer than planned"
     steps = then - s
     if steps > phase // 2:
         assert steps * way / phase <= (HASTE_WAY if steps <= phase else LEISURE_WAY)
     assert next_pace == phase or 2.0 * way <= LEISURE_WAY
-    assert then % phase == 0 or steps == phase // 2, "haste apart, they come when the cloth is damped"
+    assert then % phase == 0 or steps == phase // 2, "except in haste, narrow phases coincide with damping"
 
 
 @pytest.mark.parametrize("substeps", [16, 20, 28, 64])
@@ -53,7 +54,7 @@ def test_a_phase_has_the_longest_fitting_length_of_at_least_four_substeps(rate, 
 
 @given(st.floats(0.001, 0.1), st.floats(0.01, 3.0), st.randoms(use_true_random=False), FRAMES)
 def test_an_approaching_pair_is_checked_before_contact(gap, speed, random, substeps):
-    """Others of the same cloth set the pace as they like, and it comes 1.5 times as fast as it seemed."""
+    """Other pairs set the pace at random, and this pair approaches 1.5 times as fast as estimated."""
     h = 1.0 / (60 * substeps)
     phase = phase_length(h, substeps)
     now, s, pace, due = 0, 0, phase, 0

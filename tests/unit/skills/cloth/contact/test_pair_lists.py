@@ -14,15 +14,15 @@ ROOM = 400
 
 
 def drawn(rng, firsts, seconds, n):
-    """n different pairs."""
+    """n different random pairs."""
     at = rng.choice(firsts * seconds, n, replace=False)
     return np.column_stack([at // seconds, at % seconds]).astype(np.int32)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_pairs_of_stale_clusteres_are_replaced_and_others_kept(seed):
-    """Both lists against sets, also such that are full in the end: no pair is lost or doubled, and what was known
-    of a pair goes with it."""
+def test_pairs_of_stale_clusters_are_replaced_and_others_kept(seed):
+    """Both lists agree with sets, also when they become full. No pair is lost or duplicated, and the memory of a
+    pair stays with it."""
     rng = np.random.default_rng(seed)
     clusters, pairs = build_clusters(SHEET, SHEET.edges), new_pairs(ROOM, ROOM)
     clusters.stale[:] = rng.random(len(clusters.stale)) < rng.choice([0.0, 0.1, 0.5, 1.0])
@@ -54,7 +54,7 @@ def test_pairs_of_stale_clusteres_are_replaced_and_others_kept(seed):
 
         before = held(n)
         stale = {p for p in before if clusters.stale[of_first[p[0]]] or clusters.stale[of_second[p[1]]]}
-        # some of those that were there are found again
+        # some earlier pairs are found again
         again = [p for p in sorted(stale) if rng.random() < 0.5]
         fresh = [tuple(p) for p in drawn(rng, len(of_first), len(of_second), ROOM).tolist()]
         found = [p for p in dict.fromkeys(again + fresh) if p in stale or p not in before]
@@ -73,7 +73,7 @@ def test_pairs_of_stale_clusteres_are_replaced_and_others_kept(seed):
         assert after == kept | renewed
 
 
-def test_room_is_what_stale_clusters_leave():
+def test_the_room_for_new_pairs_includes_the_pairs_of_stale_clusters():
     pair = np.array([[0, 0], [1, 1], [0, 1], [7, 7]], np.int32)
     of = np.array([0, 1], np.int32)
     for stale, room in (((False, False), 1), ((True, False), 3), ((True, True), 4)):

@@ -1,4 +1,4 @@
-"""Edges that can touch edges: those of bent sheets and those at rims."""
+"""Edges that can touch other edges: those where a sheet is bent, and those at rims."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ THICK, EDGE = 0.003, 0.025
 
 
 def ridges_of(mesh, x, flat):
-    """Which edges are bent or at a rim, and which are at a rim."""
+    """Two masks over the edges: bent or at a rim, and at a rim."""
     edges = mesh.edges.astype(np.int32)
     clusters = build_clusters(mesh, edges)
     base = np.ascontiguousarray(x[clusters.corner].T, np.float32)
@@ -34,7 +34,7 @@ def ridges_of(mesh, x, flat):
 
 
 def angles(mesh, x):
-    """Angle between the triangles beside each edge; none where there are not two of one layer."""
+    """Angle between the triangles beside each edge [rad]; NaN without two triangles of one layer."""
     normal = np.cross(
         x[mesh.triangles[:, 1]] - x[mesh.triangles[:, 0]], x[mesh.triangles[:, 2]] - x[mesh.triangles[:, 0]]
     )
@@ -55,7 +55,7 @@ def angles(mesh, x):
 def test_ridges_are_where_the_cloth_is_bent_and_rims_always_count(layers):
     mesh = mesh_from_contour(SQUARE, EDGE, layers)
     x = mesh.lay_flat(THICK)
-    x[:, 2] += 0.04 * np.abs(x[:, 0] / 0.15) ** 1.5  # more and more bent towards the middle
+    x[:, 2] += 0.04 * np.abs(x[:, 0] / 0.15) ** 1.5  # increasingly bent towards the middle
     angle, limit = angles(mesh, x), np.arccos(flat_cosine(THICK, EDGE))
     ridge, rim = ridges_of(mesh, x, flat_cosine(THICK, EDGE))
     np.testing.assert_array_equal(rim, np.isnan(angle))
@@ -66,7 +66,7 @@ def test_ridges_are_where_the_cloth_is_bent_and_rims_always_count(layers):
 
 
 def distance(p, q, r, s):
-    """Of the lines through p, q and r, s."""
+    """Distance of the lines through p, q and r, s."""
     across = np.cross(q - p, s - r)
     return abs((r - p) @ across) / np.linalg.norm(across)
 
@@ -74,22 +74,23 @@ def distance(p, q, r, s):
 @settings(deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.01, 0.03), st.floats(0.001, 0.006))
 def test_vertices_keep_edges_apart_where_an_edge_is_flat(seed, length, thick):
-    """A roof or valley of two triangles, bent by nearly twice what makes a ridge, and an edge across it with its
-    ends a thickness over the triangles under them: it stays farther from the roof's edge than edges push."""
+    """Two triangles form a roof or valley, bent by nearly twice the angle of a ridge. Another edge crosses it,
+    with its ends at least a thickness above the triangles. The two edges are then farther apart than the distance
+    at which edges push."""
     rng = np.random.default_rng(seed)
     angle = rng.uniform(-1.95, 1.95) * np.arccos(flat_cosine(thick, length))
     height = np.sqrt(0.75) * length
-    # the roof's edge is along y, its eaves at x = -height and height
+    # the roof's edge is along y, and its eaves are at x = -height and height
     slope = np.tan(0.5 * angle)
     ends = np.array([[rng.uniform(-1.0, -0.02), 0, 0], [rng.uniform(0.02, 1.0), 0, 0]])
     over = np.column_stack([height * ends[:, 0], rng.uniform(-0.5, 0.5, 2) * length, np.zeros(2)])
     over[:, 2] = -slope * np.abs(over[:, 0]) + thick * np.hypot(1.0, slope) * rng.uniform(1.0, 1.2, 2)
-    if np.linalg.norm(over[1] - over[0]) > length:  # longer than any edge of the mesh
+    if np.linalg.norm(over[1] - over[0]) > length:  # no edge of the mesh is this long
         return
     assert distance(np.zeros(3), np.array([0.0, length, 0.0]), *over) > edge_distance(thick)
 
 
-def test_edges_that_are_near_to_each_other_stay_ridges():
+def test_edges_that_are_near_each_other_stay_ridges():
     pairs, ridge = new_pairs(8, 8), np.zeros(3, np.int32)
     pairs.ee[:3] = [[0, 1], [2, 3], [4, 5]]
     pairs.near[:3] = [True, False, True]
@@ -100,8 +101,9 @@ def test_edges_that_are_near_to_each_other_stay_ridges():
     np.testing.assert_array_equal(ridge, [1, 2, 1 | 1 << 15])
 
 
-def test_clusteres_with_new_ridges_join_the_next_search():
-    """Three rows of edges: two of a cluster that is not searched now, one of one that is."""
+def test_clusters_with_new_ridges_join_the_next_search():
+    """There are three rows of edges. Two belong to a cluster that is not searched now, one to a cluster that
+    is."""
     start, stale = np.array([0, 2, 3], np.int32), np.array([False, True])
 
     def noted(ridge, searched, stale=stale):
@@ -110,8 +112,8 @@ def test_clusteres_with_new_ridges_join_the_next_search():
         return searched.tolist(), expired.tolist()
 
     assert noted([5, 2, 7], [5, 2, 1]) == ([5, 2, 7], [False, False])
-    assert noted([5, 3, 7], [5, 2, 1]) == ([5, 2, 7], [True, False])  # one more
+    assert noted([5, 3, 7], [5, 2, 1]) == ([5, 2, 7], [True, False])  # one more ridge
     assert noted([5, 3, 7], [4, 3, 1]) == ([4, 3, 7], [True, False])
-    assert noted([4, 2, 0], [5, 2, 1]) == ([4, 2, 0], [False, False])  # one less, which may come again
+    assert noted([4, 2, 0], [5, 2, 1]) == ([4, 2, 0], [False, False])  # one ridge less, which may return
     assert noted([5, 3, 7], [-1, -1, -1]) == ([5, 3, 7], [False, False])
     assert noted([5, 3, 7], [0, 0, 0], np.array([True, False])) == ([5, 3, 0], [False, True])

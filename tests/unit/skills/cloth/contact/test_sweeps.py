@@ -1,4 +1,4 @@
-"""Sweeps over contacts against least-distance programming, and their stopping rule."""
+"""Sweeps over contacts against least-distance programming, and the stopping rule."""
 
 import numpy as np
 import pytest
@@ -29,12 +29,13 @@ THICK = 0.003
 
 
 class Contacts:
-    """n contacts of a vertex and a triangle, or of two edges, among m vertices; some overlap, some are apart."""
+    """n random contacts among m vertices: of a vertex and a triangle, or of two edges. Some overlap, some are
+    apart."""
 
     def __init__(self, seed, n, m):
         rng = np.random.default_rng(seed)
         self.n, self.w = n, rng.uniform(500.0, 2000.0, m)
-        self.w[rng.random(m) < 0.1] = 0.0  # asleep
+        self.w[rng.random(m) < 0.1] = 0.0  # sleeping vertices
         self.members = np.array([rng.choice(m, 4, replace=False) for _ in range(n)], np.uint32)
         over = rng.dirichlet(np.ones(3), n)
         s, t = rng.uniform(0.1, 0.9, (2, n))
@@ -50,7 +51,7 @@ class Contacts:
         self.x = rows(m)
         self.x[:, :3] = 0.02 * rng.standard_normal((m, 3))
         self.aim = self.gaps() + 0.3 * THICK * rng.standard_normal(n)
-        self.apart[:] = (self.aim + 1.0)[:, None] * self.normal  # no overlap is older
+        self.apart[:] = (self.aim + 1.0)[:, None] * self.normal  # no overlap existed before
 
     def gaps(self):
         between = np.einsum("nk,nkd->nd", self.weight, self.x[self.members])
@@ -62,7 +63,7 @@ class Contacts:
         return count, order, filled
 
     def sweep(self, tolerance, friction=0.0, back=False, groups=None):
-        """Of all, or of these groups."""
+        """One sweep over all contacts, or over these groups."""
         count, order, filled = self.groups() if groups is None else groups
         member, weight = np.zeros((EIGHT * count, 4), np.uint32), rows(EIGHT * count)
         share, block = rows(EIGHT * count), blocks(count, PLACES)
@@ -84,8 +85,8 @@ class Contacts:
 
 
 def least_motion(contacts):
-    """Where the vertices go when no contact is too near, and what is moved, by its mass, as little as can be
-    (Lawson & Hanson 1974, chapter 23)."""
+    """The positions with the smallest mass-weighted motion in which no contact is too near (Lawson & Hanson 1974,
+    chapter 23)."""
     n, m = contacts.n, len(contacts.w)
     entries = contacts.weight[:, :, None] * contacts.normal[:, None, :3]
     column = 3 * contacts.members.astype(int)[:, :, None] + np.arange(3)
@@ -121,8 +122,8 @@ def test_groups_keep_the_order_of_contacts_that_share_a_vertex(n, m):
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 @pytest.mark.parametrize("n, m", [(1, 4), (7, 60), (301, 200), (40, 9)])
-def test_eight_contacts_at_once_are_solved_as_one_by_one(n, m, friction):
-    """To the last bit, there and back."""
+def test_contacts_in_groups_of_eight_give_the_same_bits_as_one_by_one(n, m, friction):
+    """This holds for forward and backward sweeps."""
     together, alone = Contacts(3, n, m), Contacts(3, n, m)
     length = -(-n // PARTS)
     turn = np.lexsort((np.arange(n) // length, np.arange(n) % length)).astype(np.uint32)
@@ -143,9 +144,10 @@ def test_turns_keep_the_order_of_contacts_that_share_a_vertex(n, m):
     assert (place[:, None] < place[None, :])[np.triu(shared, 1)].all()
 
 
-def test_contacts_in_turns_rarely_share_vertices_with_the_one_before():
+def test_consecutive_contacts_in_turns_rarely_share_vertices():
     contacts = Contacts(3, 300, 600)
-    contacts.members[:] = np.arange(300)[:, None] // 3 + np.arange(4) * 110  # three in a row share all four
+    # groups of three consecutive contacts share all four vertices
+    contacts.members[:] = np.arange(300)[:, None] // 3 + np.arange(4) * 110
     turn = contacts.turns()
     after = contacts.members[turn]
     assert (after[1:] == after[:-1]).any(axis=1).sum() <= 2
@@ -153,7 +155,7 @@ def test_contacts_in_turns_rarely_share_vertices_with_the_one_before():
 
 @pytest.mark.parametrize("n, m", [(1, 4), (301, 200), (40, 9)])
 def test_contacts_in_turns_give_the_same_bits_as_in_listed_order(n, m):
-    """To the last bit: release what overlaps, and apply what they bear. Another order does something else."""
+    """This holds for releasing overlaps and for applying impulses. The reversed order gives other bits."""
     x, listed = [], np.arange(n, dtype=np.uint32)
     for turn in (Contacts(3, n, m).turns(), listed, listed[::-1].copy()):
         contacts = Contacts(3, n, m)
@@ -163,13 +165,14 @@ def test_contacts_in_turns_give_the_same_bits_as_in_listed_order(n, m):
             n, turn, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
             contacts.inverse, contacts.x, before, 1e-3,
         )  # fmt: skip
-        assert contacts.x.tobytes() == before.tobytes() != Contacts(3, n, m).x.tobytes()  # shifted alike
+        # both arrays are shifted equally
+        assert contacts.x.tobytes() == before.tobytes() != Contacts(3, n, m).x.tobytes()
         apply_impulses(n, turn, contacts.members, contacts.share, contacts.borne, contacts.x)
         x.append(contacts.x.tobytes() + before.tobytes())
     assert x[0] == x[1] and (x[1] != x[2] or n == 1)
 
 
-def test_only_an_overlap_is_released_and_not_all_at_once():
+def test_only_a_share_of_an_overlap_is_released():
     for way in (-0.1, 0.1):
         contacts = Contacts(7, 1, 4)
         contacts.w[:] = 1000.0
@@ -195,17 +198,17 @@ def test_the_contact_memory_follows_the_load():
         count, order, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
         contacts.inverse, memory, member, weight, share, block,
     )  # fmt: skip
-    for now in (3.0, 1.0):  # x what was borne of late
+    for now in (3.0, 1.0):  # factor on the recent impulses
         block[:, BORNE : BORNE + 3] *= now
         wanted = memory * (1.0 + MEMORY * (now - 1.0))
         average_impulses(count, order, block, memory)
         np.testing.assert_allclose(memory, wanted, rtol=1e-12)
         begun = block[:, BORNE : BORNE + 3].transpose(0, 2, 1)
-        assert (begun == memory[order[:count], :3]).all()  # the next substep begins with it
+        assert (begun == memory[order[:count], :3]).all()  # the next substep begins with the averaged impulses
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_sweeps_lead_to_the_least_motion_that_keeps_all_apart(seed):
+def test_sweeps_converge_to_the_smallest_motion_without_overlaps(seed):
     contacts = Contacts(seed, 30, 60)
     wanted = least_motion(contacts)
     start = contacts.x[:, :3].copy()
@@ -219,7 +222,7 @@ def test_sweeps_lead_to_the_least_motion_that_keeps_all_apart(seed):
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 def test_a_sweep_returns_whether_it_moved_the_sides_of_a_contact(friction):
-    """By the overlap that it undoes, and by what friction holds."""
+    """The motion is that of a removed overlap or of friction."""
     contacts = Contacts(7, 1, 4)
     contacts.w[:] = 1000.0
     contacts.share = contacts.weight * contacts.w[contacts.members]
@@ -227,7 +230,8 @@ def test_a_sweep_returns_whether_it_moved_the_sides_of_a_contact(friction):
     contacts.aim = contacts.gaps() + 0.1 * THICK
     begun = contacts.x.copy()
     between = np.einsum("nk,nkd->nd", contacts.weight, contacts.x[contacts.members])
-    contacts.apart[:] = between + 0.1 * THICK * contacts.normal  # it came nearer by so much, straight
+    # the sides have approached each other by this distance along the normal
+    contacts.apart[:] = between + 0.1 * THICK * contacts.normal
     assert contacts.sweep(0.099 * THICK, friction)
     assert contacts.gaps() == pytest.approx(contacts.aim, abs=1e-12)
     assert not contacts.sweep(1e-9 * THICK, friction)
@@ -240,7 +244,7 @@ def test_a_sweep_returns_whether_it_moved_the_sides_of_a_contact(friction):
     assert contacts.sweep(0.019 * THICK, friction) == (friction > 0.0)
 
 
-def test_edges_push_only_what_is_nearer_than_layers_lie():
+def test_edges_push_at_less_than_the_distance_of_layers():
     for thick in np.linspace(0.0003, 0.01, 98):
         assert 0.5 * thick <= edge_distance(thick) <= 0.8 * thick
     assert edge_distance(0.0012) > 0.75 * 0.0012

@@ -1,4 +1,4 @@
-"""Sides of vertices at triangles, against scipy's least squares."""
+"""The side of a vertex at a triangle, against scipy's least squares."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,11 @@ THICK, SPAN, EDGE = 0.003, 0.004, 0.025
 
 
 def judge(triangle, vertex, slide=None, remembered=None):
-    """Verdict, side, normal (n, 3), weights (n, 3) and the distance that pushes nothing, of each pair, and all
-    rows; triangle: (n, 3, 3), vertex, slide: (n, 3)."""
+    """For each pair: verdict, side, normal (n, 3), weights (n, 3), the distance from which nothing is pushed, and
+    all rows.
+
+    triangle: (n, 3, 3). vertex, slide: (n, 3).
+    """
     n = len(vertex)
     slide = np.zeros((n, 3)) if slide is None else slide
     remembered = np.zeros(n) if remembered is None else remembered
@@ -48,15 +51,15 @@ def judge(triangle, vertex, slide=None, remembered=None):
 
 
 def nearest(triangle, vertex):
-    """Weights of the point of a triangle that is nearest to a vertex: least squares with weights that are not
-    negative, and a heavy row for their sum."""
+    """Barycentric weights of the triangle's point that is nearest to a vertex: non-negative least squares, with a
+    heavy row for the sum of the weights."""
     scale = 1e3 / EDGE
     a = np.vstack([triangle.T / EDGE, np.full(3, scale)])
     return nnls(a, np.append(vertex / EDGE, scale))[0]
 
 
 def some(seed, n, height):
-    """Triangles somewhere in space, and vertices about them up to `height` from their planes."""
+    """Random triangles, and vertices near them, up to `height` from their planes [m]."""
     rng = np.random.default_rng(seed)
     flat = np.array([[0.0, 0.0, 0.0], [EDGE, 0.0, 0.0], [0.5 * EDGE, 0.8 * EDGE, 0.0]])
     triangle = flat + np.array([0.004, 0.004, 0.0]) * rng.standard_normal((n, 3, 3))
@@ -101,7 +104,7 @@ def test_no_vertex_farther_than_the_thickness_is_pushed(seed):
 
 @given(seed=st.integers(0, 10**6))
 def test_the_push_is_continuous_where_a_vertex_crosses_a_border(seed):
-    """Of a vertex that keeps to its side, above the plane."""
+    """The vertex stays on its side, above the plane."""
     rng = np.random.default_rng(seed)
     steps = 400
     triangle = np.array([[0.0, 0.0, 0.0], [EDGE, 0.0, 0.0], [0.4 * EDGE, 0.9 * EDGE, 0.0]])
@@ -134,7 +137,7 @@ def test_a_vertex_out_of_reach_has_no_side_and_its_distance_is_returned():
 
 
 @pytest.mark.parametrize("remembered", [1.0, -1.0])
-def test_a_vertex_that_was_pressed_through_is_pushed_back_to_where_it_was(remembered):
+def test_a_vertex_pressed_through_a_triangle_is_pushed_back_to_its_side(remembered):
     triangle = np.array([[[0.0, 0.0, 0.0], [EDGE, 0.0, 0.0], [0.4 * EDGE, 0.9 * EDGE, 0.0]]])
     vertex = np.array([[0.4 * EDGE, 0.3 * EDGE, -remembered * 0.001]])
     verdict, side, normal, *_ = judge(triangle, vertex, remembered=np.array([remembered]))
@@ -150,8 +153,8 @@ def test_a_triangle_without_area_touches_nothing():
 
 @pytest.mark.parametrize("edge", [0.015, 0.025, 0.045])
 def test_a_loaded_vertex_that_slides_off_a_border_does_not_drop(edge):
-    """It falls as far as it may at each look, an eighth of the thickness at most, until it is beside the border,
-    and hardly rises again: what is pushed up and let down in turn would shake."""
+    """In each step the vertex falls by at most an eighth of the thickness until it is beside the border, and it
+    hardly rises again. A vertex that is raised and lowered in turn would shake."""
     triangle = np.array([[0.0, 0.0, 0.0], [edge, 0.0, 0.0], [0.5 * edge, 0.9 * edge, 0.0]])
     vertex, heights = np.array([0.45 * edge, 0.0, THICK]), [THICK]
     while vertex[1] > -1.5 * THICK:

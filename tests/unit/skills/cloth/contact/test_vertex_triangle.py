@@ -1,4 +1,5 @@
-"""A vertex over the border of triangles of about one plane is one contact."""
+"""Contacts of a vertex with neighbouring triangles: over the border of nearly coplanar triangles there is one
+contact."""
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ THICK = 0.003
 
 
 def fan(lift: float = 0.0):
-    """Six triangles about the origin, corners raised by `lift`, and a vertex over them: positions, triangles."""
+    """Six triangles around the origin with corners raised by `lift` [m], and a vertex above them. Returns
+    positions and triangles."""
     a = np.arange(6) * np.pi / 3.0
     ring = np.column_stack([0.02 * np.cos(a), 0.02 * np.sin(a), np.full(6, lift)])
     x = np.vstack([np.zeros(3), ring, [0.0, 0.0, THICK]])
@@ -21,7 +23,8 @@ def fan(lift: float = 0.0):
 
 
 def contacts(x, tri, order, borne=None, speed=0.0):
-    """Contacts of the last vertex with all triangles, in this order: triangles, barycentres, what they bear."""
+    """Contacts of the last vertex with all triangles, listed in this order. Returns triangles, barycentric weights
+    and impulses."""
     pairs, kept = narrow(x, tri, order, borne, speed)
     return (
         [int(pairs.vt[c, 1]) for c in pairs.contact_pairs[:kept]],
@@ -31,7 +34,7 @@ def contacts(x, tri, order, borne=None, speed=0.0):
 
 
 def pushes(x, tri):
-    """By how much contacts of the last vertex want it farther off than it is [m]."""
+    """Distance by which each contact pushes the last vertex away [m]."""
     pairs, kept = narrow(x, tri, np.arange(len(tri)))
     ends = x[pairs.contact_vertices[:kept]]
     gap = np.einsum("ck,ckd,cd->c", pairs.contact_weights[:kept], ends, pairs.contact_normals[:kept, :3])
@@ -39,7 +42,7 @@ def pushes(x, tri):
 
 
 def narrow(x, tri, order, borne=None, speed=0.0):
-    """speed: of the last vertex, upwards [m/s]."""
+    """The narrow phase for the last vertex. speed: upward speed of this vertex [m/s]."""
     m, n = len(order), len(x)
     pairs = new_pairs(m, 0)
     pairs.vt[:, 0], pairs.vt[:, 1] = n - 1, order
@@ -47,7 +50,7 @@ def narrow(x, tri, order, borne=None, speed=0.0):
     place, v, last = rows(n), rows(n), np.full(n, -1, np.int32)
     place[:, :3], v[-1, 2] = x, speed
     kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
-    assert (last == -1).all()  # ready for the next time
+    assert (last == -1).all()  # the scratch array is reset
     assert not pairs.contact_normals[:, 3].any()
     return pairs, kept
 
@@ -58,7 +61,7 @@ def test_a_vertex_over_a_corner_has_one_contact_with_the_whole_load(seed):
     borne = np.random.default_rng(seed).normal(size=(6, 3))
     order = np.random.default_rng(seed).permutation(6)
     for t in range(6):
-        assert contacts(x, tri, [t])[0] == [t]  # each by itself
+        assert contacts(x, tri, [t])[0] == [t]  # each triangle alone has a contact
     kept, weight, push = contacts(x, tri, order, borne)
     assert len(kept) == 1
     np.testing.assert_allclose(weight[0], [1.0, -1.0, 0.0, 0.0], atol=1e-12)
@@ -78,7 +81,7 @@ def test_the_kept_triangle_does_not_depend_on_the_order_of_the_pairs():
 def test_weights_are_continuous_across_a_border():
     x, tri = fan()
     at = []
-    for turn in (-1e-6, 1e-6):  # from one side of the edge 0-1 to the other
+    for turn in (-1e-6, 1e-6):  # both sides of the edge 0-1
         x[-1, :2] = 0.01 * np.cos(turn), 0.01 * np.sin(turn)
         kept, weight, _ = contacts(x, tri, np.arange(6))
         share = np.zeros(len(x))
@@ -106,21 +109,21 @@ def test_the_load_shares_do_not_depend_on_the_order_of_the_pairs(seed):
 
 
 def test_a_fast_vertex_beside_a_triangle_keeps_its_side():
-    """Further off than a side is remembered, but there by the next narrow phase: it must be known where it came
-    from."""
+    """The vertex is further off than the distance at which sides are remembered, but reaches the triangle before
+    the next narrow phase. Its side must be known then."""
     x, tri = fan()
     pairs, place, speed, last = new_pairs(1, 0), rows(len(x)), rows(len(x)), np.full(len(x), -1, np.int32)
     pairs.vt[0] = len(x) - 1, 0
     place[:, :3] = x
-    place[-1, :3] = -0.0025, 0.0, 0.0035  # beside the corner 0 of the triangle, and above
+    place[-1, :3] = -0.0025, 0.0, 0.0035  # beside and above corner 0 of the triangle
     speed[-1, 2] = -1.0
     kept, _ = narrow_vertex_triangle(1, 0, 4, 0.001, THICK, tri[:1], place, speed, np.ones(len(x)), pairs, last)
     assert np.linalg.norm(place[-1]) > RELEASE * THICK
     assert kept == 1 and pairs.side[0] == 1
 
 
-def test_each_wall_of_a_valley_is_a_contact_of_its_own():
-    """45 degrees steep: a vertex at the bottom touches what is left and what is right of it."""
+def test_a_vertex_in_a_valley_has_a_contact_with_each_wall():
+    """The walls are 45 degrees steep. A vertex at the bottom touches the walls on both sides."""
     x, tri = fan(lift=0.02)
     x[-1] = [0.0, 0.0, 0.5 * THICK]
     kept, _, _ = contacts(x, tri, np.arange(6))
@@ -128,7 +131,7 @@ def test_each_wall_of_a_valley_is_a_contact_of_its_own():
 
 
 def test_a_vertex_over_a_peak_and_over_no_triangle_still_has_a_contact():
-    """The vertex leans a little over the steep flank of a peak: no triangle's prism has it."""
+    """The vertex is a little beside the peak, over a steep flank, and in no triangle's prism."""
     x, tri = fan(lift=-0.02)
     x[-1] = 1e-4, 2e-5, 0.8 * THICK
     kept, weight, _ = contacts(x, tri, np.arange(6))
@@ -137,12 +140,12 @@ def test_a_vertex_over_a_peak_and_over_no_triangle_still_has_a_contact():
     share = np.zeros((len(kept), len(x)))
     for k, t in enumerate(kept):
         share[k, tri[t]] = -weight[k, 1:]
-    assert (share[:, 0] > 0.95).all()  # the peak itself bears it
+    assert (share[:, 0] > 0.95).all()  # the peak bears the vertex
 
 
 def test_a_sheet_beside_a_sheet_has_no_side():
     x, tri = fan()
-    x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, hardly above
+    x[-1] = 0.022, 0.0, 0.0005  # 2 mm beside a corner, and hardly above it
     kept, _, _ = contacts(x, tri, np.arange(6))
     assert kept == []
 
@@ -150,7 +153,7 @@ def test_a_sheet_beside_a_sheet_has_no_side():
 @pytest.mark.parametrize("bend", [30.0, 50.0, 80.0])
 @pytest.mark.parametrize("seed", range(20))
 def test_no_plane_pushes_a_vertex_that_is_clear_of_a_ridge(bend, seed):
-    """The planes of both sides pass nearer there than the cloth is thick."""
+    """Both planes of the ridge are nearer to the vertex than the cloth's thickness."""
     rng = np.random.default_rng(seed)
     half = np.deg2rad(bend) / 2.0
     down = np.array([np.cos(half), -np.sin(half)])
@@ -169,9 +172,9 @@ def test_no_plane_pushes_a_vertex_that_is_clear_of_a_ridge(bend, seed):
 
 @pytest.mark.parametrize(("beside", "borne"), [(1e-4, True), (4e-4, True), (7e-4, True), (1.5e-3, False)])
 def test_a_hem_rests_on_the_hem_below(beside, borne):
-    """As high as what lies further in, though its vertices lie up to a millimetre beside."""
+    """A hem vertex up to a millimetre beside the hem below rests at the same height as cloth further inside."""
     hem = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0], [0.04, 0.0, 0.0], [0.03, 0.02, 0.0]]
-    vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther off than thick, but lower
+    vertex = [0.018, -beside, np.sqrt(THICK**2 - 0.9 * beside**2)]  # farther away than the thickness, but lower
     push = pushes(np.array([*hem, vertex]), np.array([[0, 1, 2], [1, 3, 4]], np.int32))
     assert len(push) == 1
     np.testing.assert_allclose(push, THICK - vertex[2] if borne else 0.0, atol=1e-8)
@@ -180,8 +183,8 @@ def test_a_hem_rests_on_the_hem_below(beside, borne):
 @pytest.mark.parametrize("order", [[0, 1], [1, 0]])
 @pytest.mark.parametrize("inside", [0.0002, -0.0002])
 def test_a_vertex_under_two_layers_joined_at_a_hem_meets_the_nearer_one(order, inside):
-    """At its border too, although it is farther inside of the other one, which is about parallel and could be
-    reached until the next look."""
+    """This also holds at the border of the nearer layer, although the vertex is farther inside the other layer,
+    which is nearly parallel and within reach before the next narrow phase."""
     x = np.array([
         [0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.01, 0.02, 0.0],
         [0.02, -0.004, THICK], [0.01, 0.02, THICK], [0.012, inside, -THICK],

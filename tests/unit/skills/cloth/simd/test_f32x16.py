@@ -1,4 +1,4 @@
-"""Sixteen single-precision lanes against numpy, and corners against sets."""
+"""Sixteen single-precision lanes against numpy, and common corners against sets."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ OPERATIONS = [
 
 @pytest.mark.parametrize("k", range(len(OPERATIONS)))
 def test_operations_agree_with_numpy(k):
-    """Told by limits just above and below what is expected in each place, and by equal ones."""
+    """Results are compared with limits just above and just below the expected values."""
     given = np.zeros((2, 2, LANES), np.float32)
     given[0] = np.random.default_rng(k).normal(size=(2, LANES))
     expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
@@ -130,12 +130,12 @@ def test_integer_comparison_and_store_agree_with_numpy(bits):
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.int32)])
-def test_other_arrays_of_whole_numbers_are_refused(wrong):
+def test_integer_arrays_of_another_type_or_layout_are_refused(wrong):
     with pytest.raises(TypingError, match="C-ordered"):
         njit(lambda a: mask_not_equal(load_i32x16(a, 0, 0), load_i32x16(a, 0, 0)))(wrong)
 
 
-def test_arrays_of_other_shapes_are_refused():
+def test_arrays_of_another_shape_are_refused():
     expect_rows(np.zeros((5, 3, LANES)), 3)
     expect_columns(np.zeros((5, 3)), 3)
     for wrong in ((5, 4, LANES), (5, 3, LANES - 1)):
@@ -152,12 +152,12 @@ def shared(rows, i, j):
 
 @pytest.mark.parametrize("seed", range(200))
 def test_common_corners_of_triangles_agree_with_sets(seed):
-    """Their first number is no corner."""
+    """The first number of a row is not a corner."""
     rng = np.random.default_rng(seed)
     given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
     common = bool(set(given[0, 1:]) & set(given[1, 1:]))
     assert shared(given, 0, 1) == common
-    wide = np.zeros((2, 16), np.uint32)  # what stands behind them is none either
+    wide = np.zeros((2, 16), np.uint32)  # numbers after the fourth are not corners either
     wide[:, :4] = given
     assert shared(wide, 0, 1) == common
 

@@ -24,7 +24,7 @@ def of_four_edges(x, edge, first, number, out):
 
 
 @pytest.mark.parametrize("first", [0, 3, 5])
-def test_four_edges_at_once_equal_each_edge_alone(first):
+def test_four_edges_together_give_the_same_as_each_edge_alone(first):
     rng = np.random.default_rng(first)
     x, edge, number, out = rows(20), rng.integers(0, 20, (9, 2), np.uint32), rng.normal(size=20), rows(6)
     x[:, :3] = rng.normal(size=(20, 3))

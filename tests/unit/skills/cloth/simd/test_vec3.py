@@ -49,7 +49,7 @@ def weighed(x, member, weight, out):
         store(out, c, a * load(x, i) + b * load(x, j) + d * load(x, k) + e * load(x, m))
 
 
-def test_four_vertices_are_weighed_by_four_weights():
+def test_the_weighted_sum_of_four_vertices_agrees_with_numpy():
     rng = np.random.default_rng(1)
     x, out, weight = rows(20), rows(9), rng.normal(size=(9, 4))
     x[:, :3] = rng.normal(size=(20, 3))
@@ -59,13 +59,13 @@ def test_four_vertices_are_weighed_by_four_weights():
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 4), np.int32), np.zeros(4, np.uint32), np.zeros((2, 4))])
-def test_other_arrays_have_no_members(wrong):
+def test_the_weighted_sum_refuses_indices_of_another_type(wrong):
     with pytest.raises(TypingError, match="unsigned integers"):
         weighed(rows(1), wrong, rows(1), rows(1))
 
 
 @pytest.mark.parametrize("n", [1, 7, 1000])
-def test_rows_are_zero_writable_and_cache_aligned(n):
+def test_new_rows_are_zero_writable_and_cache_aligned(n):
     made = rows(n)
     assert made.shape == (n, WIDTH) and made.flags.c_contiguous and not made.any()
     assert made.ctypes.data % 64 == 0

@@ -1,4 +1,4 @@
-"""The verdict on a fold from its figures: limits, named defect, confidence."""
+"""The verdict on a fold from its figures: limits, defect and confidence."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ STEP = FoldStep(
 
 
 def edge(corner=0.0, sag=0.0, unseen=slice(0, 0)):
-    """Nine strips: one corner lies behind, or the middle by half a sine."""
+    """A moved edge of nine strips, with one corner behind, or with a half-sine sag."""
     t = (np.arange(9) + 0.5) / 9
     lag = sag * np.sin(np.pi * t)
     lag[:2] += corner
@@ -46,12 +46,13 @@ LIMITS = [
     (lambda x: {"edge": edge(corner=x * S.edge_corner)}, K.DROPPED_CORNER),
     (lambda x: {"edge": edge(sag=x * S.edge_sag)}, K.SAG),
 ]  # fmt: skip
-"""A figure at a multiple of its limit, and what it is called beyond that."""
+"""Each figure as a multiple of its limit, and the defect beyond the limit."""
 
 
 @pytest.mark.parametrize(("figure", "kind"), LIMITS)
-def test_each_figure_by_itself_is_refused_beyond_its_limit_and_only_there(figure, kind):
-    """Half sure at the limit, wholly at twice of it and from there on; what is good is at least half sure."""
+def test_each_single_figure_is_refused_only_beyond_its_limit(figure, kind):
+    """The confidence is 0.5 at the limit and 1 from twice the limit on. The confidence of a good fold is at least
+    0.5."""
     within, sure = verdict(**figure(0.98))
     assert within is None and 0.5 <= sure <= 1.0
     sureness = [verdict(**figure(x)) for x in (1.02, 1.3, 1.6, 1.9, 2.5)]
@@ -70,8 +71,8 @@ def test_the_confidence_of_a_good_fold_falls_towards_a_limit(figure, kind):
     ("seen", "whole"),
     [(None, False), (edge(unseen=slice(0, 3)), False), (edge(unseen=slice(6, 9)), False), (edge(), True)],
 )
-def test_a_layer_that_is_not_there_counts_where_the_edge_is_not_wholly_seen(share, seen, whole):
-    """Even then heights are uncertain: the confidence stays low."""
+def test_a_missing_layer_counts_only_if_the_edge_is_not_fully_seen(share, seen, whole):
+    """The confidence stays low, because heights are uncertain."""
     named, _ = verdict(missing_layer=share * S.missing_share, edge=seen)
     assert named is (K.DROPPED_CORNER if share > 1.0 and not whole else None)
     sureness = [verdict(missing_layer=x * S.missing_share, edge=None)[1] for x in (1.02, 1.6, 2.2)]
@@ -79,18 +80,20 @@ def test_a_layer_that_is_not_there_counts_where_the_edge_is_not_wholly_seen(shar
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.98, K.OFF_TARGET), (1.02, None)])
-def test_cloth_left_behind_names_what_is_wrong_with_a_bad_outline(share, refused):
+def test_cloth_left_behind_determines_the_defect_of_a_bad_outline(share, refused):
     left = share * S.left_behind
     bad = {"iou_aligned": 0.8, "edge_place": np.array([0.9, 0.0])}
     assert verdict(**bad, left_behind=behind(left, left, left))[0] is (refused or K.MISSED_LAYER)
     for one in (behind(left=left), behind(right=left)):
         assert verdict(**bad, left_behind={**one, "middle": 0.5 * left})[0] is (refused or K.DROPPED_CORNER)
-        assert verdict(left_behind=one)[0] is None, "an outline that is good is good"
-    assert verdict(**bad, left_behind={"left": left})[0] is (refused or K.MISSED_LAYER), "a fold with one arm"
+        assert verdict(left_behind=one)[0] is None, "a good outline is accepted"
+    assert verdict(**bad, left_behind={"left": left})[0] is (refused or K.MISSED_LAYER), (
+        "a fold with one arm has only one corner"
+    )
 
 
 @pytest.mark.parametrize(("share", "kind"), [(0.98, K.OFF_TARGET), (1.02, K.SAG)])
-def test_a_middle_that_lies_behind_both_ends_sagged(share, kind):
+def test_a_middle_that_lies_behind_both_ends_is_a_sag(share, kind):
     ends = {"left": 0.010, "right": 0.004}
     left = {**ends, "middle": 0.010 + share * S.sag}
     assert verdict(iou_aligned=0.8, edge_place=np.array([0.9, 0.0]), left_behind=left)[0] is kind
@@ -108,21 +111,22 @@ def test_a_middle_that_lies_behind_both_ends_sagged(share, kind):
         (RIGHT - (0.08, 0.0), K.OFF_TARGET),
     ],
 )
-def test_a_bad_edge_is_named_by_its_place(place, kind):
-    """Beside a target it is a dropped corner, between the two it sagged, elsewhere it is off target."""
+def test_the_place_of_a_bad_edge_determines_the_defect(place, kind):
+    """A deviation near a target is a dropped corner, one between the targets is a sag, and any other is off
+    target."""
     figures = {"edge_deviation_m": 0.03, "edge_place": place}
     assert verdict(**figures)[0] is kind
     assert verdict(None, **figures)[0] is K.OFF_TARGET
     assert verdict(FoldStep("half", 0, STEP.line, (), {}, {}), **figures)[0] is K.OFF_TARGET
 
 
-def test_the_larger_of_two_defects_of_the_moved_edge_is_named():
+def test_the_larger_of_two_defects_of_the_moved_edge_is_reported():
     assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
 
 
-def test_a_pile_is_diagnosed_by_height_and_not_by_outline():
-    """What height alone speaks against is pressed and looked at again."""
+def test_diagnoses_by_height_are_piles_and_lagging_edges_within_a_good_outline():
+    """A fold that is refused only by height is pressed and inspected again."""
     for kind, outline, told in (
         (K.PILING, 0.0, True), (K.PILING, 0.03, True), (K.SAG, 0.0, True), (K.DROPPED_CORNER, 0.0, True),
         (K.SAG, 0.03, False), (K.DROPPED_CORNER, 0.03, False), (K.OFF_TARGET, 0.0, False), (K.DRIFT, 0.0, False),
@@ -131,7 +135,7 @@ def test_a_pile_is_diagnosed_by_height_and_not_by_outline():
         assert diagnosed_by_height(inspection(diagnosis=kind, edge_deviation_m=outline), S) is told
 
 
-def test_a_fold_is_refused_if_and_only_if_a_figure_is_named_beyond_its_limit():
+def test_a_fold_is_refused_exactly_if_a_figure_is_beyond_its_limit():
     rng, refused = np.random.default_rng(5), 0
     nan = float("nan")
 

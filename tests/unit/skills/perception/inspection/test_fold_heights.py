@@ -1,4 +1,4 @@
-"""Heights over a folded garment: where they are judged, and excess or missing height."""
+"""Heights of a folded garment: where they are judged, and excess and missing height."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.scenes import TABLE, camera
 
 VIEW, S = TableView(camera(), TABLE), InspectionSettings()
 HERE = VIEW.to_table(np.dstack(np.mgrid[: VIEW.shape[0], : VIEW.shape[1]][::-1]))
-"""(H, W, 2) where each pixel is on the table [m]."""
+"""(H, W, 2) position of each pixel on the table [m]."""
 LAYER = 0.003
 LEFT, RIGHT = np.array([0.55, 0.15]), np.array([0.55, -0.15])
 ACROSS = FoldLine(np.array([0.7, 0.0]), np.array([0.0, 1.0]))
@@ -39,14 +39,15 @@ STACK = within((0.45, 0.75), (-0.25, 0.25))
 
 @pytest.mark.parametrize("lines", [(), (ACROSS,), (ALONG, ACROSS)])
 def test_heights_are_judged_away_from_the_rim_and_from_every_fold_line(lines: tuple[FoldLine, ...]) -> None:
-    """40 mm from each line on both of its sides, also from those of earlier folds; 3 pixels from the rim."""
+    """Heights are judged from 40 mm on both sides of each fold line, also of earlier folds, and from 3 pixels
+    inside the rim."""
     step = replace(STEP, earlier=lines[:-1], line=lines[-1]) if lines else None
     judged = judged_area(STACK, VIEW, step, S)
     inner = within((0.457, 0.743), (-0.243, 0.243))
     for line in lines:
         inner = inner & (np.abs(line.signed_distance(HERE)) > S.fold_margin)
     rim = within((0.4545, 0.7455), (-0.2455, 0.2455))
-    assert judged[inner].all(), "all of it"
+    assert judged[inner].all(), "all inner pixels are judged"
     assert not (judged & ~rim).any()
     for line in lines:
         assert not (judged & (np.abs(line.signed_distance(HERE)) < S.fold_margin - 1e-9)).any()
@@ -57,14 +58,14 @@ def test_the_stack_height_is_the_95th_percentile() -> None:
     height = rng.permutation(np.linspace(0.0, 1.0, STACK.size)).reshape(STACK.shape).astype(np.float32)
     judged = np.ones(STACK.shape, bool)
     assert upper_height(height, judged) == pytest.approx(0.95, abs=1e-4)
-    height[STACK] = np.nan  # was not seen
+    height[STACK] = np.nan  # unseen pixels
     assert upper_height(height, judged) == pytest.approx(0.95, abs=0.01)
     height[~STACK] = 0.5
-    height[STACK] = 7.0  # is not judged
+    height[STACK] = 7.0  # pixels that are not judged
     assert upper_height(height, ~STACK) == extra_height(height, ~STACK) == pytest.approx(0.5)
 
 
-def test_too_few_seen_cells_give_no_excess_height() -> None:
+def test_too_few_seen_pixels_give_no_excess_height() -> None:
     few = np.zeros(STACK.shape, bool)
     few[:10, :10] = True
     excess = np.full(STACK.shape, 0.05, np.float32)
@@ -74,7 +75,8 @@ def test_too_few_seen_cells_give_no_excess_height() -> None:
 
 
 def test_the_piled_area_is_the_area_above_the_height_limit() -> None:
-    """A heap of 30 by 40 mm on a stack, seen with pixels of 2 mm; then a part is not judged, or was not seen."""
+    """A heap of 30 by 40 mm on a stack, seen with pixels of 2 mm. Then a part of the heap is not judged, or not
+    seen."""
     excess = np.zeros(VIEW.shape, np.float32)
     heap = within((0.600, 0.630), (0.0, 0.040))
     excess[heap] = 0.016
@@ -93,7 +95,7 @@ def lacking(
     step: FoldStep | None = STEP,
     hidden: Array | None = None,
 ) -> float:
-    """Shares of the predicted height that are not there on the table's left and right half."""
+    """The missing layer if these shares of the predicted height are missing on the table's left and right half."""
     moved = np.where(STACK, planned, np.nan).astype(np.float32)
     height = np.where(HERE[..., 1] > 0, 1.0 - left, 1.0 - right).astype(np.float32) * np.float32(planned)
     if hidden is not None:
@@ -102,12 +104,12 @@ def lacking(
 
 
 @pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, 0.6), (-0.2, -0.4)])
-def test_the_target_lacking_most_height_is_named(left: float, right: float) -> None:
+def test_the_missing_layer_is_that_of_the_target_with_the_most_missing_height(left: float, right: float) -> None:
     assert lacking(left, right) == pytest.approx(max(left, right), abs=1e-5)
 
 
-def test_heights_at_a_target_are_looked_for_where_the_fold_came_to_lie() -> None:
-    """The whole garment was turned and moved: the target went with it."""
+def test_heights_at_a_target_are_measured_at_the_observed_place_of_the_fold() -> None:
+    """The whole garment was turned and moved, so the targets moved too."""
     angle, t = np.deg2rad(30.0), np.array([0.35, -0.28])
     R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     moved = np.full(VIEW.shape, 2 * LAYER, np.float32)
@@ -118,7 +120,7 @@ def test_heights_at_a_target_are_looked_for_where_the_fold_came_to_lie() -> None
 
 
 def test_an_unseen_target_is_ignored() -> None:
-    """What is seen there is less than a quarter of a circle of 40 mm; the other target still counts."""
+    """Less than a quarter of the circle of 40 mm around one target is seen. The other target still counts."""
     near = np.linalg.norm(HERE - LEFT, axis=2)
     assert lacking(0.5, 0.1, hidden=near < 0.05) == pytest.approx(0.1, abs=1e-5)
     assert lacking(0.5, 0.1, hidden=near < 0.037) == pytest.approx(0.1, abs=1e-5)
@@ -128,13 +130,13 @@ def test_an_unseen_target_is_ignored() -> None:
 
 
 def test_the_missing_layer_uses_the_mean_height_of_a_stepped_target() -> None:
-    """Two layers on the one half of it, six on the other: half of each is there."""
+    """Two layers are planned on one half of the target and six on the other. Half of each is present."""
     moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
     assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)
     level = np.full_like(moved, 4 * LAYER)
     assert missing_layer(level, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.0, abs=0.05)
 
 
-def test_layers_too_thin_to_be_seen_by_depth_are_not_missed() -> None:
+def test_layers_too_thin_for_the_depth_camera_are_not_reported_as_missing() -> None:
     assert np.isnan(lacking(0.9, 0.9, planned=0.98 * S.layer_height))
     assert lacking(0.9, 0.9, planned=1.02 * S.layer_height) == pytest.approx(0.9, abs=1e-4)

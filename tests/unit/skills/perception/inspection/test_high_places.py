@@ -17,14 +17,15 @@ LOW, HIGH = np.array([0.45, -0.25]), np.array([0.75, 0.25])
 
 
 def sheet(layers: int) -> PredictedShape:
-    """A rectangle of so many layers lying flat, vertices in the middle of the upper one."""
+    """A flat rectangular stack. Its vertices are in the middle of the upper layer."""
     corners = np.array([[LOW[0], LOW[1]], [HIGH[0], LOW[1]], [HIGH[0], HIGH[1]], [LOW[0], HIGH[1]]])
     z = np.full((4, 1), (layers - 0.5) * THICKNESS)
     return PredictedShape(np.hstack([corners, z]), np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
 
 
 def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """Height and mask of the stack with round bumps (x, y, height), 15 mm in radius, as the camera sees them."""
+    """Height map and mask of the stack as the camera sees them, with round bumps (x, y, height) of 15 mm
+    radius."""
     height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
     rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
     on_table = VIEW.to_table(np.dstack([columns, rows]))
@@ -48,17 +49,19 @@ def found(height: np.ndarray, mask: np.ndarray, layers: int = 4) -> tuple[np.nda
 
 @pytest.mark.parametrize("place", [(0.52, -0.18), (0.60, 0.0), (0.68, 0.17)])
 @pytest.mark.parametrize("up", [0.012, 0.03])
-def test_a_bump_is_found_where_it_stands(place: tuple[float, float], up: float) -> None:
+def test_a_bump_is_found_at_its_place(place: tuple[float, float], up: float) -> None:
     places, above = found(*seen([(*place, up)]))
     top = above > 0.8 * up
     assert np.allclose(places[top].mean(axis=0), place, atol=0.003)
     assert above.max() == pytest.approx(up, abs=0.001)
-    assert np.linalg.norm(places - place, axis=1).max() < 0.035, "its foot is blurred"
+    assert np.linalg.norm(places - place, axis=1).max() < 0.035, (
+        "places around the bump are included because heights are blurred"
+    )
 
 
 @pytest.mark.parametrize("width", [1, 2])
-def test_heights_at_the_rim_do_not_count(width: int) -> None:
-    """The table's depth, or a hand's, and the cloth's are mixed there."""
+def test_heights_at_the_rim_are_ignored(width: int) -> None:
+    """At the rim the depth is a mixture of the cloth and of the table or a hand."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     within = cv2.erode(mask.astype(np.uint8), np.ones((2 * width + 1, 2 * width + 1), np.uint8)) > 0
     alone = len(found(height, mask)[0])
@@ -69,8 +72,8 @@ def test_heights_at_the_rim_do_not_count(width: int) -> None:
     assert len(found(height, mask)[0]) == 0
 
 
-def test_unseen_pixels_do_not_count() -> None:
-    """Every other pixel of a bump has no depth and is left out of the mean over neighbours."""
+def test_unseen_pixels_are_ignored() -> None:
+    """Every second pixel of a bump has no depth and is left out of the mean over neighbours."""
     height, mask = seen([(0.60, 0.0, 0.03)])
     whole = found(height, mask)[0]
     height[::2, ::2] = height[1::2, 1::2] = np.nan
@@ -81,7 +84,7 @@ def test_unseen_pixels_do_not_count() -> None:
 
 @pytest.mark.parametrize("hole", [5, 11, 31])
 def test_a_hole_in_the_depth_does_not_change_the_edges(hole: int) -> None:
-    """Cloth is there, as the mask says: it is taken to be as high as elsewhere, in the hole and around it."""
+    """The mask shows that there is cloth, so its height is filled from the surroundings."""
     height, mask = seen([])
     row, column = np.round(VIEW.to_pixel(np.array([0.60, 0.05]))).astype(int)[::-1]
     height[row - hole // 2 : row + hole // 2 + 1, column - hole // 2 : column + hole // 2 + 1] = np.nan
@@ -117,8 +120,8 @@ def test_places_clear_of_the_edges_are_well_inside_them() -> None:
 
 
 @pytest.mark.parametrize("width", [0.6, 1.2])
-def test_nothing_lies_inside_the_edges_of_a_garment_beyond_the_view(width: float) -> None:
-    """Cloth covers all that the view shows: what is beside it is at no place of it."""
+def test_no_point_beyond_the_view_is_inside_the_edges(width: float) -> None:
+    """Cloth covers the whole view. Points outside the view are not inside the cloth."""
     height = np.full(VIEW.shape, 4 * THICKNESS, np.float32)
     inside = looked_at(height, np.ones(VIEW.shape, bool)).inside
     (near, far), (right, left) = TABLE.x, TABLE.y
@@ -136,7 +139,7 @@ def test_a_high_place_does_not_move_the_edges_of_the_rest() -> None:
 
 
 def test_the_edge_of_a_high_bulge_is_corrected_for_parallax() -> None:
-    """The far tenth of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
+    """The far part of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
     height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
     rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
     for low, up in ((LOW[0], 4 * THICKNESS), (0.69, 0.040)):
@@ -148,8 +151,8 @@ def test_the_edge_of_a_high_bulge_is_corrected_for_parallax() -> None:
     assert not inside(np.array([HIGH[0] - EDGE + 0.004, 0.0]))
 
 
-def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
-    """Of four layers the upper two end 20 mm before the lower two."""
+def test_upper_layers_that_are_set_back_have_their_own_edge() -> None:
+    """The upper two of four layers end 20 mm before the lower two."""
     height, mask = seen([])
     rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
     y = VIEW.to_table(np.dstack([columns, rows]))[..., 1]
@@ -163,7 +166,7 @@ def test_upper_layers_that_are_set_back_have_an_edge_of_their_own() -> None:
 @pytest.mark.parametrize("x", [0.55, 0.9])
 @pytest.mark.parametrize("thickness", [0.010, 0.020, 0.030])
 def test_room_for_fingers_is_corrected_for_parallax(x: float, thickness: float) -> None:
-    """A thick layer whose far edge lies at x appears up to 23 mm further away than it is."""
+    """The far edge of a thick layer appears up to 23 mm too far away."""
     low, high = np.array([x - 0.3, -0.25]), np.array([x, 0.25])
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     flat = np.column_stack([corners, np.full(4, 0.5 * thickness)])

@@ -17,7 +17,7 @@ from skills.perception.registration.alignment import align
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
-# A towel 0.40 x 0.60 folded over its middle, left half onto right half: the fold is the left edge.
+# A towel of 0.40 x 0.60 m folded over its middle, left half onto right half. The crease is the left edge.
 HALF = place([[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]], 0.6, 0.0, 0.05)
 HEIGHT = 0.004
 
@@ -74,7 +74,7 @@ def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
         ([HALF + np.array([0.04, 0.0])], "as a whole"),
     ],
 )
-def test_only_figures_beyond_their_limit_are_named(polygons, named):
+def test_only_figures_beyond_their_limit_are_reported(polygons, named):
     seen = look(polygons).unwrap()
     beyond = beyond_limits(seen, InspectionSettings())
     assert bool(beyond) == (seen.diagnosis is not None)
@@ -100,14 +100,14 @@ def test_a_height_from_too_few_pixels_is_nan():
     assert upper_height(np.full((40, 40), 0.01, np.float32), judged) == pytest.approx(0.01)
 
 
-def test_a_pile_at_the_crease_is_not_the_height_of_the_stack():
+def test_a_pile_at_the_crease_does_not_count_as_the_height_of_the_stack():
     along = HALF[1] - HALF[0]
     bumps = [(*(HALF[0] + u * along), 0.015, 0.030) for u in (0.3, 0.5, 0.7)]
     assert look([HALF], bumps).unwrap().height_m == pytest.approx(HEIGHT, abs=0.002)
 
 
 @pytest.mark.parametrize(("shift", "turn"), [((0.036, 0.048), 0.0), ((0.0, 0.02), 8.0)])
-def test_drift_is_measured_and_named(shift, turn):
+def test_drift_is_measured_and_diagnosed(shift, turn):
     moved = place(HALF - (0.6, 0.0), 0.6 + shift[0], shift[1], np.deg2rad(turn))
     seen = look([moved]).unwrap()
     assert seen.diagnosis is FailureKind.DRIFT
@@ -130,14 +130,14 @@ def test_drift_is_measured_and_named(shift, turn):
     ],
     ids=["pile", "sag", "corner short of its target", "corner hanging out", "upper layer not there"],
 )
-def test_each_failure_of_the_paper_has_its_name(polygons, bumps, thickness, kind):
+def test_each_failure_of_the_paper_has_its_diagnosis(polygons, bumps, thickness, kind):
     seen = look(polygons, bumps, thickness).unwrap()
     assert seen.diagnosis is kind
     assert 0.0 < seen.confidence <= 1.0
 
 
-def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
-    """The left arm lost its corner: the garment still reaches 12 cm beyond the line there."""
+def test_a_corner_left_behind_the_fold_line_is_reported_with_its_arm():
+    """The left arm lost its corner, so the garment still reaches 12 cm beyond the line there."""
     grasps = {
         grasp_id: Grasp(HALF[i] + (0.0, 0.3), 0.0, 1, 0.003)
         for grasp_id, i in ((GraspId.LEFT, 0), (GraspId.RIGHT, 1))
@@ -152,13 +152,13 @@ def test_a_corner_that_stayed_behind_the_fold_line_is_named_with_its_arm():
 
 @pytest.mark.parametrize(("place", "behind"), [("left", 0.15), ("right", -0.15), ("middle", 0.0)])
 def test_cloth_left_behind_is_reported_with_its_place(place, behind):
-    """Cloth reaches 40 mm too far beyond the fold line, beside one grasp or between the two."""
+    """Cloth reaches 40 mm too far beyond the fold line, near one grasp or between both."""
     view = TableView(camera(), TABLE)
     there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
     x, y = there[..., 0], there[..., 1]
     planned = (np.abs(x - 0.5) < 0.1) & (np.abs(y) < 0.25)
     seen = planned | ((np.abs(x - 0.5) < 0.14) & (np.abs(y - behind) < 0.06))
-    line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # its normal points to larger x
+    line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # the line's normal points to larger x
     left = Grasp(np.array([0.7, 0.15]), 0.0, 1, 0.003)
     right = Grasp(np.array([0.7, -0.15]), 0.0, 1, 0.003)
     settings = InspectionSettings()
@@ -173,7 +173,7 @@ def test_cloth_left_behind_is_reported_with_its_place(place, behind):
 
 
 def test_a_layer_left_where_it_lay_is_a_missed_layer():
-    """Behind the fold line the garment reaches as far as ever, along the whole fold."""
+    """Behind the fold line the garment reaches as far as before the fold, along the whole line."""
     line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
     back = HALF[0] - HALF[3]
     grasps = {
@@ -187,7 +187,7 @@ def test_a_layer_left_where_it_lay_is_a_missed_layer():
 
 
 def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
-    """All cloth stands 3 mm higher than the mesh; the flat picture told so."""
+    """All cloth is 3 mm higher than the mesh, as the picture of the flat garment has shown."""
     scene = Scene(seed=4, polygons=[HALF], thickness=0.0045, wobble=0.001)
     picture = render(scene)
     two_layers = PredictedShape(
@@ -203,7 +203,7 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
 
 @pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
 def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
-    """What is seen of the edge lies where it should; the unseen end's target lacks its layer."""
+    """The seen part of the edge lies correctly, but at the target of the unseen end a layer is missing."""
     seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
     lag = np.zeros(9)
     whole = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
@@ -215,37 +215,37 @@ def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
     assert "a target lacks" in ", ".join(beyond_limits(partly, settings))
 
 
-def test_a_bad_edge_without_its_step_is_off_target():
+def test_a_bad_edge_without_a_known_step_is_off_target():
     assert look([SHORT], step=None).unwrap().diagnosis is FailureKind.OFF_TARGET
 
 
-def test_an_empty_table_is_a_failure_of_looking():
+def test_an_inspection_of_an_empty_table_is_a_failure():
     outcome = look([])
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.NO_GARMENT
 
 
 @pytest.mark.parametrize("seed", [4, 6])
-def test_on_boards_without_a_picture_of_the_empty_table_a_good_fold_is_accepted(seed):
-    """A board that differs from the rim's plane is taken for cloth by `plain`, not by `grabcut`."""
+def test_a_good_fold_on_boards_is_accepted_without_a_reference_picture(seed):
+    """The method `plain` takes a board of another colour for cloth. The method `grabcut` does not."""
     scene = Scene(seed=seed, polygons=[HALF], thickness=HEIGHT, wobble=0.001, planks=0.3)
     seen = inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP)
     assert seen.unwrap().accepted and seen.unwrap().iou > 0.97
 
 
-def test_on_boards_without_a_picture_of_the_empty_table_a_bad_fold_is_named():
+def test_a_bad_fold_on_boards_is_diagnosed_without_a_reference_picture():
     scene = Scene(seed=4, polygons=[SAGGED], thickness=HEIGHT, wobble=0.001, planks=0.3)
     assert inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP).unwrap().diagnosis is FailureKind.SAG
 
 
 def test_alignment_recovers_a_rigid_motion_in_spite_of_a_defect():
-    """The motion is known, a corner of the target is torn off: it must not turn the rest."""
+    """The motion is known, and a corner of the target is missing, which must not turn the alignment."""
     turned = place(SHORT - (0.6, 0.0), 0.63, -0.02, 0.1)
     R, t = align(HALF, turned)
     whole = place(HALF - (0.6, 0.0), 0.63, -0.02, 0.1)
     assert np.abs(HALF[:3] @ R.T + t - whole[:3]).max() < 0.003
 
 
-def test_the_upper_layer_hides_the_lower():
+def test_the_upper_layer_hides_the_lower_one():
     view = TableView(camera(), TABLE)
     both = PredictedShape(
         np.vstack([PREDICTED.vertices + np.array([0.0, 0.0, 0.02]), PREDICTED.vertices]),

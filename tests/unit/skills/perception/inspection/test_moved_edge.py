@@ -1,4 +1,5 @@
-"""A towel 0.40 x 0.60 m folded over its middle; heights drawn in closed form, with the depth noise of a camera."""
+"""The moved edge of a towel of 0.40 x 0.60 m folded over its middle. Heights are drawn in closed form, with the
+depth noise of a camera."""
 
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)
 LAYER, NOISE = 0.0025, 0.0015
-# The line runs along x at y = 0; what lies left of it, y > 0, moves onto y < 0.
+# The line is along x at y = 0. The part at y > 0 moves onto y < 0.
 LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
 SPAN = (0.4, 0.8)
 GRASP_IDS = (GraspId.LEFT, GraspId.RIGHT)
@@ -36,9 +37,10 @@ def folded_mesh():
 
 
 def heights(lag, seed=0, creases=0.004, loop=0.0):
-    """(before, after): one layer, then two where the moved edge, `lag` (function of 0..1 along it) [m] behind.
+    """Height maps (before, after): one layer, then two layers up to the moved edge.
 
-    loop: height of an earlier fold's crease along the end 0 [m], which the moved layer presses down as it lies.
+    lag: distance of the edge behind its place [m], a function of 0..1 along the edge. loop: height of an earlier
+    fold's crease along the end 0 [m], which the moved layer presses down.
     """
     rng = np.random.default_rng(seed)
     rows, columns = np.indices(VIEW.shape)
@@ -62,8 +64,8 @@ def look(lag, seed=0, loop=0.0):
 
 @pytest.mark.parametrize("depth", [0.0, 0.02, 0.04, 0.06])
 def test_a_sag_is_measured_on_creased_cloth(depth):
-    """Creases of 4 mm and noise of 1.5 mm a pixel, a layer of 2.5 mm. Where the edge runs
-    aslant it spans 20 mm within one strip: half of that is the tolerance."""
+    """Creases are 4 mm high, the noise is 1.5 mm per pixel, and a layer is 2.5 mm thick. Where the edge is oblique
+    it spans 20 mm within one strip. Half of this is the tolerance."""
     seen = look(lambda t: depth * np.sin(np.pi * t))
     middle_of_strips = depth * np.sin(np.pi * (np.arange(9) + 0.5) / 9)
     assert seen.rise == pytest.approx(LAYER, abs=0.0004)
@@ -77,15 +79,15 @@ def test_a_lost_corner_is_measured_at_either_end(end):
     assert 0.035 < seen.corner < 0.08 and seen.sag < 0.0
 
 
-def test_an_edge_where_it_should_be_raises_no_alarm():
+def test_an_edge_at_its_place_raises_no_alarm():
     for seed in range(5):
         seen = look(lambda t: 0.0 * t, seed)
         assert abs(seen.sag) < 0.006 and seen.corner < 0.006
 
 
 @pytest.mark.parametrize("loop", [0.014, 0.018, 0.025])
-def test_the_loop_of_an_earlier_crease_that_is_pressed_down_is_no_lost_corner(loop):
-    """Nothing rises where the loop was, as if nothing had come to lie there."""
+def test_a_pressed_down_loop_of_an_earlier_crease_is_no_lost_corner(loop):
+    """The height does not rise where the loop was, as if no layer lay there."""
     seen = look(lambda t: 0.0 * t, loop=loop)
     assert seen.corner < 0.006 and abs(seen.sag) < 0.010
     assert seen.rise > 0.7 * LAYER
@@ -99,9 +101,9 @@ def test_a_lost_corner_is_found_beside_a_loop(end):
 
 
 @pytest.mark.parametrize("behind", range(15, 24))
-def test_rounding_does_not_decide_about_a_corner(behind):
-    """Strips say where they are in steps of 2 mm, a median of two of them in steps of 1 mm: 19 mm are within the
-    limit and 20 beyond it, wherever they are counted from."""
+def test_rounding_does_not_change_the_verdict_on_a_corner(behind):
+    """Strips have positions in steps of 2 mm, and medians of two strips in steps of 1 mm. 19 mm are within the
+    limit and 20 mm beyond it, for any origin."""
     places = np.arange(-0.024, 0.120, 0.002)
     beyond = set()
     for i in range(behind // 2 + 1, len(places)):
@@ -113,7 +115,7 @@ def test_rounding_does_not_decide_about_a_corner(behind):
 
 
 def folded(reach=0.3, width=0.4, layer=LAYER):
-    """The prediction of a fold whose moved part reaches so far beyond the line, on a towel so wide."""
+    """The prediction of a fold. reach: length of the moved part beyond the line [m]. width: of the towel [m]."""
     x, y = np.meshgrid(
         np.linspace(0.6 - width / 2, 0.6 + width / 2, 17), np.linspace(-0.3, reach, 41), indexing="ij"
     )
@@ -124,7 +126,7 @@ def folded(reach=0.3, width=0.4, layer=LAYER):
 
 
 def turned(degrees, x=0.0, y=0.0):
-    """R, t of a motion about the middle of the towel."""
+    """Rotation and translation (R, t) of a motion about the middle of the towel."""
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     R = np.array([[c, -s], [s, c]])
     return R, np.array([0.6 + x, y]) - R @ np.array([0.6, 0.0])
@@ -134,8 +136,11 @@ STILL = turned(0.0)
 
 
 def towel(lag=0.0, reach=0.3, width=0.4, layer=LAYER, crease=0.0, motion=STILL, before=STILL):
-    """(after, before) of a smooth towel: heights where each motion laid it. crease: how high the fold stands up,
-    over 40 mm [m]. lag: of the moved edge, a function of 0..1 along it or one for all."""
+    """Height maps (after, before) of a smooth towel that each motion has laid.
+
+    crease: height of the crease, which is 40 mm wide [m]. lag: of the moved edge [m], constant or a function of
+    0..1 along the edge.
+    """
     rng = np.random.default_rng(0)
     there = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
 
@@ -159,7 +164,7 @@ def looked_at(after, before, step=STEP, motion=STILL, **shape):
 
 @pytest.mark.parametrize("lag", [-0.016, 0.0, 0.03, 0.06])
 def test_an_edge_too_far_out_or_in_is_measured(lag):
-    """To the resolution of 2 mm of reported places."""
+    """The resolution of reported positions is 2 mm."""
     seen = looked_at(*towel(lag))
     assert np.abs(seen.lag - lag).max() < 0.0045
     assert abs(seen.sag) < 0.004 and abs(seen.corner) < 0.005
@@ -173,7 +178,7 @@ def test_an_edge_beyond_the_search_range_is_reported_at_its_limit():
 
 @pytest.mark.parametrize("motion", [turned(0.0, 0.02, -0.015), turned(5.0), turned(-4.0, -0.01, 0.02)])
 def test_a_displaced_fold_is_inspected_where_it_lies(motion):
-    """The picture before shows the cloth where it lay then."""
+    """The picture from before the fold shows the cloth at its earlier place."""
     seen = looked_at(*towel(lambda t: 0.04 * t, motion=motion), motion=motion)
     assert np.abs(seen.lag - 0.04 * (np.arange(9) + 0.5) / 9).max() < 0.006
     assert seen.rise == pytest.approx(LAYER, abs=0.0004)
@@ -181,7 +186,8 @@ def test_a_displaced_fold_is_inspected_where_it_lies(motion):
 
 @pytest.mark.parametrize("degrees", [90.0, 180.0, 225.0])
 def test_the_moved_edge_is_found_for_any_fold_direction(degrees):
-    """Line, prediction and cloth are turned together: towards the camera it is the same as away from it."""
+    """Line, prediction and cloth are turned together. The result is the same towards the camera and away from
+    it."""
     R, t = turned(degrees)
     after, before = towel(lambda u: 0.04 * u, motion=(R, t), before=(R, t))
     flat = folded()
@@ -194,15 +200,15 @@ def test_the_moved_edge_is_found_for_any_fold_direction(degrees):
 
 @pytest.mark.parametrize("crease", [0.0, 0.012, 0.025])
 @pytest.mark.parametrize("lag", [0.0, 0.03])
-def test_the_crease_of_the_fold_itself_is_not_taken_for_layers(crease, lag):
-    """A moved part of 11 cm, of which 4 are the bulge of its crease."""
+def test_the_crease_of_the_fold_does_not_count_as_layers(crease, lag):
+    """The moved part is 11 cm long, of which 4 cm are the bulge of its crease."""
     seen = looked_at(*towel(lag, reach=0.11, crease=crease), reach=0.11)
     assert np.abs(seen.lag - lag).max() < 0.006 and seen.rise == pytest.approx(LAYER, abs=0.0005)
 
 
 @pytest.mark.parametrize("up", [0.006, 0.015, 0.04])
 def test_a_wrinkle_in_front_of_the_edge_is_not_the_edge(up):
-    """It has come with the fold, 10 mm wide, and is much higher than a layer: it is no more than that."""
+    """The fold made a wrinkle that is 10 mm wide and much higher than a layer."""
     after, before = towel(0.06)
     y = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))[..., 1]
     after[(after > 0.0) & (y > -0.29) & (y < -0.28)] += up
@@ -211,8 +217,8 @@ def test_a_wrinkle_in_front_of_the_edge_is_not_the_edge(up):
 
 
 @pytest.mark.parametrize("layer", [0.0020, 0.0060, 0.0120])
-def test_an_edge_of_thick_cloth_is_found_as_well(layer):
-    """What stands as high as the rest of the stack is no loop of a crease, however high that is."""
+def test_an_edge_of_thick_cloth_is_found(layer):
+    """A place as high as the rest of a thick stack is not a loop of a crease."""
     seen = looked_at(*towel(0.03, layer=layer), layer=layer)
     assert np.abs(seen.lag - 0.03).max() < 0.006 and seen.rise == pytest.approx(layer, abs=0.0005)
 
@@ -223,7 +229,7 @@ def test_a_layer_thinner_than_a_millimetre_is_not_seen():
 
 
 def test_a_short_edge_is_not_judged():
-    """Less than 8 cm between its rims of 1 cm, or a flap of a few vertices."""
+    """The edge has less than 8 cm between its rims of 1 cm, or it belongs to a flap of a few vertices."""
     assert looked_at(*towel(width=0.09), width=0.09) is None
     assert looked_at(*towel(width=0.11), width=0.11) is not None
     flat = folded()
@@ -239,7 +245,7 @@ T = (np.arange(9) + 0.5) / 9
 @pytest.mark.parametrize("sag", [-0.03, 0.0, 0.012, 0.05])
 @pytest.mark.parametrize("unseen", [(), (0,), (8,), (0, 4, 8), (1, 2, 5, 6)])
 def test_a_sag_is_the_half_sine_over_the_line_between_the_ends(sag, unseen):
-    """Whatever the ends lie behind, and whichever strips are not seen: up to four."""
+    """This holds for any lag of the ends and for up to four unseen strips."""
     lag = 0.02 - 0.03 * T + sag * np.sin(np.pi * T)
     lag[list(unseen)] = np.nan
     assert MovedEdge(lag, LAYER).sag == pytest.approx(sag, abs=1e-9)
@@ -255,14 +261,15 @@ def test_fewer_than_five_strips_give_no_sag():
 @pytest.mark.parametrize("strip", range(1, 8))
 @pytest.mark.parametrize("wrong", [-0.024, 0.1])
 def test_one_outlying_strip_is_no_sag(strip, wrong):
-    """Least squares would take a fifth of it for one."""
+    """Least squares would report a fifth of the outlier as a sag."""
     lag = 0.02 * np.sin(np.pi * T)
     lag[strip] = wrong
     assert MovedEdge(lag, LAYER).sag == pytest.approx(0.02, abs=0.009)
 
 
 def test_the_corner_figure_is_that_of_the_worse_seen_end():
-    """The second strip counts where the first one is not seen; an end of which no third is seen says nothing."""
+    """If the first strip of an end is not seen, the second one counts. An end without three seen strips is not
+    used."""
     nan = np.nan
     for lag, corner, whole in (
         ([0.05, 0.04, 0, 0, 0, 0, 0, 0.02, 0.03], 0.04, True),
@@ -278,8 +285,8 @@ def test_the_corner_figure_is_that_of_the_worse_seen_end():
     assert np.isnan(MovedEdge(np.array([nan] * 3 + [0.0] * 3 + [nan] * 3), LAYER).corner)
 
 
-def test_an_edge_without_a_height_step_gives_no_figures():
-    """The picture before shows the fold already: there is no telling where its edge lies."""
+def test_an_edge_without_a_rise_in_height_has_no_figures():
+    """The earlier picture already shows the fold, so its edge cannot be located."""
     _, after = heights(lambda t: 0.04 * np.sin(np.pi * t))
     again = after + NOISE * np.random.default_rng(1).standard_normal(after.shape).astype(np.float32)
     assert moved_edge(again, after, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2)) is None
@@ -287,7 +294,7 @@ def test_an_edge_without_a_height_step_gives_no_figures():
 
 @pytest.mark.parametrize("short", [0.0, 0.05])
 def test_a_fold_that_is_predicted_to_fall_short_of_its_line_has_no_moved_edge(short):
-    """A fold of which nothing comes over the line is judged by its outline."""
+    """A fold whose moved part does not reach the line is judged by its outline."""
     flat = folded_mesh()
     vertices = flat.vertices.copy()
     vertices[:, 1] = np.where(flat.material[:, 1] > 0, np.maximum(flat.material[:, 1], short), flat.material[:, 1])
@@ -296,8 +303,8 @@ def test_a_fold_that_is_predicted_to_fall_short_of_its_line_has_no_moved_edge(sh
     assert moved_edge(after, before, never, STEP, VIEW, np.eye(2), np.zeros(2)) is None
 
 
-def test_inspection_names_the_sag_that_no_silhouette_shows():
-    """Pictures: two layers, the upper one's edge some centimetres behind in its middle."""
+def test_an_inspection_reports_a_sag_that_the_silhouette_does_not_show():
+    """The pictures show two layers. The middle of the upper layer's edge lies some centimetres behind."""
     whole = place([[0.2, 0.3], [-0.2, 0.3], [-0.2, -0.3], [0.2, -0.3]], 0.6, 0.0, 0.0)
     half = whole * (1.0, 0.5) - (0.0, 0.15)
     lacking = [(x, -0.3 + r, 0.03, -0.5) for x in (0.52, 0.56, 0.60, 0.64, 0.68) for r in (0.0, 0.015)]

@@ -9,7 +9,8 @@ from tests.scenes import TABLE, Scene, camera, render
 
 
 def hung(shift, turn):
-    """The nominal camera moved by shift [m] and turned by the rotation vector turn [rad], table axes."""
+    """The nominal camera, moved by `shift` [m] and turned by the rotation vector `turn` [rad], both in table
+    axes."""
     nominal = camera()
     T = np.array(nominal.T_table_camera)
     T[:3, :3] = cv2.Rodrigues(np.array(turn, dtype=float))[0] @ T[:3, :3]
@@ -28,8 +29,8 @@ PIXELS = np.stack(np.meshgrid([120.0, 320.0, 520.0], [120.0, 240.0, 360.0]), axi
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_tilted_bracket_is_measured(seed):
-    """Bracket off by a few millimetres and milliradians, but for the shift along y, which no picture of the
-    table shows: points seen on the table come back to within 2.5 mm."""
+    """The bracket is off by a few millimetres and milliradians. Points on the table are found to within 2.5 mm,
+    except for the shift along y, which no picture of the table shows."""
     rng = np.random.default_rng(seed)
     shift, turn = rng.normal(0, 0.003, 3) * (1, 0, 1), rng.normal(0, 0.004, 3)
     true = hung(shift, turn)
@@ -56,13 +57,13 @@ def test_a_correct_calibration_is_unchanged():
     assert np.abs(on_table(outcome.unwrap(), PIXELS) - on_table(camera(), PIXELS)).max() < 0.001
 
 
-def test_another_set_up_is_refused():
+def test_a_camera_far_from_its_calibration_is_refused():
     true = hung((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
     outcome = refine_calibration(render(Scene(seed=1, floor=(0.1, 0.1, 0.1)), true), camera(), TABLE)
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.CAMERA_FAULT
 
 
-def test_no_plane_is_refused():
+def test_a_picture_without_a_table_plane_is_refused():
     picture = render(Scene(seed=1))
     picture.depth[:] = np.nan
     outcome = refine_calibration(picture, camera(), TABLE)

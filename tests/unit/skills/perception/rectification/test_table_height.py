@@ -1,4 +1,4 @@
-"""The measured height of the empty table, with missing parts."""
+"""The measured height of the empty table, with missing depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BIAS, SLOPE = -0.004, 1e-6
 
 
 def biased() -> np.ndarray:
-    """A camera that sees the table 4 mm too low, and slightly aslant [m]."""
+    """The table's height as measured by a camera that sees it 4 mm too low and slightly tilted [m]."""
     return (BIAS + SLOPE * (COLUMNS - 300)).astype(np.float32)
 
 
@@ -25,7 +25,7 @@ def view(height: np.ndarray) -> RectifiedView:
 
 
 @pytest.mark.parametrize("radius", [1, 4, 12, 40])
-def test_a_hole_in_the_empty_tables_depth_gives_nothing_a_height(radius: int) -> None:
+def test_a_hole_in_the_empty_tables_depth_adds_no_height(radius: int) -> None:
     empty = biased()
     empty[np.hypot(ROWS - 200, COLUMNS - 260) < radius] = np.nan
     assert np.abs(height_above(view(biased()), view(empty))).max() < 0.0001

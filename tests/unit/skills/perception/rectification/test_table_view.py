@@ -14,12 +14,12 @@ coordinate = st.tuples(st.floats(0.25, 1.0), st.floats(-0.5, 0.5))
 
 
 @given(coordinate)
-def test_pixels_and_table_points_are_inverse(xy):
+def test_to_pixel_and_to_table_are_inverse(xy):
     assert np.allclose(VIEW.to_table(VIEW.to_pixel(xy)), xy, atol=1e-12)
 
 
 @given(coordinate)
-def test_homography_is_the_pinhole_projection_of_the_table(xy):
+def test_the_homography_is_the_pinhole_projection_of_the_table(xy):
     c = camera()
     T = np.linalg.inv(c.T_table_camera)
     p = c.intrinsics.matrix @ (T @ [*xy, 0.0, 1.0])[:3]
@@ -34,14 +34,14 @@ def test_a_raised_point_appears_where_its_line_of_sight_meets_the_table(xy, z):
     assert np.allclose(VIEW.to_table(VIEW.to_pixel(seen), z), xy, atol=1e-9)
 
 
-def test_far_is_up_and_left_is_left():
+def test_far_is_up_and_left_is_left_in_the_view():
     column, row = VIEW.to_pixel(np.array([TABLE.x[1], TABLE.y[1]]))
     assert column == pytest.approx(-0.5) and row == pytest.approx(-0.5)
     assert VIEW.to_pixel([0.9, 0.0])[1] < VIEW.to_pixel([0.4, 0.0])[1]
     assert VIEW.to_pixel([0.6, 0.3])[0] < VIEW.to_pixel([0.6, -0.3])[0]
 
 
-def test_depth_of_a_raised_plane_becomes_its_height():
+def test_the_depth_of_a_raised_plane_becomes_its_height():
     c = camera()
     k, T = c.intrinsics, c.T_table_camera
     u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
@@ -57,7 +57,7 @@ def test_depth_of_a_raised_plane_becomes_its_height():
 
 @pytest.mark.parametrize(("up", "seen"), [(-0.03, True), (0.3, True), (-0.11, False), (-9.0, False)])
 def test_depth_far_below_the_table_is_invalid(up, seen):
-    """A mirror image in a shiny table, a driver's farthest range: nothing lies far below the table's top."""
+    """Such depths come from mirror images in a shiny table or from a driver's farthest range."""
     c = camera()
     k, T = c.intrinsics, c.T_table_camera
     u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
@@ -68,7 +68,8 @@ def test_depth_far_below_the_table_is_invalid(up, seen):
 
 
 def test_a_square_on_the_table_is_a_square_in_the_view():
-    """Drawn at eight times the camera's resolution and averaged, it comes back 100 x 100 pixels of 2 mm."""
+    """The square is drawn at eight times the camera's resolution and averaged. In the view it has 100 x 100 pixels
+    of 2 mm."""
     c = camera()
     corners = np.array([[0.7, 0.1], [0.5, 0.1], [0.5, -0.1], [0.7, -0.1]])
     fine = np.zeros((480 * 8, 640 * 8), np.uint8)

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.vocabulary import Array
 
-# A folded shirt: no motion but none lays it on itself. Corners counter-clockwise [m].
+# A folded shirt without symmetries. Corners counter-clockwise [m].
 SHIRT = np.array([[0.45, -0.2], [0.75, -0.2], [0.75, 0.02], [0.65, 0.02], [0.65, 0.25], [0.45, 0.25]])
 SQUARE = np.array([[0.4, -0.2], [0.8, -0.2], [0.8, 0.2], [0.4, 0.2]])
 
 
 def turned(points: Array, x: float, y: float, degrees: float) -> Array:
-    """Turned about the middle of the table's working place, then moved."""
+    """The points turned about the middle of the table's work area and then moved."""
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     return (points - (0.6, 0.0)) @ np.array([[c, s], [-s, c]]) + (0.6 + x, y)
 
@@ -29,7 +29,8 @@ def turned(points: Array, x: float, y: float, degrees: float) -> Array:
 def test_a_known_motion_is_recovered(
     x: float, y: float, degrees: float, ours_backwards: bool, seen_backwards: bool, first: int
 ) -> None:
-    """Whichever way round the outlines run, and wherever they begin: to half a millimetre, a fifth of a degree."""
+    """The accuracy is half a millimetre and a fifth of a degree, for any direction and starting point of the
+    outlines."""
     moved = turned(SHIRT, x, y, degrees)
     ours = SHIRT[::-1] if ours_backwards else SHIRT
     seen = np.roll(moved[::-1] if seen_backwards else moved, first, axis=0)
@@ -49,7 +50,7 @@ def test_large_motions_are_recovered(x: float, y: float) -> None:
 
 @pytest.mark.parametrize("out", [0.03, 0.06])
 def test_a_corner_that_hangs_out_does_not_turn_the_rest(out: float) -> None:
-    """Least squares would: what lies far off counts for nothing."""
+    """Least squares would turn it. The alignment ignores distant points."""
     corner = np.array([[0.0, -out], [out, -out], [out, 0.08]]) + SQUARE[1]
     seen = turned(np.vstack([SQUARE[0], SQUARE[1] - (0.08, 0.0), corner, SQUARE[2:]]), 0.02, -0.03, 6.0)
     R, t = align(SQUARE, seen)
@@ -57,7 +58,7 @@ def test_a_corner_that_hangs_out_does_not_turn_the_rest(out: float) -> None:
 
 
 def test_noise_of_an_outline_averages_out() -> None:
-    """Pixels of 2 mm: of some 1600 mm of edge the mean is known to a fraction of that."""
+    """With pixels of 2 mm and about 1600 mm of edge, the mean is accurate to a fraction of a pixel."""
     rng = np.random.default_rng(0)
     side = np.linspace(0.0, 1.0, 100, endpoint=False)[:, None]
     fine = np.vstack([a + side * (b - a) for a, b in zip(SHIRT, np.roll(SHIRT, -1, axis=0), strict=True)])
@@ -68,7 +69,7 @@ def test_noise_of_an_outline_averages_out() -> None:
 
 
 def with_step(low: float, high: float, out: float) -> Array:
-    """The square with its edge at y = 0.2 moved outwards by `out` between two places along it."""
+    """The square whose edge at y = 0.2 is moved outwards by `out` [m] between two places."""
     top = SQUARE[2, 1]
     notch = [[high, top], [high, top + out], [low, top + out], [low, top]]
     return np.vstack([SQUARE[:3], notch, SQUARE[3:]])
@@ -78,7 +79,7 @@ def with_step(low: float, high: float, out: float) -> Array:
 @pytest.mark.parametrize("first", [0, 3, 5])
 @pytest.mark.parametrize(("ours", "theirs"), [(1, 1), (1, -1), (-1, 1), (-1, -1)])
 def test_the_largest_deviation_has_a_sign_and_a_place(out: float, first: int, ours: int, theirs: int) -> None:
-    """Wherever the outline begins, also in the midst of it, and whichever way round both run."""
+    """This holds for any starting point, also within the deviation, and for any direction of both outlines."""
     seen = np.roll(with_step(0.55, 0.65, out), first, axis=0)
     deviation, place = edge_deviation(SQUARE[::ours], seen[::theirs])
     assert deviation == pytest.approx(out, abs=0.003)
@@ -86,8 +87,8 @@ def test_the_largest_deviation_has_a_sign_and_a_place(out: float, first: int, ou
 
 
 @pytest.mark.parametrize("first", range(4))
-def test_a_deviation_across_the_outlines_beginning_is_found(first: int) -> None:
-    """A corner that lies 3 cm behind: the outline begins just there."""
+def test_a_deviation_across_the_start_of_the_outline_is_found(first: int) -> None:
+    """A corner lies 3 cm behind, and the outline starts there."""
     seen = SQUARE.copy()
     seen[first] += 0.03 * np.sign(np.array([0.6, 0.0]) - seen[first])
     seen = np.vstack([seen[first:], seen[:first]])
@@ -105,12 +106,13 @@ def test_the_larger_of_two_deviations_is_returned() -> None:
 
 @pytest.mark.parametrize("out", [-0.03, 0.03])
 def test_a_thread_or_a_slit_is_no_deviation(out: float) -> None:
-    """What holds over less than 3 cm of edge: one of 8 mm, whose two sides are 3 cm long, does for its foot."""
+    """A deviation over less than 3 cm of edge does not count. A thread that is 8 mm wide, with sides of 3 cm, has
+    too short a base."""
     assert abs(edge_deviation(SQUARE, with_step(0.596, 0.604, out))[0]) < 0.02
     assert abs(edge_deviation(SQUARE, with_step(0.596, 0.604, 0.4 * out))[0]) < 0.004
 
 
-def test_an_outline_does_not_deviate_from_itself() -> None:
+def test_an_outline_has_no_deviation_from_itself() -> None:
     assert abs(edge_deviation(SHIRT, SHIRT)[0]) < 0.001
     assert abs(edge_deviation(SHIRT[::-1], np.roll(SHIRT, 2, axis=0))[0]) < 0.001
 

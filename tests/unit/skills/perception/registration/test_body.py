@@ -27,7 +27,7 @@ def test_the_body_pose_does_not_depend_on_blunt_corners():
     assert np.linalg.norm(found - truth, axis=1)[BODY].max() < 0.003
 
 
-def test_corners_without_a_common_rigid_motion_give_no_body():
+def test_corners_without_a_common_rigid_motion_give_no_body_pose():
     scattered = np.random.default_rng(3).uniform(-0.5, 0.5, TEMPLATE.shape)
     contour = resample_closed(place(TEMPLATE, 0.6, 0.0, 0.0), 0.002)
     few = CLEAR & (np.cumsum(CLEAR) <= 4)

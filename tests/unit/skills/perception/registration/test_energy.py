@@ -22,8 +22,8 @@ def blob(n=24, seed=0):
     return np.stack([r * np.cos(a), r * np.sin(a)], axis=1)
 
 
-def test_energy_is_the_papers_sum():
-    """Written out term by term, as it stands in the paper, with an own distance field (shapely)."""
+def test_the_energy_is_the_sum_of_the_papers_terms():
+    """The terms are written out as in the paper, with an independent distance field (shapely)."""
     from shapely import LinearRing, Point
 
     target, reference = blob(80), blob(20, 1) * 1.02
@@ -48,8 +48,8 @@ def test_energy_is_the_papers_sum():
 
 
 @given(st.integers(0, 10_000))
-def test_jacobian_agrees_with_finite_differences(seed):
-    """On a square target, whose distance field is smooth along its sides."""
+def test_the_jacobian_agrees_with_finite_differences(seed):
+    """The target is a square, whose distance field is smooth along its sides."""
     rng = np.random.default_rng(seed)
     boundary = Boundary(SQUARE, step=0.0005, sample_step=0.02)
     reference = np.array([[0.21, 0.15], [0.19, 0.31], [-0.19, 0.29], [-0.21, 0.0], [-0.18, -0.31], [0.2, -0.3]])
@@ -64,12 +64,12 @@ def test_jacobian_agrees_with_finite_differences(seed):
         up = contour_terms(X + d.reshape(X.shape), reference, boundary, weights).r
         down = contour_terms(X - d.reshape(X.shape), reference, boundary, weights).r
         worst += np.count_nonzero(np.abs((up - down) / (2 * step) - J[:, k]) > 1e-3 + 1e-3 * np.abs(J[:, k]))
-    # A nearest point may jump between the two evaluations; it must be rare.
+    # A nearest point may jump between the two evaluations, but only rarely.
     assert worst <= 0.01 * J.size
 
 
 @pytest.mark.parametrize("n", [3, 5, 40])
-def test_normal_equations_and_their_solution_against_dense_algebra(n):
+def test_the_normal_equations_and_their_solution_agree_with_dense_algebra(n):
     terms = contour_terms(blob(n, 2) * 1.03, blob(n), Boundary(blob(80)), EnergyWeights())
     J, (A, g) = terms.jacobian(), terms.normal_equations()
     assert np.allclose(A, J.T @ J, rtol=1e-12, atol=1e-15) and np.allclose(g, J.T @ terms.r, atol=1e-15)
@@ -77,14 +77,14 @@ def test_normal_equations_and_their_solution_against_dense_algebra(n):
     assert np.allclose(x, np.linalg.solve(A + 1e-4 * np.eye(2 * n), g), rtol=1e-8)
 
 
-def test_nearest_boundary_point_is_the_nearest():
+def test_the_nearest_boundary_point_agrees_with_a_dense_search():
     boundary, x = Boundary(blob(80)), np.random.default_rng(5).uniform(-0.5, 0.5, (200, 2))
     distance, index = boundary.nearest(x)
     away = np.linalg.norm(x[:, None] - boundary.points, axis=2)
     assert np.allclose(distance, away.min(axis=1)) and np.array_equal(index, away.argmin(axis=1))
 
 
-def test_interior_angles_of_a_polygon_sum_to_n_minus_2_pi_and_reflex_ones_exceed_pi():
+def test_interior_angles_sum_to_n_minus_2_pi_and_reflex_angles_exceed_pi():
     arrow = np.array([[0.0, 0.0], [0.2, -0.2], [0.0, 0.4], [-0.2, -0.2]])
     angles = interior_angles(arrow)
     assert angles.sum() == pytest.approx(2 * np.pi)
@@ -92,7 +92,7 @@ def test_interior_angles_of_a_polygon_sum_to_n_minus_2_pi_and_reflex_ones_exceed
     assert np.allclose(interior_angles(SQUARE), np.pi / 2)
 
 
-def test_signed_distance_to_the_boundary():
+def test_the_distance_to_the_boundary_is_signed():
     boundary = Boundary(SQUARE, step=0.0005)
     x = np.array([[0.0, 0.31], [0.0, 0.0], [0.25, 0.0], [0.0, -0.2995]])
     distance, gradient = boundary.distance(x)
@@ -100,5 +100,5 @@ def test_signed_distance_to_the_boundary():
     assert np.allclose(gradient[0], [0, 1], atol=0.1) and np.allclose(gradient[2], [1, 0], atol=0.01)
 
 
-def test_lengths_of_segments():
+def test_the_segment_lengths_of_a_rectangle_are_its_sides():
     assert np.allclose(segment_lengths(SQUARE), [0.4, 0.6, 0.4, 0.6])

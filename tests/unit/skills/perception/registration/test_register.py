@@ -57,14 +57,15 @@ def error(registration, names, truth):
 @given(
     st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.4, 1.4), st.floats(0.9, 1.1), st.floats(0.93, 1.07)
 )
-def test_a_towel_is_found_at_any_place_turn_and_size(x, y, angle, size, aspect):
+def test_a_towel_is_registered_at_any_place_turn_and_size(x, y, angle, size, aspect):
     truth = place(TOWEL * (size * aspect, size), x, y, angle)
     found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
     assert error(found, TOWEL_NAMES, truth) < 0.002
 
 
 def test_the_labelling_nearest_to_the_orientation_as_laid_is_chosen():
-    """Turned by 100 degrees, a towel looks as if turned by -80: the smaller turn names the corners."""
+    """A towel turned by 100 degrees looks like one turned by -80 degrees. The smaller turn determines the names of
+    the corners."""
     truth = place(TOWEL, 0.0, 0.0, np.deg2rad(100))
     found = register(resample_closed(truth, 0.002), TOWEL_TEMPLATE)
     swapped = np.roll(truth, 2, axis=0)
@@ -81,7 +82,7 @@ def test_trousers_upside_down_are_not_ambiguous():
         assert found.ambiguous == ("mirrored",)
 
 
-def test_a_clockwise_template_keeps_its_names():
+def test_a_clockwise_template_keeps_the_names_of_its_key_points():
     clockwise = Silhouette("towel", "towel", TOWEL_NAMES[::-1], TOWEL[::-1])
     assert polygon_area(clockwise.template) < 0
     found = register(resample_closed(TOWEL, 0.002), clockwise)
@@ -91,7 +92,7 @@ def test_a_clockwise_template_keeps_its_names():
 
 
 def rounded_towel(radius):
-    """A boundary with round corners, and the middles of its arcs: where such a corner's tip is."""
+    """A boundary with round corners, and the middles of its arcs, which are the tips of these corners."""
     from shapely import Polygon
 
     outline = np.array(Polygon(TOWEL).buffer(-radius).buffer(radius).exterior.coords)[:-1]
@@ -100,8 +101,9 @@ def rounded_towel(radius):
 
 
 @pytest.mark.parametrize("radius", [0.004, 0.008, 0.02])
-def test_a_round_corner_is_where_its_tip_is(radius):
-    """To a few millimetres: a picture's smoothing, which this boundary has not seen, is allowed for."""
+def test_the_key_point_of_a_round_corner_is_at_its_tip(radius):
+    """The accuracy is a few millimetres. The registration expects the smoothing of a picture, which this boundary
+    does not have."""
     points, tips = rounded_towel(radius)
     points = points + 0.0005 * np.random.default_rng(0).standard_normal(points.shape)
     assert error(register(points, TOWEL_TEMPLATE), TOWEL_NAMES, tips) < 0.0035
@@ -116,7 +118,7 @@ def test_snapping_finds_the_tip_of_a_well_rounded_corner():
 
 @pytest.mark.parametrize("spread", [0.0, 0.03, -0.02])
 def test_a_crotch_is_found_between_close_legs(spread):
-    """The boundary ends 25 mm short of the crotch, where the legs are 3 mm apart."""
+    """The boundary ends 25 mm before the crotch, where the legs are 3 mm apart."""
     truth = trousers(spread, spread)
     crotch = TROUSERS_NAMES.index("crotch")
     inner = [truth[crotch - 1], truth[crotch + 1]]
@@ -132,8 +134,8 @@ def test_a_crotch_is_found_between_close_legs(spread):
     [(shirt, SHIRT_NAMES, (-0.3, 0.3)), (trousers, TROUSERS_NAMES, (0.03, 0.10))],
     ids=["shirt", "trousers"],
 )
-def test_limbs_may_be_turned(make, names, swings):
-    """Sleeves and legs turned by up to 17 degrees: nearly every key point within 1 cm of where it is."""
+def test_turned_sleeves_and_legs_are_registered(make, names, swings):
+    """Sleeves and legs are turned by up to 17 degrees. Nearly every key point is found within 1 cm."""
     template = Silhouette(make.__name__, make.__name__, names, make())
     errors = []
     for seed in range(5):
@@ -145,7 +147,7 @@ def test_limbs_may_be_turned(make, names, swings):
     assert np.median(errors) < 0.003 and np.quantile(errors, 0.95) < 0.010 and max(errors) < 0.03
 
 
-def test_the_energy_falls_from_update_to_update():
+def test_the_energy_falls_in_each_update():
     truth = place(TROUSERS.template * (1.05, 0.95), 0.02, 0.03, 0.4)
     history = register(resample_closed(truth, 0.002), TROUSERS).history
     assert all(b <= a * 1.0001 for a, b in pairwise(history[:-1]))
@@ -158,7 +160,7 @@ def test_the_papers_energy_alone_also_fits_a_towel():
     assert error(register(resample_closed(truth, 0.002), TOWEL_TEMPLATE, one_way), TOWEL_NAMES, truth) < 0.012
 
 
-def test_symmetries_of_silhouettes():
+def test_the_symmetries_of_silhouettes_are_found():
     square = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1.0]])
     assert symmetries(square) == ("rotated_90", "rotated_180", "mirrored")
     parallelogram = np.array([[1.5, 1], [-0.5, 1], [-1.5, -1], [0.5, -1.0]])
@@ -187,14 +189,14 @@ def test_a_silhouettes_symmetries_do_not_depend_on_how_it_is_turned(polygon, nam
 
 
 def test_a_misplaced_corner_along_an_edge_is_reported():
-    """The outline of a towel that has lost a corner, under a template that has all four."""
+    """The outline belongs to a towel with a missing corner, but the template has all four corners."""
     whole = register(resample_closed(TOWEL, 0.002), TOWEL_TEMPLATE)
     assert whole.least_turn > 0.8
     cut = np.array([TOWEL[0], TOWEL[1], TOWEL[2], TOWEL[3] + (-0.25, 0.0), TOWEL[3] + (0.0, 0.35)])
     assert register(resample_closed(cut, 0.002), TOWEL_TEMPLATE).least_turn < 0.7
 
 
-def test_the_stages_lead_from_the_template_to_the_fit():
+def test_the_recorded_stages_lead_from_the_template_to_the_fit():
     truth = place(shirt(0.2, -0.1), 0.6, 0.0, 0.1)
     found = register(resample_closed(truth, 0.002), Silhouette("shirt", "shirt", SHIRT_NAMES, shirt()))
     assert len(found.stages) == len(found.history)

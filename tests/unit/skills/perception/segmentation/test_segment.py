@@ -17,7 +17,7 @@ VIEW = TableView(camera(), TABLE)
 
 
 def true_mask(scene, polygon):
-    """What the camera sees of the polygon, on the view, with the slab's parallax."""
+    """The mask of the polygon in the view, with the parallax of the slab."""
     raised = np.column_stack([polygon, np.full(len(polygon), scene.thickness)])
     mask = np.zeros(VIEW.shape, np.uint8)
     pixels = VIEW.to_pixel(VIEW.shadow_on_table(raised))
@@ -43,8 +43,8 @@ def test_the_reference_finds_a_towel_of_any_fabric(towel_picture, seed):
     assert found.confidence > 0.8
 
 
-def test_deep_wide_shadow_does_not_move_the_boundary():
-    """A lamp low on the side: the shadow's rim is 10 mm wide, yet the contour stays within 3 mm."""
+def test_a_deep_wide_shadow_does_not_move_the_boundary():
+    """The lamp is low at the side and the shadow's rim is 10 mm wide, but the contour stays within 3 mm."""
     towel = place(TOWEL, 0.6, 0.0, 0.1)
     scene = Scene(seed=2, polygons=[towel], thickness=0.003, light=(1.6, 0.9), shadow=0.6, wobble=0.0)
     seen, table, height = pair(render(scene), empty(scene))
@@ -64,8 +64,8 @@ def test_depth_separates_dark_grey_cloth_from_a_shadow():
 
 @pytest.mark.parametrize("fabric", [(0.15, 0.25, 0.55), (0.75, 0.72, 0.68)], ids=["dark", "light"])
 @pytest.mark.parametrize("size", [(1.5, 1.4), (1.7, 1.5), (1.85, 1.75)], ids=["51 %", "61 %", "78 %"])
-def test_a_garment_that_covers_most_of_the_view_is_no_change_of_light(size, fabric):
-    """And the light did change: all is brighter by a tenth."""
+def test_a_garment_that_covers_most_of_the_view_is_not_taken_for_a_change_of_light(size, fabric):
+    """The light changes too: the whole picture is brighter by a tenth."""
     towel = place(TOWEL * size, 0.63, 0.0, 0.0)
     scene = Scene(seed=3, polygons=[towel], fabric=fabric, gain=1.1)
     seen, table, height = pair(render(scene), empty(scene))
@@ -80,11 +80,13 @@ def test_a_small_garment_is_separated_from_a_change_of_light_without_depth(towel
     image, reference = log_colour(seen.rgb), log_colour(table.rgb)
     by_colour = light_change(image, reference, seen.valid)
     assert np.array_equal(light_change(image, reference, seen.valid, height), by_colour)
-    assert np.array_equal(light_change(image, reference, seen.valid, height + 0.02), by_colour), "not trusted"
+    assert np.array_equal(light_change(image, reference, seen.valid, height + 0.02), by_colour), (
+        "implausible heights are ignored"
+    )
 
 
-def test_wide_shadow_without_cloth_is_no_garment(bare_table):
-    """A shadow of 40 x 30 cm, as deep as half the light, but flat."""
+def test_a_wide_shadow_is_no_garment(bare_table):
+    """The shadow is 40 x 30 cm, has half the brightness, and is flat."""
     table = VIEW.rectify(bare_table)
     shade = np.ones(VIEW.shape, np.float32)
     shade[100:250, 200:400] = 0.55
@@ -106,15 +108,15 @@ def test_the_rim_of_the_view_replaces_a_missing_reference(towel_picture):
     assert iou(segment_plain(seen.rgb, seen.valid).mask, true_mask(scene, truth)) > 0.93
 
 
-def test_watershed_of_the_paper_finds_a_contrasting_towel_in_the_middle():
+def test_the_papers_watershed_finds_a_contrasting_towel_in_the_middle():
     towel = place(TOWEL, 0.62, 0.0, 0.0)
     scene = Scene(seed=1, polygons=[towel], table_contrast=0.02, shadow=0.2)
     seen = VIEW.rectify(render(scene))
     assert iou(segment_watershed(seen.rgb, seen.valid).mask, true_mask(scene, towel)) > 0.95
 
 
-def test_contour_is_sub_pixel():
-    """A disc drawn with exact coverage: the contour's radius is right to a tenth of a pixel."""
+def test_the_contour_has_sub_pixel_accuracy():
+    """The contour of a disc with exact pixel coverage has the right radius to a tenth of a pixel."""
     y, x = np.mgrid[0:200, 0:200]
     distance = np.hypot(x - 100.3, y - 99.6) - 60.4
     cover = np.clip(0.5 - distance, 0, 1)[..., None]
@@ -139,7 +141,7 @@ def test_smoothing_a_closed_sequence_keeps_its_mean_and_shifts_with_it():
     ids=["grey", "dark", "light"],
 )
 def test_grabcut_finds_cloth_on_boards_in_uneven_light(size, fabric):
-    """A photograph by an unknown camera: no reference, no depth, boards of different brightness."""
+    """A photograph by an unknown camera, without reference and depth, of boards with different brightness."""
     calibration, table = photographed((size[1], size[0]))
     towel = place(TOWEL * 0.8, 0.02, 0.03, 0.2)
     scene = Scene(
@@ -160,7 +162,7 @@ def test_grabcut_finds_nothing_on_bare_boards():
 
 
 def test_a_shadow_beside_dark_cloth_is_not_taken_for_it():
-    """One dark region: a grey towel that stands 2.5 mm high, and a shadow beside it that does not."""
+    """The dark region is a grey towel of 2.5 mm height and a flat shadow beside it."""
     towel = place(TOWEL * 0.8, 0.6, -0.1, 0.0)
     scene = Scene(seed=6, polygons=[towel], fabric=(0.2, 0.2, 0.2), table_colour=(0.5, 0.5, 0.5), shadow=0.2)
     seen, table, height = pair(render(scene), empty(scene))
