@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from cell.campaigns.trials.store import cpu_model, program_versions
 from cell.support.process.workers import worker_pool
 from robots.errors import ConfigurationError
 
-__all__ = ["Workers", "cluster_workers", "local_workers"]
+__all__ = ["Workers", "chosen_workers", "cluster_workers", "local_workers"]
 
 TASKS_EACH = 8
 """A worker process of this machine is replaced after this number of runs, which limits its memory."""
@@ -30,6 +31,18 @@ class Workers:
     count: int
     died: Callable[[BaseException], bool] = process_died
     notes: tuple[str, ...] = ()
+
+
+def chosen_workers(count: int | None, cluster: str | None, folder: Path) -> AbstractContextManager[Workers]:
+    """The workers that a user asked for: a cluster's, `count` processes of this machine, or one for each core.
+
+    Raises ConfigurationError for both.
+    """
+    if cluster is None:
+        return local_workers(count or len(os.sched_getaffinity(0)))
+    if count is not None:
+        raise ConfigurationError("--workers with --cluster", "the cluster's workers decide how many run at a time")
+    return cluster_workers(cluster, folder)
 
 
 @contextmanager

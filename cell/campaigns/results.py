@@ -29,7 +29,7 @@ def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, A
     return {
         "schema": SCHEMA,
         "about": campaign.about,
-        "garments": [asdict(row) for row in summarise(performed)],
+        "garments": [asdict(row) for group in by_variant.values() for row in summarise(group)],
         "claims": {
             name: {**asdict(table := claims(group)), "precision": table.precision, "recall": table.recall}
             for name, group in by_variant.items()

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from cell.campaigns.trials.store import CampaignFolder, is_campaign
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.recording.checkpoint.run_checkpoint import has_checkpoint
@@ -26,8 +27,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
     rows = _read(journal_path(logs), options.last)
+    campaigns = [_campaign_figures(path) for path in sorted(logs.glob("*/")) if is_campaign(path)]
+    campaigns = campaigns[-options.last :] if options.last else campaigns
     if options.json:
-        print_json({"logs": str(logs), "runs": rows})
+        print_json({"logs": str(logs), "runs": rows, "campaigns": campaigns})
+        return 0
+    if campaigns:
+        _print_campaigns(campaigns)
+    if not rows and campaigns:
         return 0
     if not rows:
         print(f"no runs yet in {logs}")
@@ -50,6 +57,35 @@ def run(options: argparse.Namespace) -> int:
         last = Path(rows[-1]["run_dir"])
         print(f"resume the last one: {command_for(f'resume {last.name}', last.parent)}")
     return 0
+
+
+def _campaign_figures(path: Path) -> dict[str, Any]:
+    """One campaign as a flat mapping. Raises ConfigurationError if it is damaged."""
+    campaign = CampaignFolder.open(path)
+    finished = campaign.finished()
+    return {
+        "campaign": path.name,
+        "about": campaign.campaign.about,
+        "begun": campaign.origin["begun"],
+        "runs": len(campaign.campaign.requests),
+        "finished": len(finished),
+        "folded": sum(trial.success for trial in finished),
+        "directory": str(path),
+    }
+
+
+def _print_campaigns(campaigns: list[dict[str, Any]]) -> None:
+    print_table(
+        ("campaign", "begun", "finished", "folded", "about"),
+        [
+            (c["campaign"], c["begun"], f"{c['finished']} of {c['runs']}", c["folded"], c["about"] or "-")
+            for c in campaigns
+        ],
+    )
+    unfinished = [c for c in campaigns if c["finished"] < c["runs"]]
+    if unfinished:
+        print(f"continue the last unfinished one: foldcell trials --resume {unfinished[-1]['directory']}")
+    print()
 
 
 def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:

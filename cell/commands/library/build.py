@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 from dataclasses import replace
 from pathlib import Path
 
+from cell.campaigns.executors import chosen_workers
 from cell.campaigns.library.build import BuildProgress, BuiltStep, build_library
 from cell.campaigns.library.unfinished_build import UnfinishedBuild
 from cell.commands.library.entry_figures import figures
@@ -17,7 +17,6 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.library.library_file import put_garments, user_library_path
 from cell.operator.progress.bar import ProgressBar
 from cell.support.files.paths import logs_directory, prepare_logs
-from cell.support.process.workers import worker_pool
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["add_options"]
@@ -32,10 +31,8 @@ def add_options(actions: Commands) -> None:
         help="method of the optimiser (of the settings)",
     )
     build.add_argument("--output", type=Path, metavar="FILE", help="library file (the user's own, in the logs)")
-    cores = os.cpu_count() or 1
-    build.add_argument(
-        "--workers", type=count, default=cores, metavar="N", help="number of processes (one for each core)"
-    )
+    build.add_argument("--workers", type=count, metavar="N", help="number of processes (one for each core)")
+    build.add_argument("--cluster", metavar="ADDRESS", help="simulate on the workers of this Dask scheduler")
     cell_option(build)
     logs_option(build)
     json_option(build)
@@ -70,10 +67,10 @@ def _run(options: argparse.Namespace) -> int:
         best = f"{now.garment} {now.step}: best D {1e3 * now.dissimilarity:.1f} mm"
         bar.update(now.done, now.total, f"simulations  {best}")
 
-    with worker_pool(options.workers) as pool:
+    with chosen_workers(options.workers, options.cluster, path.absolute().parent) as workers:
         library = build_library(
-            garments, options.method or settings.optimiser.method, report=report, executor=pool,
-            at_once=options.workers, finished=unfinished.library, progress=progress,
+            garments, options.method or settings.optimiser.method, report=report, executor=workers.executor,
+            at_once=workers.count, finished=unfinished.library, progress=progress,
             lift_height=settings.grasp.lift_height,
         )  # fmt: skip
     bar.clear()

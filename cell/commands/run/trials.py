@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.executors import Workers, cluster_workers, local_workers
+from cell.campaigns.executors import chosen_workers
 from cell.campaigns.perform_campaign import perform_campaign
 from cell.campaigns.results import campaign_results
 from cell.campaigns.statistics.summary import Row, claims
@@ -70,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
         finished = campaign.finished()
         missing = len(campaign.missing(finished))
         try:
-            with _workers(options, campaign.path) as workers:
+            with chosen_workers(options.workers, options.cluster, campaign.path) as workers:
                 for note in workers.notes:
                     print(note, file=sys.stderr)
                 already = f", {len(finished)} of them finished earlier" if finished else ""
@@ -136,16 +134,6 @@ def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> No
     ]
     if both:
         raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
-
-
-def _workers(options: argparse.Namespace, campaign: Path) -> AbstractContextManager[Workers]:
-    if options.cluster is not None:
-        if options.workers is not None:
-            raise ConfigurationError(
-                "--workers with --cluster", "the cluster's workers decide how many run at a time"
-            )
-        return cluster_workers(options.cluster, campaign)
-    return local_workers(options.workers or len(os.sched_getaffinity(0)))
 
 
 def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial]) -> None:

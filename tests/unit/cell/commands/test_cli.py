@@ -718,7 +718,7 @@ def test_trials_report_runs_successes_and_interval(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--json"]) == 0
     answer = last_json(capsys.readouterr().out)
     (row,) = answer["garments"]
@@ -730,7 +730,7 @@ def test_trials_report_runs_successes_and_interval(
 
 def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
     """Repeated seeds are no further evidence, and the interval would be too narrow."""
-    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     assert main(["trials", "--garments", "medium_towel, small_towel,medium_towel", "--n", "2"]) == 0
     runs = sorted((r.garment, r.seed) for r in fake.requests)
     assert runs == [("medium_towel", 1), ("medium_towel", 2), ("small_towel", 1), ("small_towel", 2)]
@@ -739,7 +739,7 @@ def test_a_garment_that_is_named_twice_counts_once(fake: FakeRun, monkeypatch: p
 def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     (tmp_path / "library.json").write_text("the user's")
     assert main(["trials", "--garments", "medium_towel", "--n", "3", "--logs", str(tmp_path)]) == 0
     logs = [r.logs for r in fake.requests]
@@ -750,7 +750,7 @@ def test_runs_of_a_campaign_share_the_user_library_but_not_their_own_entries(
 def test_an_interrupted_campaign_keeps_the_finished_runs(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
 
     class InterruptedOutput(io.StringIO):
         """The operator presses Ctrl-C when the second run is reported."""
@@ -771,10 +771,66 @@ def test_an_interrupted_campaign_keeps_the_finished_runs(
 def test_a_dead_worker_is_reported_with_the_table(
     fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cell.commands.run.trials.worker_pool", ThreadPoolExecutor)
-    fake.answer = BrokenExecutor("a worker was killed")
+    class DyingPool(ThreadPoolExecutor):
+        def submit(self, *task: Any, **options: Any) -> Any:
+            return super().submit(self.die)
+
+        def die(self) -> None:
+            raise BrokenExecutor("a worker was killed")
+
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", DyingPool)
     assert main(["trials", "--garments", "medium_towel", "--n", "2"]) == 3
     assert "2 runs were not performed" in capsys.readouterr().out
+
+
+def test_an_interrupted_campaign_is_continued_with_its_missing_runs_only(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    assert main(["trials", "--garments", "medium_towel", "--n", "4", "--json"]) == 0
+    answer = last_json(capsys.readouterr().out)
+    folder = Path(answer["directory"])
+    (folder / "medium_towel-seed3" / "trial.json").unlink()
+    fake.requests.clear()
+    assert main(["trials", "--resume", str(folder), "--json"]) == 0
+    assert [r.seed for r in fake.requests] == [3]
+    assert last_json(capsys.readouterr().out)["runs"] == answer["runs"]
+
+
+def test_campaign_files_are_performed_compared_and_listed(
+    fake: FakeRun, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
+    path = tmp_path / "campaign.yaml"
+    path.write_text(
+        "about: a question\ngarments: [small_towel]\nseeds: [4, 5]\n"
+        "variants: {shipped: {}, quick: {cell: {optimiser: {method: initial}}}}\n"
+    )
+    folders = []
+    for _ in range(2):
+        assert main(["trials", str(path), "--json"]) == 0
+        answer = last_json(capsys.readouterr().out)
+        folders.append(answer["directory"])
+        assert [(r["variant"], r["runs"]) for r in answer["garments"]] == [("shipped", 2), ("quick", 2)]
+        assert answer["comparisons"][0]["pairs"] == 2
+    assert {r.settings.optimiser.method for r in fake.requests} == {"initial", "default"}
+    assert main(["compare", *folders, "--json"]) == 0
+    variants = last_json(capsys.readouterr().out)["variants"]
+    assert {name: c["pairs"] for name, c in variants.items()} == {"shipped": 2, "quick": 2}
+    assert main(["runs", "--json"]) == 0
+    campaigns = last_json(capsys.readouterr().out)["campaigns"]
+    assert [(c["runs"], c["finished"], c["about"]) for c in campaigns] == [(4, 4, "a question")] * 2
+    assert main(["runs"]) == 0
+    assert "4 of 4" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["--resume none", "--hours 1 --n 3", "--renew 2", "none.yaml", "--cluster tcp://x:1 --workers 2", "--hours 0"],
+)
+def test_contradicting_options_of_trials_are_refused(line: str, fake: FakeRun) -> None:
+    assert main(["trials", *line.split()]) == 64
+    assert fake.requests == []
 
 
 def test_trials_of_an_unknown_garment_are_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:

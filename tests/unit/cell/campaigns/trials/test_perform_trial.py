@@ -66,7 +66,9 @@ def test_the_remains_of_a_run_that_was_cut_off_are_removed(tmp_path: Path) -> No
     ("keep", "passed", "kept"),
     [("all", True, True), ("failures", True, False), ("failures", False, True), ("none", False, False)],
 )
-def test_recordings_are_kept_as_asked_and_reports_always(keep: Keep, passed: bool, kept: bool, tmp_path: Path) -> None:
+def test_recordings_are_kept_as_asked_and_reports_always(
+    keep: Keep, passed: bool, kept: bool, tmp_path: Path
+) -> None:
     perform_trial(request(), tmp_path, keep, recorded(passed))
     run = tmp_path / "run"
     assert (run / "run.rrd").exists() == (run / "frames").exists() == kept

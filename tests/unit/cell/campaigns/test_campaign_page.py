@@ -1,0 +1,77 @@
+"""The campaign's page: complete, self-contained, with links to the runs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cell.campaigns.page.campaign_page import campaign_page
+from cell.campaigns.page.charts import axis, rate_chart, strip_chart
+from cell.campaigns.trials.store import CampaignFolder
+from cell.campaigns.trials.trial import Trial
+from tests.builders.campaigns import figures, request, trials_campaign
+
+
+def page(tmp_path: Path, trials: list[Trial], **more: object) -> str:
+    campaign = trials_campaign([1, 2, 3], ("towel", "shirt"), ("shipped", "no_pressing"))
+    return campaign_page(CampaignFolder.create(tmp_path, campaign, tmp_path / "logs"), trials)
+
+
+def test_failures_have_their_picture_and_a_link_to_the_report(tmp_path: Path) -> None:
+    run = tmp_path / "no_pressing" / "towel-seed2" / "run"
+    run.mkdir(parents=True)
+    (run / "report.html").write_text("the report")
+    cv2.imwrite(str(run / "last.jpg"), np.full((480, 640, 3), 128, np.uint8))
+    failed = {**figures(passed=False, height_m=0.03), "run_dir": "/elsewhere/run"}
+    text = page(
+        tmp_path,
+        [
+            Trial(request(1), figures()),
+            Trial(request(2, variant="no_pressing"), failed),
+            Trial(request(2), figures()),
+            Trial(request(3, "shirt"), None, "<crashed>"),
+        ],
+    )
+    assert 'href="no_pressing/towel-seed2/run/report.html"' in text, "relative: a campaign may be moved"
+    assert "data:image/jpeg;base64," in text
+    assert "&lt;crashed&gt;" in text and "<crashed>" not in text
+    assert "unfinished: 4 of 12 runs" in text
+    assert "only no_pressing 0, only shipped 1" in text
+
+
+def test_the_page_fetches_nothing(tmp_path: Path) -> None:
+    text = page(tmp_path, [Trial(request(1), figures())])
+    assert not re.search(r'(src|href)="(https?:)?//|@import|<script', text)
+
+
+def test_a_campaign_without_runs_has_a_page(tmp_path: Path) -> None:
+    assert "0 of 0 garments folded" in page(tmp_path, [])
+
+
+def test_each_run_is_a_mark_in_its_row() -> None:
+    svg = strip_chart({"towel": [(30.0, True), (31.0, False)], "shirt": [(45.0, True)], "none": []}, "s", "times")
+    assert svg is not None
+    tree = ElementTree.fromstring(str(svg))
+    assert len(tree.findall(".//circle")) == 2, "folded"
+    assert len([g for g in tree.findall(".//g") if g.get("class") == "bad"]) == 1
+    assert len([p for p in tree.findall(".//path") if p.get("class") == "median"]) == 2
+
+
+def test_names_in_charts_are_escaped() -> None:
+    svg = rate_chart({"<towel> & 'shirt'": (0.5, 0.2, 0.8)}, 'a "title"')
+    assert svg is not None and ElementTree.fromstring(str(svg)) is not None
+
+
+@given(st.floats(-1e6, 1e6), st.floats(0.0, 1e6))
+def test_an_axis_contains_its_values_with_few_round_ticks(low: float, span: float) -> None:
+    first, last, step = axis(low, low + span)
+    slack = 1e-6 * step
+    assert first <= low + slack and low + span <= last + slack
+    assert 1 <= round((last - first) / step) <= 8
+    assert round(step / 10.0 ** np.floor(np.log10(step) + 1e-9), 6) in (1.0, 2.0, 5.0)
