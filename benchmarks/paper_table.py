@@ -44,13 +44,18 @@ PAPER = {
     "medium_towel": PaperRow(2, 10, 88),
     "small_towel": PaperRow(2, 10, 83),
 }
+COLUMNS = (
+    "garment", "folds, paper", "folds, ours", "success, paper", "folded, ours", "interval, ours", "time, paper",
+    "time, ours",
+)  # fmt: skip
 INTRODUCTION = """# Results: the paper's table
 
-Li et al. (IROS 2015) folded each garment ten times with a real Baxter and judged by eye. Our runs are **simulated**.
-They are judged by the scorer on the simulated garment, which is stricter: overlap, correspondence, edges, drift and
-height all have to pass. So the columns do not compare robots; they show the same tasks side by side. "Folded" means
-that the executive claimed the fold and the scorer passed it. Intervals: Wilson, 95 %. Times: average over the
-successful runs, from the first look to the parked arms, without waiting for a person.
+Li et al. (IROS 2015) folded each garment ten times with a real Baxter and judged by eye. Our runs are
+**simulated**. They are judged by the scorer on the simulated garment, which is stricter: overlap,
+correspondence, edges, drift and height all have to pass. So the columns do not compare robots; they show the
+same tasks side by side. "Folded" means that the executive claimed the fold and the scorer passed it.
+Intervals: Wilson, 95 %. Times: average over the successful runs, from the first look to the parked arms,
+without waiting for a person.
 """
 
 
@@ -68,15 +73,10 @@ def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
         f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
         f"{origin['machine']['cores']} cores.",
         f"- Command: `python -m benchmarks.paper_table`; seeds {', '.join(map(str, seeds))}.",
-        f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good folds were "
-        "not claimed.",
+        f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good folds "
+        "were not claimed.",
         "",
-        table(
-            "Folding tests",
-            ("garment", "folds, paper", "folds, ours", "success, paper", "folded, ours", "interval, ours",
-             "time, paper", "time, ours"),
-            rows,
-        ),
+        table("Folding tests", COLUMNS, rows),
         "",
         "## Runs that were not folded",
         "",
