@@ -73,8 +73,8 @@ def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
         f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
         f"{origin['machine']['cores']} cores.",
         f"- Command: `python -m benchmarks.paper_table`; seeds {', '.join(map(str, seeds))}.",
-        f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good folds "
-        "were not claimed.",
+        f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good "
+        "folds were not claimed.",
         "",
         table("Folding tests", COLUMNS, rows),
         "",
