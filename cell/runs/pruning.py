@@ -62,7 +62,8 @@ def prune(run: PrunableRun) -> None:
 def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool]]:
     """Every run: (start [s since 1970], record, whether its recordings are needed). Within a journal the start
     never decreases, even if the clock was set back."""
-    for journal_file in [logs / LEDGER, *sorted(logs.glob(f"*/{LEDGER}")), *sorted(logs.glob(f"*/*/{LEDGER}"))]:
+    # campaigns have a journal for each run: CAMPAIGN/GARMENT-seedN or CAMPAIGN/VARIANT/GARMENT-seedN
+    for journal_file in (path for depth in range(4) for path in sorted(logs.glob("*/" * depth + LEDGER))):
         if journal_file.is_file():
             with Journal.open(journal_file, readonly=True) as journal:
                 began = 0.0

@@ -56,11 +56,12 @@ def chosen(logs: Logs, keep: int, unfinished: bool = False) -> list[str]:
 
 def test_the_newest_runs_are_kept(logs: Logs) -> None:
     first = logs.run("folded")
-    second = logs.run("folded", "trials-1/worker-7")
+    second = logs.run("folded", "trials-1/towel-seed7")
+    third = logs.run("folded", "trials-1/no_pressing/towel-seed7")
     logs.run("folded")
-    assert chosen(logs, 1) == [first.id, second.id]
-    assert chosen(logs, 2) == [first.id]
-    assert chosen(logs, 3) == chosen(logs, 99) == []
+    assert chosen(logs, 1) == [first.id, second.id, third.id]
+    assert chosen(logs, 2) == [first.id, second.id]
+    assert chosen(logs, 4) == chosen(logs, 99) == []
 
 
 def test_the_newest_runs_are_kept_after_the_clock_was_set_back(logs: Logs) -> None:

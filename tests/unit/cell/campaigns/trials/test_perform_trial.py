@@ -116,3 +116,26 @@ def test_the_same_run_in_two_processes_is_performed_once(tmp_path: Path) -> None
         thread.join()
     assert len(calls) == 1 and results[0] == results[1]
     assert json.loads((tmp_path / TRIAL).read_text())["figures"] == figures()
+
+
+def other_python(tmp_path: Path, script: str) -> TrialRequest:
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\n{script}\n")
+    python.chmod(0o755)
+    return TrialRequest("old", "towel", 7, "sim", "xpbd", {"pressing": {"max_attempts": 0}}, (), str(python))
+
+
+def test_another_version_is_called_by_its_command_line(tmp_path: Path) -> None:
+    request = other_python(tmp_path, 'echo "$@" > "$0.line"; echo progress; echo \'{"result": "folded", "seed": 7}\'')
+    done = perform_trial(request, tmp_path / "run", "all")
+    assert done["figures"] == {"result": "folded", "seed": 7}
+    line = (tmp_path / "python.line").read_text()
+    assert "fold towel --seed 7" in line and f"--logs {tmp_path / 'run'} --json" in line
+    settings = (tmp_path / "run" / "cell.yaml").read_text()
+    assert "max_attempts: 0" in settings and "schema: 1" in settings
+
+
+def test_the_last_line_of_another_version_that_fails_is_reported(tmp_path: Path) -> None:
+    request = other_python(tmp_path, "echo 'foldcell: unknown key' >&2; exit 64")
+    done = perform_trial(request, tmp_path / "run", "all")
+    assert done["figures"] is None and "64: foldcell: unknown key" in done["error"]
