@@ -11,7 +11,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.recording.journal import Journal, RunJournal
-from cell.runs.pruning import HEAVY, prunable_runs, prune
+from cell.runs.pruning import RECORDINGS, prunable_runs, prune
 from robots.errors import StorageError
 
 LIGHT = ("report.html", "result.json", "cell.yaml")
@@ -86,7 +86,7 @@ def test_pruning_removes_large_files_once(logs: Logs) -> None:
     assert heavy.bytes == 4500
     prune(heavy)
     assert sorted(p.name for p in run.directory.iterdir()) == sorted(LIGHT)
-    assert not any((run.directory / name).exists() for name in HEAVY)
+    assert not any((run.directory / name).exists() for name in RECORDINGS)
     assert chosen(logs, 0) == []
 
 
@@ -96,7 +96,7 @@ def test_only_runs_with_a_checkpoint_are_checked_for_resuming(logs: Logs, monkey
     monkeypatch.setattr("cell.runs.pruning.resumable", lambda journal, name: bool(asked.append(name)))
     cut_off, folded, tidied = logs.run("cut off"), logs.run("folded"), logs.run("cut off")
     shutil.rmtree(folded.directory / "checkpoint")
-    for name in HEAVY:
+    for name in RECORDINGS:
         path = tidied.directory / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     assert chosen(logs, 0) == [cut_off.id, folded.id] and asked == [cut_off.id]
