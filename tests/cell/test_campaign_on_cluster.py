@@ -99,5 +99,6 @@ def test_a_campaign_loses_nothing_with_a_killed_worker_and_equals_that_of_one_pr
 
 def test_a_cluster_that_does_not_answer_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.campaigns.executors.PATIENCE_S", 1.0)
-    with pytest.raises(ConfigurationError, match="no Dask scheduler"), cluster_workers("tcp://127.0.0.1:9", tmp_path):
+    nobody = cluster_workers("tcp://127.0.0.1:9", tmp_path)
+    with pytest.raises(ConfigurationError, match="no Dask scheduler"), nobody:
         pass

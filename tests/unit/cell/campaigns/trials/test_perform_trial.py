@@ -126,7 +126,8 @@ def other_python(tmp_path: Path, script: str) -> TrialRequest:
 
 
 def test_another_version_is_called_by_its_command_line(tmp_path: Path) -> None:
-    request = other_python(tmp_path, 'echo "$@" > "$0.line"; echo progress; echo \'{"result": "folded", "seed": 7}\'')
+    script = 'echo "$@" > "$0.line"; echo progress; echo \'{"result": "folded", "seed": 7}\''
+    request = other_python(tmp_path, script)
     done = perform_trial(request, tmp_path / "run", "all")
     assert done["figures"] == {"result": "folded", "seed": 7}
     line = (tmp_path / "python.line").read_text()
