@@ -88,7 +88,7 @@ def _check_finite(what: str, values: Array) -> None:
     if len(wrong):
         first = tuple(int(i) for i in wrong[0])
         raise _bad_input(
-            f"the {what} has {len(wrong)} values that are not finite; the first is {values[first]} at {list(first)}",
+            f"the {what} has {len(wrong)} values that are not finite, first {values[first]} at {list(first)}",
             index=list(first),
             count=len(wrong),
         )
