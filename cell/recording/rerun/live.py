@@ -54,6 +54,9 @@ class LiveStream:
     # on the pump's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
+        with socket.socket() as s:  # Rerun only writes to its log that it cannot listen
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            s.bind((self._host, self._port))
         stream = rr.RecordingStream(self._identity[0], recording_id=self._identity[1])
         sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
         stream.set_sinks(sink, default_blueprint=layout(self._floor))
