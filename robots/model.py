@@ -22,7 +22,7 @@ __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 class JointLimits:
     """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
 
-    Raises ConfigurationError for an empty position range or for other limits that are not positive.
+    Raises ConfigurationError for an empty position range, and for other limits that are not positive and finite.
     """
 
     lower: Array
@@ -41,9 +41,14 @@ class JointLimits:
                 joint=joint,
             )
         for name in ("velocity", "acceleration", "jerk"):
-            if not np.all(getattr(self, name) > 0.0):
+            values = getattr(self, name)
+            wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
+            if len(wrong):
+                joint = int(wrong[0])
                 raise ConfigurationError(
-                    f"{name} limits have to be positive", "correct the robot's model or the settings of its limits"
+                    f"joint {joint}: the {name} limit is {values[joint]}; it has to be positive and finite",
+                    "correct the robot's model or the settings of its limits",
+                    joint=joint,
                 )
 
     def scaled(self, factor: float) -> JointLimits:

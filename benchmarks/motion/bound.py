@@ -5,11 +5,17 @@ limits are linear in b, and the time  T(b) = sum 2 ds / (sqrt b[k] + sqrt b[k+1]
 IEEE TAC 54(10), 2009). The method is Kelley's cutting planes: a tangent plane of T lies below T. The minimum of
 the tangent planes over the limits is a linear program, and it is a true lower bound of the discretised problem.
 The best b so far gives an upper bound. The code shares nothing with the planner's timing or with TOPP-RA.
+Where b is zero inside the path, the tangent is vertical. Planes are therefore made only at points that are
+positive inside.
+
+Repeated samples count as one sample. Where the path turns back on itself, every motion has to stop: the bounds of
+the parts before and after are added.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,9 +28,14 @@ from robots.ports import Array
 __all__ = ["TimeBound", "time_bound"]
 
 GRID = 200
-PLANES = 12
+PLANES = 60
+"""Most planes. About ten suffice, except where a point that is almost at rest has to rise from far below."""
 GAP = 0.003
 """Relative distance between upper and lower bound at which the iteration ends."""
+REPEATED = 1e-7
+"""Distance below which two samples are one: the time that it takes at full joint speed [s]."""
+TURNED_BACK = 1e-6
+"""Largest difference from -1 of the cosine between two steps at which the path turns back on itself."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +48,7 @@ class TimeBound:
 
     @property
     def gap(self) -> float:
-        return self.upper / self.lower - 1.0
+        return self.upper / self.lower - 1.0 if self.upper > 0.0 else 0.0
 
 
 def time_bound(
@@ -46,9 +57,47 @@ def time_bound(
     """Bounds for a motion from rest to rest along the cubic spline through joint samples (m, 14), which are spaced
     by their largest joint step.
 
-    lengths: (m, k) distances that k tools have travelled [m]. speed: maximum speed of each tool [m/s].
+    lengths: (m, k) distances that k tools have travelled [m]. speed: maximum speed of each tool [m/s]. The bounds
+    are zero for a path that does not move. Raises ValueError for a single sample and for values that are not
+    finite.
     """
-    step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
+    if len(path) < 2 or not np.all(np.isfinite(path)):
+        raise ValueError(f"a path of {len(path)} samples has no time: two or more are needed, all of them finite")
+    kept = _without_repeats(path / limits.velocity)
+    if len(kept) < 2:
+        return TimeBound(0.0, 0.0)
+    tools = lengths if lengths is not None and speed is not None else None
+    path, tools = path[kept], None if tools is None else tools[kept]
+    stops = [0, *_turns_back(path / limits.velocity), len(path) - 1]
+    parts = [
+        _part_bound(path[a : b + 1], limits, None if tools is None else tools[a : b + 1], speed, grid)
+        for a, b in pairwise(stops)
+    ]
+    return TimeBound(sum(part.lower for part in parts), sum(part.upper for part in parts))
+
+
+def _without_repeats(path: Array) -> list[int]:
+    """Indices of the samples of path (m, k) that differ from the one kept before."""
+    kept = [0]
+    for i in range(1, len(path)):
+        if np.abs(path[i] - path[kept[-1]]).max() > REPEATED:
+            kept.append(i)
+    return kept
+
+
+def _turns_back(path: Array) -> list[int]:
+    """Indices of the samples of path (m, k), without repeats, at which it goes back along the line it came on."""
+    step = np.diff(path, axis=0)
+    along = step / np.linalg.norm(step, axis=1, keepdims=True)
+    cosine = (along[1:] * along[:-1]).sum(axis=1)
+    return [int(i) + 1 for i in np.flatnonzero(cosine < TURNED_BACK - 1.0)]
+
+
+def _part_bound(
+    path: Array, limits: JointLimits, lengths: Array | None, speed: float | None, grid: int
+) -> TimeBound:
+    """The bound of a path (m, 14) without repeated samples, from rest to rest."""
+    step = np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1)
     s = np.concatenate([[0.0], np.cumsum(step)])
     curve = CubicSpline(s, path)
     u = np.linspace(0.0, s[-1], grid + 1)
@@ -86,8 +135,12 @@ def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
     rows, right = A, np.ones(A.shape[0])
     time_only = np.append(np.zeros(n), 1.0)
     # Start with the largest b. It is the solution if the feasible set is a lattice, and otherwise a good start.
-    best = linprog(time_only - 1.0, A_ub=rows, b_ub=right, bounds=bounds, method="highs").x[:n]
-    b, lower, upper = best, 0.0, np.inf
+    fastest = linprog(time_only - 1.0, A_ub=rows, b_ub=right, bounds=bounds, method="highs").x[:n]
+    positive = _positive(A, most)
+    b = np.clip(fastest, 0.0, most)
+    if b[1:-1].min() <= 0.0:
+        b = 0.5 * (b + positive)
+    best, lower, upper = b, 0.0, np.inf
     for _ in range(PLANES):
         time, gradient = _time(b, d)
         if time < upper:
@@ -100,8 +153,15 @@ def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
         lower = max(lower, float(solved.x[-1]))
         if upper - lower < GAP * upper:
             break
-        b = 0.5 * (best + solved.x[:n])  # The midpoint is never zero inside, where the tangent would be vertical.
+        b = 0.5 * (best + np.clip(solved.x[:n], 0.0, most))  # the midpoint is positive inside, as `best` is
     return TimeBound(lower, upper)
+
+
+def _positive(A: csr_array, most: Array) -> Array:
+    """A point of {A b <= 1, 0 <= b <= most} that is positive but at its ends, where `most` is zero."""
+    inside = np.where(most > 0.0, 1.0, 0.0)
+    share = min(1.0 / float(np.abs(A @ np.append(inside, 0.0)).max()), float(most[1:-1].min()))
+    return share * inside
 
 
 def _time(b: Array, d: float) -> tuple[float, Array]:

@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
+from cell.support.process.library_messages import quiet_libraries
 from cell.support.process.standard_streams import lasting_streams
 from cell.support.process.terminations import BY_SIGNAL, Terminated, unwinding
 from robots.errors import CellError, ConfigurationError, StorageError
@@ -27,9 +28,10 @@ def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int
     """Parse a command line, run its command and return the exit code. Never raises.
 
     A closed pipe (`| head`) does not change the exit code. If standard output cannot be written for another
-    reason, a successful command returns USAGE.
+    reason, a successful command returns USAGE. Libraries print no messages of
+    their own.
     """
-    with lasting_streams() as output, unwinding():
+    with lasting_streams() as output, unwinding(), quiet_libraries():
         code = _perform(parse, asked_for_json)
         lost = output.lost
         if code != OK or not isinstance(lost, OSError) or isinstance(lost, BrokenPipeError):

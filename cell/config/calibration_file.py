@@ -57,7 +57,7 @@ class _IntrinsicsFile(BaseModel):
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: int = Field(alias="schema", ge=1, le=1, strict=True, description="version of this file's layout: 1")
     provenance: dict[str, dict[str, Any]] = Field(default={}, description="part -> origin of its values")
 
 

@@ -282,7 +282,7 @@ class RecorderConfig(_Group):
 class CellSettings(_Group):
     """All settings of a cell. `load_settings` reads them from a file."""
 
-    schema_: Literal[1] = Field(alias="schema", description="version of this file's layout: 1")
+    schema_: int = Field(alias="schema", ge=1, le=1, strict=True, description="version of this file's layout: 1")
     robot: Literal["baxter"] = Field(description="the robot's folder under robots/")
     surface: str = Field(
         pattern=r"^[a-z][a-z0-9_]{0,40}$",

@@ -3,6 +3,10 @@
 The reader is stricter than YAML 1.1: a repeated key is an error, only `true` and `false` are truth values, and
 `1e-3` is a number. Every error names file, line, key, value and the allowed values, and often suggests a
 correction.
+
+Every YAML file goes through this reader. It takes little time for any file, because size, depth and number of
+values are limited. A value that an alias repeats counts each time: aliases of aliases can stand for billions of
+values.
 """
 
 from __future__ import annotations
@@ -22,13 +26,17 @@ from pydantic_core import ErrorDetails
 
 from robots.errors import ConfigurationError
 
-__all__ = ["Document", "Key", "merge", "parse_yaml", "read_yaml", "validated"]
+__all__ = ["Document", "Key", "dotted", "merge", "parse_yaml", "read_yaml", "shown", "validated"]
 
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
 
-LARGEST_FILE = 4 * 2**20
-"""Size limit [bytes], far above the size of any configuration of a cell."""
+LARGEST_FILE = 2**20
+"""Size limit [bytes]. It is far above the size of any configuration of a cell."""
+DEEPEST = 32
+"""Largest depth of nested lists and groups. A garment file has eight."""
+MOST_VALUES = 20_000
+"""Largest number of keys and values, including those that aliases repeat. A garment file has some 300."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +72,9 @@ def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Docum
         _note_lines(node, (), lines)
     except yaml.YAMLError as e:
         raise _syntax_error(path, what, e) from e
-    except RecursionError as e:
-        raise ConfigurationError(f"{path}: the {what} is nested too deep", path=str(path)) from e
-    except (ValueError, OverflowError) as e:  # a value that looks like a date or a number but is none
-        raise ConfigurationError(f"{path}: not a valid {what}: {e}", path=str(path)) from e
     if not isinstance(data, dict):
         raise ConfigurationError(
-            f"{path}: a {what} is a list of 'key: value' lines; this file contains {_shown(data)}", path=str(path)
+            f"{path}: a {what} is a list of 'key: value' lines; this file contains {shown(data)}", path=str(path)
         )
     return Document(path, data, lines)
 
@@ -105,10 +109,94 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 # reading
 
 
+class _TooLarge(yaml.MarkedYAMLError):
+    """The file exceeds DEEPEST or MOST_VALUES. note: what to do."""
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """Number of values of a node with those that aliases repeat, and how deep they are nested."""
+
+    values: int
+    depth: int
+
+
+def _children(node: yaml.Node | None) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [child for pair in node.value for child in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
+
+
 class _StrictLoader(yaml.SafeLoader):
     """The core schema of YAML 1.2, and unique keys. In YAML 1.1 `no`, `on`, `1:30` and dates are special."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+    yaml_constructors = {  # noqa: RUF012
+        tag: yaml.SafeLoader.yaml_constructors[tag]
+        for tag in (
+            None,
+            *(f"tag:yaml.org,2002:{name}" for name in ("map", "seq", "str", "bool", "null", "float")),
+        )
+    }
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._values = 0
+        self._complete: dict[int, _Extent] = {}
+        """By the node's id."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        mark = event.start_mark
+        if isinstance(event, yaml.AliasEvent):
+            node = super().compose_node(parent, index)
+            extent = self._complete.get(id(node))
+            if extent is None:
+                what = f"the alias *{event.anchor} stands inside of what it repeats"
+                raise _TooLarge(problem=what, problem_mark=mark, note="write the values out")
+            self._check_depth(extent.depth, mark)
+            self._count(extent.values, mark)
+            return node
+        self._check_depth(1, mark)
+        self._count(1, mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        inside = [self._complete[id(child)] for child in _children(node)]
+        self._complete[id(node)] = _Extent(
+            1 + sum(extent.values for extent in inside), 1 + max((extent.depth for extent in inside), default=0)
+        )
+        return node
+
+    def _check_depth(self, depth: int, mark: yaml.Mark) -> None:
+        if self._depth + depth > DEEPEST:
+            raise _TooLarge(
+                problem=f"nested too deep: more than {DEEPEST} lists and groups inside each other",
+                problem_mark=mark,
+                note="close the brackets, or correct the indentation",
+            )
+
+    def _count(self, values: int, mark: yaml.Mark) -> None:
+        self._values += values
+        if self._values > MOST_VALUES:
+            raise _TooLarge(
+                problem=f"more than {MOST_VALUES} values, where a value that an alias repeats counts each time",
+                problem_mark=mark,
+                note="write the values out instead of aliases of aliases, and keep only what the file needs",
+            )
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """As in YAML's core schema; errors of a number or a truth value get their line."""
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, OverflowError, KeyError) as e:
+            raise yaml.constructor.ConstructorError(
+                None,
+                None,
+                f"{shown(node.value)} is not a value of the kind {node.tag.rpartition(':')[2]}",
+                node.start_mark,
+            ) from e
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: dict[Any, int] = {}
@@ -156,7 +244,11 @@ def _read_text(path: Path, what: str) -> str:
         if path.is_dir():
             raise ConfigurationError(f"{path}: this is a folder; a {what} is expected", path=str(path))
         if path.stat().st_size > LARGEST_FILE:
-            raise ConfigurationError(f"{path}: the file is too large for a {what}", path=str(path))
+            raise ConfigurationError(
+                f"{path}: the file has {path.stat().st_size} bytes; a {what} has at most {LARGEST_FILE}",
+                "check that this is the right file",
+                path=str(path),
+            )
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as e:
         raise ConfigurationError(f"{path}: there is no such {what}", _similar_file(path), path=str(path)) from e
@@ -182,21 +274,20 @@ def _syntax_error(path: Path, what: str, error: yaml.YAMLError) -> Configuration
     mark = getattr(error, "problem_mark", None)
     problem = getattr(error, "problem", None) or str(error).splitlines()[0]
     where = f"{path}:{mark.line + 1}" if mark else str(path)
-    return ConfigurationError(f"{where}: not a valid {what}: {problem}", path=str(path))
+    hint = error.note or "" if isinstance(error, _TooLarge) else ""
+    return ConfigurationError(f"{where}: not a valid {what}: {problem}", hint, path=str(path))
 
 
-def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int], depth: int = 0) -> None:
-    """Record line numbers by key path. The depth is limited because aliases can form a cycle."""
-    if node is None or depth > 32:
-        return
+def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int]) -> None:
+    """Record line numbers by key path, of a document that the loader found small enough."""
     if isinstance(node, yaml.MappingNode):
         for k, v in node.value:
             lines[(*key, k.value)] = k.start_mark.line + 1
-            _note_lines(v, (*key, k.value), lines, depth + 1)
+            _note_lines(v, (*key, k.value), lines)
     elif isinstance(node, yaml.SequenceNode):
         for i, v in enumerate(node.value):
             lines[(*key, i)] = v.start_mark.line + 1
-            _note_lines(v, (*key, i), lines, depth + 1)
+            _note_lines(v, (*key, i), lines)
 
 
 # error messages
@@ -212,15 +303,15 @@ def _raise_configuration(
         line, hint = _explain(document, model, fault, renamed)
         lines.append(line)
         if hint:
-            hints.setdefault(hint, []).append(_dotted(fault["loc"]))
+            hints.setdefault(hint, []).append(dotted(fault["loc"]))
     hint_lines = [hint if len(faults) == 1 else f"{', '.join(keys)}: {hint}" for hint, keys in hints.items()]
     first = faults[0]
     raise ConfigurationError(
         "\n".join(lines),
         "\n  ".join(hint_lines),
         path=str(document.path),
-        key=_dotted(first["loc"]),
-        value=_shown(first["input"]),
+        key=dotted(first["loc"]),
+        value=shown(first["input"]),
     ) from None
 
 
@@ -229,34 +320,36 @@ def _explain(
 ) -> tuple[str, str]:
     """(message, hint) for one fault that pydantic reports."""
     loc: Key = fault["loc"]
-    where, key, value, kind = document.where(loc), _dotted(loc), fault["input"], fault["type"]
+    where, key, value, kind = document.where(loc), dotted(loc), fault["input"], fault["type"]
     owner, field = _field(model, loc)
     if kind == "extra_forbidden" and key in renamed:
         return f"{where}: unknown key '{key}'", f"it was renamed to '{renamed[key]}'"
     if kind == "extra_forbidden":
         return f"{where}: unknown key '{key}'", _known_keys(owner, str(loc[-1]))
     if kind == "missing" and isinstance(loc[-1], int):
-        return f"{where}: {_dotted(loc[:-1])} = {_shown(value)}: has too few entries", _about(field)
+        return f"{where}: {dotted(loc[:-1])} = {shown(value)}: has too few entries", _about(field)
     if kind == "missing":
         return f"{where}: the key '{key}' is missing", _about(field)
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         known = ", ".join(_names(owner)) if owner else ""
-        return f"{where}: {key} = {_shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
+        return f"{where}: {key} = {shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
     if kind == "value_error" and not _allowed(field):  # a rule over several keys names them in its message
         return f"{where}: {_message(fault)}", ""
     allowed = _allowed(field) or _message(fault)
     hint = _unit_hint(field, value) or _number_hint(value) or _about(field)
-    return f"{where}: {key} = {_shown(value)}: {allowed}", hint
+    return f"{where}: {key} = {shown(value)}: {allowed}", hint
 
 
-def _dotted(loc: Sequence[str | int]) -> str:
+def dotted(loc: Sequence[str | int]) -> str:
+    """A key as people write it, as in `plan[0].line`."""
     text = ""
     for part in loc:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value for a message, shortened."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -330,7 +423,7 @@ def _allowed(field: FieldInfo | None) -> str:
     unit = f" {unit}" if unit else ""
     if low is not None and high is not None:
         shape = _extra(field).get("shape", "allowed is")
-        return f"{shape} {low:g} to {high:g}{unit}"
+        return f"{shape} {low:g}{unit}" if low == high else f"{shape} {low:g} to {high:g}{unit}"
     if field and field.annotation is bool:
         return "allowed is true or false"
     choices = get_args(field.annotation) if field else ()

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
-import yaml
 
+from cell.config.yaml_file import read_yaml
 from robots.errors import InternalError
 
 __all__ = [
@@ -166,7 +166,7 @@ class NoiseTable:
 @lru_cache(maxsize=1)
 def load_noise() -> NoiseTable:
     """Read noise.yaml. Raises InternalError if it does not match the types of this module."""
-    table = yaml.safe_load(PATH.read_text(encoding="utf-8"))
+    table = read_yaml(PATH, "noise table").data
     types = get_type_hints(NoiseTable)
     if set(table) != set(types):
         raise InternalError(f"{PATH.name}: sections {sorted(table)} are not {sorted(types)}")

@@ -183,7 +183,7 @@ def from_json(text: str) -> tuple[Library, tuple[Refusal, ...]]:
     """The valid entries and the refusals: a corrupt or foreign entry is never used."""
     try:
         data = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:  # RecursionError: nested too deep
         return Library(), (Refusal(-1, f"not JSON: {error}"),)
     if not isinstance(data, dict) or not isinstance(data.get("entries"), list):
         return Library(), (Refusal(-1, "not a trajectory library"),)
@@ -259,4 +259,4 @@ def _check(entry: LibraryEntry) -> None:
 
 
 def _positive(values: Iterable[object]) -> bool:
-    return all(isinstance(v, int | float) and np.isfinite(v) and v > 0 for v in values)
+    return all(isinstance(v, int | float) and v is not True and np.isfinite(v) and v > 0 for v in values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -12,9 +12,10 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 import shapely
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from cell.config.garments.plan_check import check_lines_and_grasps
-from cell.config.yaml_file import read_yaml
+from cell.config.yaml_file import Document, Key, dotted, read_yaml, shown
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.vocabulary import REFERENCE_DROP, GraspId, Material, frozen
@@ -58,16 +59,15 @@ def shipped_garment_path(name: str) -> Path:
 def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Garment:
     """Read a garment by its shipped name or from a YAML file, with its friction on `surface`.
 
-    Raises ConfigurationError with the file, the key, the value and the allowed values.
+    Raises ConfigurationError with the file, the line, the key, the value and the allowed values.
     """
-    path = garment_path(name_or_path)
-    data = read_yaml(path, "garment file").data
+    document = read_yaml(garment_path(name_or_path), "garment file")
     try:
-        file = _GarmentFile.model_validate(data)
+        file = _GarmentFile.model_validate(document.data)
     except ValidationError as error:
-        raise _readable(path, data, error) from None
-    garment = _garment(path, file, surface)
-    check_lines_and_grasps(path, garment)
+        raise _readable(document, error) from None
+    garment = _garment(document, file, surface)
+    check_lines_and_grasps(document, garment)
     return garment
 
 
@@ -92,9 +92,31 @@ def garment_path(name_or_path: str | Path) -> Path:
 # ------------------------------------------------------------------ the file's schema
 
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
-Metres = Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=-1.5, le=1.5, strict=True)]
 Range = tuple[Metres, Metres]
-Degrees = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
+Degrees = Annotated[float, Field(ge=-180, le=180, strict=True)]
+Inset = Annotated[float, Field(ge=0, le=0.08, strict=True)]
+Tension = Annotated[float, Field(ge=0, le=0.03, strict=True)]
+FrictionDegrees = Annotated[float, Field(ge=2, le=60, strict=True)]
+Shrunk = Annotated[float, Field(ge=0.3, le=1, strict=True)]
+Grown = Annotated[float, Field(ge=1, le=3, strict=True)]
+Weight = Annotated[float, Field(strict=True)]
+
+MOST_WAYS = 256
+"""Largest number of ways to fold a garment, which are all checked: the product of the numbers of its variants."""
+
+
+def _number(low: float, high: float, default: Any = ...) -> Any:
+    return Field(default, ge=low, le=high, strict=True)
+
+
+def _count(low: int, high: int) -> Any:
+    return Field(ge=low, le=high, strict=True)
+
+
+def _rule(text: str, *key: str | int) -> PydanticCustomError:
+    """The error of a rule over several keys. key: where the file breaks it."""
+    return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
 class _Strict(BaseModel):
@@ -105,14 +127,14 @@ def _as_weights(value: Any) -> Any:
     return {value: 1.0} if isinstance(value, str) else value
 
 
-_Anchor = Annotated[dict[Name, float], BeforeValidator(_as_weights), Field(min_length=1)]
+_Anchor = Annotated[dict[Name, Weight], BeforeValidator(_as_weights), Field(min_length=1)]
 
 
 class _Grasp(_Strict):
     at: _Anchor
-    inset: tuple[Annotated[float, Field(ge=0, le=0.08)], Annotated[float, Field(ge=0, le=0.08)]]
+    inset: tuple[Inset, Inset]
     arm: Literal["auto", "left", "right"] = "auto"
-    turn_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
+    turn_deg: float = _number(-90, 90, 0.0)
 
 
 class _Variant(_Strict):
@@ -132,7 +154,7 @@ class _Step(_Strict):
     name: Name
     line: tuple[_Anchor, _Anchor]
     variants: Annotated[list[_Variant], Field(min_length=1)]
-    tension: tuple[Annotated[float, Field(ge=0, le=0.03)], Annotated[float, Field(ge=0, le=0.03)]] = (0.0, 0.0)
+    tension: tuple[Tension, Tension] = (0.0, 0.0)
 
 
 FabricField = Literal[
@@ -144,14 +166,14 @@ FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
 
 
 class _MaterialFile(_Strict):
-    stretch_fraction: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
-    hang_drop: Annotated[float, Field(ge=0.1, le=20)] = REFERENCE_DROP
-    friction_angle_deg: dict[Name, Annotated[float, Field(ge=2, le=60)]] | None = None
-    areal_mass: Annotated[float, Field(ge=0.03, le=2.0)] | None = None
-    bending_length: Annotated[float, Field(ge=0.003, le=0.1)] | None = None
-    thickness: Annotated[float, Field(ge=0.0001, le=0.01)] | None = None
-    friction_dynamic_ratio: Annotated[float, Field(ge=0.3, le=1.0)] | None = None
-    friction_layers: Annotated[float, Field(ge=0.05, le=2.0)] | None = None
+    stretch_fraction: float | None = _number(0.001, 0.2, None)
+    hang_drop: float = _number(0.1, 20, REFERENCE_DROP)
+    friction_angle_deg: dict[Name, FrictionDegrees] | None = None
+    areal_mass: float | None = _number(0.03, 2.0, None)
+    bending_length: float | None = _number(0.003, 0.1, None)
+    thickness: float | None = _number(0.0001, 0.01, None)
+    friction_dynamic_ratio: float | None = _number(0.3, 1.0, None)
+    friction_layers: float | None = _number(0.05, 2.0, None)
     measured: dict[Name, str] = {}
     assumed: list[FabricField] = []
 
@@ -173,82 +195,99 @@ class _Poses(_Strict):
 class _GarmentFile(_Strict):
     title: str
     category: Name
-    layers: Annotated[int, Field(ge=1, le=2)]
-    keypoints: Annotated[dict[Name, tuple[Metres, Metres]], Field(min_length=3)]
+    layers: int = _count(1, 2)
+    keypoints: Annotated[dict[Name, tuple[Metres, Metres]], Field(min_length=3, max_length=100)]
     material: _MaterialFile = _MaterialFile()
     plan: Annotated[list[_Step], Field(min_length=1)]
     edge_pairs: list[tuple[tuple[Name, Name], tuple[Name, Name]]] = []
-    max_tool_speed: Annotated[float, Field(ge=0.02, le=1.5)] = 0.35
-    size_range: tuple[Annotated[float, Field(ge=0.3, le=1)], Annotated[float, Field(ge=1, le=3)]] = (0.8, 1.2)
+    max_tool_speed: float = _number(0.02, 1.5, 0.35)
+    size_range: tuple[Shrunk, Grown] = (0.8, 1.2)
     poses: _Poses
-    final_layers: Annotated[int, Field(ge=1, le=64)]
+    final_layers: int = _count(1, 64)
 
     @model_validator(mode="after")
     def _outline(self) -> _GarmentFile:
         points = np.array(list(self.keypoints.values()))
         polygon = shapely.Polygon(points)
         if not polygon.is_valid or polygon.area < 1e-3:
-            raise ValueError("keypoints: the outline through them in this order crosses itself or has no area")
+            raise _rule("the outline through them in this order crosses itself or has no area", "keypoints")
         if not polygon.exterior.is_ccw:
-            raise ValueError("keypoints: list them counter-clockwise (x away from the robot, y to its left)")
+            raise _rule("list them counter-clockwise (x away from the robot, y to its left)", "keypoints")
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         if np.abs(middle).max() > 0.002:
-            raise ValueError(f"keypoints: their middle is {middle.round(3).tolist()}, not [0, 0]")
+            raise _rule(f"their middle is {middle.round(3).tolist()}, not [0, 0]", "keypoints")
         return self
 
     @model_validator(mode="after")
     def _known_points(self) -> _GarmentFile:
-        for where, name in self._mentions():
+        for key, name in self._mentions():
             if name not in self.keypoints:
-                raise ValueError(f"{where}: {name!r} is not a key point; known: {', '.join(self.keypoints)}")
-        for where, anchor in self._anchors():
+                raise _rule(f"{name!r} is not a key point; known: {', '.join(self.keypoints)}", *key)
+        for key, anchor in self._anchors():
             if abs(sum(anchor.values()) - 1.0) > 1e-6:
-                raise ValueError(
-                    f"{where}: the weights of an anchor must sum to one, not {sum(anchor.values()):g}"
-                )
-        names = [step.name for step in self.plan]
-        if len(names) != len(set(names)):
-            raise ValueError("plan: two steps have the same name")
-        for step in self.plan:
-            if len({variant.name for variant in step.variants}) != len(step.variants):
-                raise ValueError(f"plan.{step.name}: two variants have the same name")
+                raise _rule(f"the weights of an anchor must sum to one, not {sum(anchor.values()):g}", *key)
         return self
 
-    def _anchors(self) -> Iterator[tuple[str, dict[str, float]]]:
-        for step in self.plan:
-            for anchor in step.line:
-                yield f"plan.{step.name}.line", anchor
-            for variant in step.variants:
-                for grasp in variant.grasps:
-                    yield f"plan.{step.name}.{variant.name}.grasps.at", grasp.at
+    @model_validator(mode="after")
+    def _plan_names(self) -> _GarmentFile:
+        names: list[str] = []
+        for i, step in enumerate(self.plan):
+            if step.name in names:
+                raise _rule(f"two steps have the same name {step.name!r}", "plan", i, "name")
+            names.append(step.name)
+            variants: list[str] = []
+            for k, variant in enumerate(step.variants):
+                if variant.name in variants:
+                    what = f"two variants of the step {step.name!r} have the same name {variant.name!r}"
+                    raise _rule(what, "plan", i, "variants", k, "name")
+                variants.append(variant.name)
+        ways = math.prod(len(step.variants) for step in self.plan)
+        if ways > MOST_WAYS:
+            raise _rule(f"its variants make {ways} ways to fold; at most {MOST_WAYS} are allowed", "plan")
+        return self
 
-    def _mentions(self) -> Iterator[tuple[str, str]]:
-        for where, anchor in self._anchors():
-            yield from ((where, name) for name in anchor)
-        for step in self.plan:
-            for variant in step.variants:
-                yield from ((f"plan.{step.name}.{variant.name}.moves", name) for name in variant.moves)
-        for pair in self.edge_pairs:
-            yield from (("edge_pairs", name) for edge in pair for name in edge)
+    def _anchors(self) -> Iterator[tuple[Key, dict[str, float]]]:
+        """Every place of the plan, with its key in the file."""
+        for i, step in enumerate(self.plan):
+            for end, anchor in enumerate(step.line):
+                yield ("plan", i, "line", end), anchor
+            for k, variant in enumerate(step.variants):
+                for n, grasp in enumerate(variant.grasps):
+                    yield ("plan", i, "variants", k, "grasps", n, "at"), grasp.at
+
+    def _mentions(self) -> Iterator[tuple[Key, str]]:
+        """Every key point that the file names, with its key in the file."""
+        for key, anchor in self._anchors():
+            yield from (((*key, name), name) for name in anchor)
+        for i, step in enumerate(self.plan):
+            for k, variant in enumerate(step.variants):
+                for n, name in enumerate(variant.moves):
+                    yield ("plan", i, "variants", k, "moves", n), name
+        for i, pair in enumerate(self.edge_pairs):
+            for e, edge in enumerate(pair):
+                yield from ((("edge_pairs", i, e, n), name) for n, name in enumerate(edge))
 
 
 # ------------------------------------------------------------------ file -> value
 
 
-def _readable(path: Path, data: Mapping[str, Any], error: ValidationError) -> ConfigurationError:
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        message = "this key is not known"
-    value = "" if first["type"] in ("missing", "value_error") else f" = {first['input']!r}"
+def _readable(document: Document, error: ValidationError) -> ConfigurationError:
+    """The first error of a file, with the number of the others."""
+    first = error.errors(include_url=False)[0]
+    loc: Key = (*first["loc"], *first.get("ctx", {}).get("key", ()))
+    loc = tuple(part for part in loc if part != "[key]")  # an error of a name, as pydantic reports it
+    key, message = dotted(loc), first["msg"].removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:]
+    value = "" if first["type"] in ("missing", "value_error", "rule") else f" = {shown(first['input'])}"
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     hint = "Lengths are in metres; angles are in degrees if the key ends in _deg."
     if first["type"] == "extra_forbidden":
+        message = "this key is not known"
         close = difflib.get_close_matches(str(first["loc"][-1]), _known_keys(), n=1)
         hint = f"Did you mean {close[0]!r}?" if close else "Remove it; unknown keys are not ignored."
-    where = f"{path}: {key}{value}: " if key else f"{path}: "
-    return ConfigurationError(f"{where}{message}{more}", hint, file=str(path), key=key)
+    return ConfigurationError(
+        f"{document.where(loc)}: {key}{value}: {message}{more}", hint, file=str(document.path), key=key
+    )
 
 
 def _known_keys() -> list[str]:
@@ -256,17 +295,17 @@ def _known_keys() -> list[str]:
     return [name for model in models for name in model.model_fields]
 
 
-def _garment(path: Path, file: _GarmentFile, surface: str) -> Garment:
+def _garment(document: Document, file: _GarmentFile, surface: str) -> Garment:
     poses = file.poses
     low, high = poses.angle_deg
     return Garment(
-        name=path.stem,
+        name=document.path.stem,
         title=file.title,
         category=file.category,
         layers=file.layers,
         keypoints=tuple(file.keypoints),
         template=frozen(np.array(list(file.keypoints.values()), dtype=float)),
-        material=_material(path, file.material, surface),
+        material=_material(document, file.material, surface),
         plan=tuple(_step(step) for step in file.plan),
         edge_pairs=tuple(file.edge_pairs),
         max_tool_speed=file.max_tool_speed,
@@ -277,7 +316,7 @@ def _garment(path: Path, file: _GarmentFile, surface: str) -> Garment:
     )
 
 
-def _material(path: Path, file: _MaterialFile, surface: str) -> Material:
+def _material(document: Document, file: _MaterialFile, surface: str) -> Material:
     assumed: list[str] = list(file.assumed)
 
     def given(name: str, field: str | None = None) -> float:
@@ -295,9 +334,10 @@ def _material(path: Path, file: _MaterialFile, surface: str) -> Material:
     else:
         known = ", ".join(file.friction_angle_deg)
         raise ConfigurationError(
-            f"{path}: material.friction_angle_deg has no surface {surface!r}",
+            f"{document.where(('material', 'friction_angle_deg'))}: material.friction_angle_deg has no surface"
+            f" {surface!r}",
             f"It has {known}. Measure this surface with `foldcell calibrate friction`, or choose another surface.",
-            file=str(path),
+            file=str(document.path),
             surface=surface,
         )
     mu = math.tan(math.radians(angle))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
+from cell.config.yaml_file import Document, Key
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 from skills.planning.folding import layers_at
@@ -17,10 +17,10 @@ from skills.vocabulary import FoldStep
 __all__ = ["check_lines_and_grasps"]
 
 
-def check_lines_and_grasps(path: Path, garment: Garment) -> None:
+def check_lines_and_grasps(document: Document, garment: Garment) -> None:
     """Check that each fold line divides the garment as folded so far and that the grasps lie on the moved part.
 
-    Raises ConfigurationError with the step and its variant.
+    document: the garment's file. Raises ConfigurationError with the line, the step and its variant.
     """
     state = garment.flat_state(0.0, 0.0)
     for chosen in _choices(garment):
@@ -31,9 +31,8 @@ def check_lines_and_grasps(path: Path, garment: Garment) -> None:
             hint = (
                 f"{f.hint}; its two points must differ, and the key points in `moves` must lie on one side of it"
             )
-            raise ConfigurationError(
-                f"{path}: {key}{_variant(name, garment, chosen)}: {f.what}", hint, file=str(path), key=key
-            )
+            where = f"{document.where(_line_key(name, garment))}: {key}{_variant(name, garment, chosen)}"
+            raise ConfigurationError(f"{where}: {f.what}", hint, file=str(document.path), key=key)
         for step in planned.unwrap():
             if any(chosen[s.name] != s.variants[0].name for s in garment.plan[: step.index]):
                 break  # the file defines grasps for the preferred variants of the earlier steps
@@ -41,8 +40,9 @@ def check_lines_and_grasps(path: Path, garment: Garment) -> None:
             if what is not None:
                 key = f"plan.{step.name}.grasps"
                 hint = "grasp at a moving key point, or between two of them; `inset` leads inwards from there"
-                where = f"{path}: {key}{_variant(step.name, garment, chosen)}"
-                raise ConfigurationError(f"{where}: {what}", hint, file=str(path), key=key)
+                line = document.where(_grasps_key(step.name, garment, chosen))
+                where = f"{line}: {key}{_variant(step.name, garment, chosen)}"
+                raise ConfigurationError(f"{where}: {what}", hint, file=str(document.path), key=key)
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
@@ -55,6 +55,18 @@ def _variant(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
     """The chosen variant in brackets, if the step has more than one."""
     several = any(s.name == step and len(s.variants) > 1 for s in garment.plan)
     return f" ({chosen[step]})" if several else ""
+
+
+def _line_key(step: str, garment: Garment) -> Key:
+    """Key of a step's fold line in the file."""
+    return ("plan", [s.name for s in garment.plan].index(step), "line")
+
+
+def _grasps_key(step: str, garment: Garment, chosen: Mapping[str, str]) -> Key:
+    """Key of the grasps of a step's chosen variant in the file."""
+    index = [s.name for s in garment.plan].index(step)
+    variants = [v.name for v in garment.plan[index].variants]
+    return ("plan", index, "variants", variants.index(chosen[step]), "grasps")
 
 
 def _grasp_error(step: FoldStep, garment: Garment) -> str | None:

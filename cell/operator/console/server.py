@@ -29,6 +29,7 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from cell.operator.console.messages import StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
@@ -161,9 +162,9 @@ class _Page:
             if frame["type"] == "websocket.disconnect":
                 return
             try:
-                answer = self._answer(frame.get("text") or "")
-            except Exception:  # a bad message must not close the link: the next one may be a stop
-                answer = {"refused": "the message is not valid"}
+                answer = self._answer(frame.get("text") or frame.get("bytes") or "")
+            except Exception as e:  # it must not close the link: the next message may be a stop
+                answer = {"refused": f"the message could not be carried out: {e}"}
             await link.send_json(answer)
 
     def _stopped(self) -> bool | None:
@@ -173,16 +174,18 @@ class _Page:
         except DriverError:
             return None
 
-    def _answer(self, message: str) -> dict[str, Any]:
-        """Carry out a message; returns the answer for the page."""
-        request = json.loads(message)
-        if "stop" in request:
+    def _answer(self, text: str | bytes) -> dict[str, Any]:
+        """Carry out a message (cell/operator/console/messages.py); returns the answer for the page."""
+        message = read_message(text)
+        if message is None:
+            return {"refused": "the message is not valid"}
+        if isinstance(message, StopMessage):
             self._stop.trigger(STOP_REASON)
             return {"noted": "stop"}
-        command = next((event for event in self._run_status.allowed() if event.value == request["say"]), None)
+        command = next((event for event in self._run_status.allowed() if event.value == message.say), None)
         if command is None:
             return {"refused": "this command is not possible now"}
-        if command in ANSWERS and not self._run_status.answers(request.get("question")):
+        if command in ANSWERS and not self._run_status.answers(message.question):
             return {"refused": "this question is no longer open"}
         self._commands.put(command)
         return {"noted": command.value}

@@ -55,6 +55,9 @@ class LiveStream:
     # on the pump's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
+        with socket.socket() as s:  # Rerun reports in its log only that it cannot listen
+            s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            s.bind((self._host, self._port))
         sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
         stream = begin_stream(self._identity[0], sink, layout(self._floor), self._identity[1])
         stream.send_recording_name(self._identity[1])

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from cell.config.garments.garment_file import load_garment
+from cell.config.yaml_file import read_yaml
 from cell.simulation.noise import GarmentNoise
 from skills.garments.garment import Garment
 from skills.vocabulary import Array
@@ -33,7 +33,7 @@ class Outline:
 
 @lru_cache(maxsize=1)
 def _file() -> Mapping[str, Any]:
-    return yaml.safe_load(PATH.read_text(encoding="utf-8"))
+    return read_yaml(PATH, "file of outlines").data
 
 
 def draw_outline(garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool = False) -> Outline:

@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.support.process.library_messages import captured_messages
 from robots.errors import ConfigurationError
 
 __all__ = ["known_depth", "read_depth", "read_picture"]
 
 MILLIMETRES = 1e-3
+DAMAGED = ("premature end", "Premature end", "bad Huffman code", "instead of RST")
+"""What libjpeg writes about a picture of which a part is missing or does not fit. It makes up the pixels."""
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
@@ -54,12 +57,18 @@ def _read_image(path: Path, flags: int) -> NDArray:
         data = np.frombuffer(path.read_bytes(), np.uint8)
     except OSError as e:
         raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
-    try:
-        image = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:  # the file states an impossible picture size
-        image = None
+    with captured_messages() as messages:
+        try:
+            image = cv2.imdecode(data, flags) if data.size else None
+        except cv2.error:  # the file states an impossible picture size
+            image = None
+        said = messages()
     if image is None:
         raise ConfigurationError(
             f"{path}: is no picture that can be read (PNG or JPEG)", "export or copy it anew", path=str(path)
+        )
+    if any(message in said for message in DAMAGED):
+        raise ConfigurationError(
+            f"{path}: the picture is damaged; a part of it is missing", "export or copy it anew", path=str(path)
         )
     return np.asarray(image)

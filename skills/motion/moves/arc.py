@@ -13,10 +13,11 @@ from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
 from skills.motion.kinematics import ik
 from skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
 from skills.motion.moves.retreat import plan_retreat
+from skills.motion.timing.inputs import TimingError
 from skills.motion.timing.timing import time_law
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach
-from skills.motion.validation.inputs import validate_paths, validate_state
+from skills.motion.validation.inputs import validate_paths, validate_state, validate_tool_speed
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
@@ -52,11 +53,11 @@ def plan_arc(
 
     The paths are shifted to begin at the tools' actual poses. The offsets of position and orientation fade out
     along the arc. Timing is the paths' own unless the arms' limits or tool_speed [m/s] require a slower one.
-    Failures: STALE_STATE (q_grasp is not a valid state), UNREACHABLE, those of `check_trajectory` and
-    `plan_retreat`.
+    Failures: STALE_STATE (q_grasp is not a valid state), LIMIT_EXCEEDED (tool_speed is not above zero, or the fold
+    would take too long), UNREACHABLE, those of `check_trajectory` and `plan_retreat`.
     """
     limits = limits or model.planning
-    invalid = validate_state(model, q_grasp) or validate_paths(paths)
+    invalid = validate_state(model, q_grasp) or validate_paths(paths) or validate_tool_speed(tool_speed)
     if invalid:
         return Outcome(failure=invalid)
     times = _sample_times(paths)
@@ -68,7 +69,10 @@ def plan_arc(
         if not solution.complete:
             return Outcome(failure=out_of_reach(table, side, "the arc", position[len(solution.q)]))
         q[:, arm_slice(side)] = solution.q
-    fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
+    try:
+        fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
+    except TimingError as e:
+        return Outcome(failure=e.failure())
     checked = check_trajectory(model, checker, fold, q_grasp, limits, allow_fingertips=True)
     if checked.failure:
         return Outcome(failure=checked.failure)

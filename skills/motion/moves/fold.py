@@ -23,7 +23,7 @@ from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.posture_search import PostureChoice, rank_postures
 from skills.motion.moves.retreat import RETREAT_HEIGHT
 from skills.motion.validation.collision import CollisionChecker
-from skills.motion.validation.inputs import validate_paths, validate_state
+from skills.motion.validation.inputs import validate_height, validate_paths, validate_state, validate_tool_speed
 from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
@@ -138,7 +138,13 @@ def plan_hands_motion(
     Failures: UNREACHABLE, IN_COLLISION (with the binding constraint, and a shift of the garment if one helps),
     LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
     """
-    invalid = validate_state(model, q_now) or validate_paths(paths)
+    invalid = (
+        validate_state(model, q_now)
+        or validate_paths(paths)
+        or validate_tool_speed(tool_speed)
+        or validate_height(approach_height)
+        or validate_height(lift)
+    )
     if invalid:
         return Outcome(failure=invalid)
     task = _Task(model, checker, table, paths, q_now, limits, tool_speed, approach_height, lift, rng)

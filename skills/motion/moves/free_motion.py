@@ -10,6 +10,7 @@ import numpy as np
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array
 from skills.motion.moves.rrt_connect import blend_corners, candidate_paths, check_endpoints, no_path_found
+from skills.motion.timing.inputs import TimingError
 from skills.motion.timing.timing import free_motion, join, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.inputs import validate_goal, validate_state
@@ -36,8 +37,8 @@ def plan_free_motion(
     The motion is straight if that is free. Otherwise it passes through way-points, with blended corners where
     these are free too. It passes the same collision check that is made before it is sent.
     limits: the model's planning limits when None. rng: for RRT-Connect.
-    Failures: STALE_STATE (q0 is not a valid state), LIMIT_EXCEEDED (q1 is not a valid goal), IN_COLLISION (q0 or
-    q1 is in collision, or no path was found).
+    Failures: STALE_STATE (q0 is not a valid state), LIMIT_EXCEEDED (q1 is not a valid goal, or the limits are so
+    low that the motion would take too long), IN_COLLISION (q0 or q1 is in collision, or no path was found).
     """
     limits = limits or model.planning
     invalid = validate_state(model, q0) or validate_goal(model, q1, q0)
@@ -48,10 +49,13 @@ def plan_free_motion(
         return Outcome(failure=blocked)
     contact = None
     for method, points in candidate_paths(model, checker, q0, q1, rng):
-        for motion in _time_parameterized(points, limits):
-            contact = contact_along(checker, motion)
-            if contact is None:
-                return Outcome(motion, notes={"way": method})
+        try:
+            for motion in _time_parameterized(points, limits):
+                contact = contact_along(checker, motion)
+                if contact is None:
+                    return Outcome(motion, notes={"way": method})
+        except TimingError as e:
+            return Outcome(failure=e.failure())
     return Outcome(failure=no_path_found(contact))
 
 

@@ -14,7 +14,7 @@ from skills.motion.kinematics.posture import Posture, in_base
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import out_of_reach, too_near
-from skills.motion.validation.inputs import validate_paths, validate_state
+from skills.motion.validation.inputs import validate_height, validate_paths, validate_state
 from skills.vocabulary import GraspId, Outcome, Table, ToolPath
 
 __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
@@ -81,10 +81,16 @@ def plan_grasp(
 
     postures: by arm. paths: as for `plan_fold_motion`; shift them to try a grasp elsewhere. q_hint: joints
     (7,) near the point above the grasp, by arm; the arm's present joints when None.
-    Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
+    Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (a height is negative, too large or not
+    finite), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
     limits = limits or model.planning
-    invalid = validate_state(model, q_now) or validate_paths(paths)
+    invalid = (
+        validate_state(model, q_now)
+        or validate_paths(paths)
+        or validate_height(approach_height)
+        or validate_height(overtravel)
+    )
     if invalid:
         return Outcome(failure=invalid)
     q_above = np.array(q_now)

@@ -8,6 +8,7 @@ from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import ArmTrajectory, Array, Side, arm_slice
 from skills.motion.kinematics import ik
+from skills.motion.timing.inputs import TimingError
 from skills.motion.timing.timing import hold, time_path
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.failures import too_near
@@ -35,8 +36,8 @@ def plan_lift(
     """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (14,), at rest.
 
     The hands rise together; a hand that is not listed stays. limits: the model's planning limits when None.
-    Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative or not finite),
-    UNREACHABLE, IN_COLLISION.
+    Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative, too large or not
+    finite, or the limits are so low that the lift would take too long), UNREACHABLE, IN_COLLISION.
     """
     invalid = validate_state(model, q_now) or validate_height(height)
     if invalid:
@@ -55,7 +56,10 @@ def plan_lift(
         q[:, joints] = solution.q
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
-    lift = time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED)
+    try:
+        lift = time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED)
+    except TimingError as e:
+        return Outcome(failure=e.failure())
     contact = contact_along(checker, lift, allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near("the lift", str(contact)))

@@ -9,12 +9,16 @@ exactly, only the parameter is timed, q(s(t)), so the arms never leave the path:
 3. Velocity, acceleration and jerk of q(s(t)) are measured on the samples, and time is stretched evenly until
    all of them are within their limits.
 
+Samples that repeat are one sample: a spline through both would have a bend of any size between them. At a sharp
+turn the spline has a bend that would stretch the whole motion, so that the path is also timed with a stop there,
+and the shorter motion is taken.
+
 Ruckig's way-points (`intermediate_positions`) are never used, because they call a network service.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -28,6 +32,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from robots.errors import InternalError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, frozen
+from skills.motion.timing.inputs import TimingError, validate_duration, validate_path, validate_times
 
 __all__ = [
     "STOP_TIME",
@@ -54,6 +59,11 @@ HEADROOM = 0.98
 """Share of the limits used in planning. The Hermite interpolant between samples takes the rest."""
 GRID = 100
 LAW_STEP = 0.002
+REPEATED = 1e-5
+"""Distance below which two samples of a path are one: the time that it takes at full joint speed [s]."""
+SHARP_TURNS = (0.0, 0.5)
+"""Cosines of the turns (90 and 60 degrees from one sample to the next) beyond which a stop is tried, in turn. A
+smooth path is sampled finely enough that it turns by less."""
 MAX_STRETCHES = 40
 """Maximum number of time stretches. One or two suffice, except for bends of a milliradian, whose sampled jerk is
 irregular."""
@@ -97,7 +107,9 @@ def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
 
 
 def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
-    """A trajectory at rest at q (14,) for `duration` [s]."""
+    """A trajectory at rest at q (14,) for `duration` [s]. Raises TimingError for one that is too long."""
+    validate_path(q[None], 1)
+    validate_duration(duration, "the rest")
     n = max(1, int(np.ceil(duration / TICK - 1e-9)))
     zero = np.zeros((n + 1, q.shape[0]))
     return ArmTrajectory(frozen(np.linspace(0.0, duration, n + 1)), frozen(zero + q), frozen(zero), frozen(zero))
@@ -106,8 +118,10 @@ def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
 def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
     """Concatenate trajectories. Each must start at the position and velocity at which the one before ends.
 
-    Raises InternalError when they do not meet.
+    Raises InternalError when they do not meet, or there are none.
     """
+    if not parts:
+        raise InternalError("no trajectories to join")
     t, q, qd, qdd = [parts[0].t], [parts[0].q], [parts[0].qd], [parts[0].qdd]
     for before, after in pairwise(parts):
         gap = max(np.abs(before.q[-1] - after.q[0]).max(), np.abs(before.qd[-1] - after.qd[0]).max())
@@ -121,7 +135,11 @@ def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
 
 
 def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
-    """From rest at q0 (14,) to rest at q1 (14,), straight in joint space, time-optimal within the limits."""
+    """From rest at q0 (14,) to rest at q1 (14,), straight in joint space, time-optimal within the limits.
+
+    Raises TimingError for values that are not finite, and for a motion that would take too long.
+    """
+    validate_path(np.array([q0, q1]))
     gap = q1 - q0
     if np.abs(gap).max() < 1e-9:
         return hold(q0)
@@ -135,9 +153,13 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
     request.max_acceleration = [HEADROOM * float((limits.acceleration / distance).min())]
     request.max_jerk = [HEADROOM * float((limits.jerk / distance).min())]
     result = ruckig.Trajectory(1)
-    result_code = generator.calculate(request, result)
+    try:
+        result_code = generator.calculate(request, result)
+    except ruckig.RuckigError as e:
+        raise _no_free_motion(request, "its limits are too large or too small") from e
     if result_code not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise InternalError(f"Ruckig found no motion between two states at rest: {result_code}")
+        raise _no_free_motion(request, str(result_code))
+    validate_duration(result.duration, "the free motion")
     t = _sample_times(result.duration)
     u, rate, acceleration = (np.array(x) for x in zip(*(result.at_time(float(ti))[:3] for ti in t), strict=True))
     u[0], u[-1], rate[0], rate[-1] = 0.0, 1.0, 0.0, 0.0
@@ -146,18 +168,80 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
     return ArmTrajectory(frozen(t), frozen(q), frozen(rate * gap), frozen(acceleration * gap))
 
 
+def _no_free_motion(request: ruckig.InputParameter, why: str) -> TimingError:
+    limits = {name: getattr(request, f"max_{name}")[0] for name in ("velocity", "acceleration", "jerk")}
+    return TimingError(
+        f"Ruckig found no motion between two states at rest: {why}",
+        "correct the limits on the joints' velocity, acceleration and jerk",
+        **limits,
+    )
+
+
 def time_path(
     path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None
 ) -> ArmTrajectory:
     """Time a smooth joint path (n, 14) from rest to rest, as fast as the limits allow.
 
     lengths: (n, k) distance travelled by each of k tools at each sample [m]; speed: cap on the tools [m/s]. The
-    path is the cubic spline through the samples.
+    path is the cubic spline through the samples, or several that meet at rest where it turns sharply.
+    Raises TimingError for a single sample, for values that are not finite, and for a motion that would take too
+    long.
     """
+    validate_path(path, lengths=lengths, speed=speed)
+    kept = _without_repeats(path / limits.velocity)
+    path, lengths = path[kept], None if lengths is None else lengths[kept]
+    best: ArmTrajectory | None = None
+    refusal: TimingError | None = None
+    for stops in _stops_tried(path / limits.velocity):
+        ends = [0, *stops, len(path) - 1]
+        parts = [slice(a, b + 1) for a, b in pairwise(ends)]
+        try:
+            motion = join(
+                [_time_part(path[k], limits, None if lengths is None else lengths[k], speed) for k in parts]
+            )
+        except TimingError as e:
+            refusal = refusal or e
+            continue
+        if best is None or motion.duration < best.duration:
+            best = motion
+    if best is None:
+        assert refusal is not None
+        raise refusal
+    return best
+
+
+def _time_part(path: Array, limits: JointLimits, lengths: Array | None, speed: float | None) -> ArmTrajectory:
+    """Time one spline from rest to rest."""
     s = _path_parameter(path, limits)
     curve = CubicSpline(s, path)
     speed_cap = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
     return _smooth_and_stretch(curve, *_time_optimal_law(curve, s, limits, speed_cap), limits)
+
+
+def _without_repeats(path: Array) -> list[int]:
+    """Indices of the samples of path (n, k) that differ from the one kept before, and its two ends."""
+    kept = [0]
+    for i in range(1, len(path)):
+        if np.linalg.norm(path[i] - path[kept[-1]]) > REPEATED:
+            kept.append(i)
+    last = len(path) - 1
+    if kept[-1] != last:
+        kept = [*(kept[:-1] or kept), last]
+    return kept
+
+
+def _stops_tried(path: Array) -> Iterator[list[int]]:
+    """Indices of the samples of path (n, k), without repeats, at which to stop: none, then at its sharp turns."""
+    yield []
+    step = np.diff(path, axis=0)
+    along = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
+    cosine = (along[1:] * along[:-1]).sum(axis=1)
+    tried: list[int] = []
+    for bound in SHARP_TURNS:
+        stops = [int(i) + 1 for i in np.flatnonzero(cosine < bound)]
+        if stops != tried:
+            yield stops
+        tried = stops
 
 
 def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
@@ -165,8 +249,13 @@ def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
 
     Times that keep the limits, with soft start and stop, are used unchanged. If only the start or stop is too
     hard, it is softened. Otherwise the result is the fastest law that is nowhere ahead of the requested times.
+    Raises TimingError for a single sample, for values that are not finite, for times that do not increase, and for
+    a motion that would take too long.
     """
+    validate_path(path)
+    validate_times(t, len(path))
     tau = t - t[0]
+    validate_duration(float(tau[-1]), "the requested motion")
     exact = _as_requested(path, tau, limits)
     if exact is not None:
         return exact
@@ -259,7 +348,8 @@ def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _sample_times(duration: float) -> Array:
-    """Evenly spaced times from 0 to duration, at most TICK apart."""
+    """Evenly spaced times from 0 to duration, at most TICK apart. Raises TimingError for too long a duration."""
+    validate_duration(duration)
     n = max(2, int(np.ceil(duration / TICK - 1e-9)))
     return np.linspace(0.0, duration, n + 1)
 
@@ -297,6 +387,7 @@ def _time_optimal_law(
     # The acceleration is constant between grid points, so the times are exact.
     ds = np.diff(grid)
     t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(rate[:-1] + rate[1:], 1e-6))])
+    validate_duration(float(t[-1]))
     fine_t = np.linspace(0.0, t[-1], max(2, int(t[-1] / LAW_STEP)))
     i = np.clip(np.searchsorted(t, fine_t, side="right") - 1, 0, GRID - 1)
     dt = fine_t - t[i]
@@ -342,6 +433,7 @@ def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLim
 
 def _smooth(t: Array, s: Array, width: float) -> tuple[make_interp_spline, float]:
     """s(t) averaged twice over windows of `width` [s], as a C4 spline, and its duration [s]."""
+    validate_duration(float(t[-1]) + 2.0 * width)
     k = max(1, round(width / LAW_STEP))
     n = int(np.ceil(t[-1] / LAW_STEP))
     padded = np.interp(np.arange(-2 * k, n + 2 * k + 1) * LAW_STEP, t, s)

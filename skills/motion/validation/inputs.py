@@ -9,9 +9,13 @@ import numpy as np
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array
+from skills.motion.timing.inputs import LONGEST_MOTION
 from skills.vocabulary import GraspId, ToolPath
 
-__all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state"]
+__all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state", "validate_tool_speed"]
+
+HIGHEST = 3.0
+"""Largest height of a lift or an approach [m]. No arm reaches as far."""
 
 
 def validate_state(model: RobotModel, q: Array) -> Failure | None:
@@ -51,13 +55,16 @@ def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
 
 
 def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
-    """UNREACHABLE when a tool path has values that are not finite, or times that do not increase."""
+    """UNREACHABLE when a tool path has values that are not finite, times that do not increase, or takes longer
+    than the longest motion."""
     for grasp_id, path in paths.items():
         fields = (path.t, path.position, path.heading, path.pitch, path.roll)
         if not all(np.all(np.isfinite(a)) for a in fields):
             what = "has values that are not finite"
         elif len(path.t) < 2 or np.diff(path.t).min() <= 0.0:
             what = "has times that do not increase"
+        elif path.t[-1] - path.t[0] > LONGEST_MOTION:
+            what = f"takes {path.t[-1] - path.t[0]:.4g} s; the longest motion takes {LONGEST_MOTION:.0f} s"
         else:
             continue
         return Failure(
@@ -70,11 +77,26 @@ def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
 
 
 def validate_height(height: float) -> Failure | None:
-    """LIMIT_EXCEEDED when the height of a lift is negative or not finite."""
-    if np.isfinite(height) and height >= 0.0:
+    """LIMIT_EXCEEDED when the height of a lift is negative, above HIGHEST, or not finite."""
+    if 0.0 <= height <= HIGHEST:
         return None
     return Failure(
-        FailureKind.LIMIT_EXCEEDED, f"a hand cannot be lifted by {height} m", "give a height of 0 or more"
+        FailureKind.LIMIT_EXCEEDED,
+        f"a hand cannot be raised or lowered by {height} m",
+        f"give a height from 0 to {HIGHEST:g} m",
+        {"height_m": float(height) if np.isfinite(height) else None},
+    )
+
+
+def validate_tool_speed(speed: float | None) -> Failure | None:
+    """LIMIT_EXCEEDED when the cap on the tools' speed [m/s] is not above zero, or not a number. None is no cap."""
+    if speed is None or speed > 0.0:
+        return None
+    return Failure(
+        FailureKind.LIMIT_EXCEEDED,
+        f"the tools cannot move at {speed} m/s",
+        "give a tool speed above zero",
+        {"speed_m_s": float(speed) if np.isfinite(speed) else None},
     )
 
 

@@ -58,6 +58,9 @@ def test_invalid_limits_are_refused():
         JointLimits(-good, np.where(np.arange(14) == 3, np.nan, good), good, good, good)
     with pytest.raises(ConfigurationError, match="jerk"):
         JointLimits(-good, good, good, good, 0 * good)
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ConfigurationError, match=f"joint 3: the velocity limit is {wrong}"):
+            JointLimits(-good, good, np.where(np.arange(14) == 3, wrong, good), good, good)
 
 
 @pytest.mark.parametrize("side", list(Side))

@@ -23,6 +23,7 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import shipped_garment_path
 from cell.hardware.camera import camera_calibration
 from cell.support.process.lock import OwnerLock
+from tests.builders.yaml_texts import aliases_of_aliases
 
 
 @pytest.fixture
@@ -93,8 +94,26 @@ def test_an_invalid_garment_file_is_refused(
 
 @pytest.mark.parametrize(
     "text",
-    ["title: 2020-99-99", "title: " + "[" * 5000, "layers: " + "9" * 5000, "title: a\ntitle: b", "- a\n- b", "\0"],
-    ids=["a date that is none", "nested", "a number without end", "a key twice", "a list", "no text"],
+    [
+        "title: 2020-99-99",
+        "title: " + "[" * 5000,
+        "layers: " + "9" * 5000,
+        "title: a\ntitle: b",
+        "- a\n- b",
+        "\0",
+        aliases_of_aliases(),
+        aliases_of_aliases("group"),
+    ],
+    ids=[
+        "a date that is none",
+        "nested",
+        "a number without end",
+        "a key twice",
+        "a list",
+        "no text",
+        "aliases of aliases",
+        "aliases of groups",
+    ],
 )
 @pytest.mark.parametrize("command", ["fold mine.yaml", "calibrate friction mine.yaml --height 0.3 --length 1"])
 def test_a_garment_file_with_bad_yaml_is_refused(
@@ -153,6 +172,7 @@ SETTINGS = [
     ("table:\n  height: -100", ["cell.yaml:2", "table.height", "-0.6 to 0.5 m", "millimetres", "-0.1"]),
     ("motion: {approach_height: 100}", ["motion.approach_height", "millimetres", "0.1"]),
     ("recovery: {attempts_per_step: -1}", ["recovery.attempts_per_step", "0 to 20"]),
+    (aliases_of_aliases(), ["cell.yaml:5", "more than", "write the values out"]),
     ("camera: {calibration: none.yaml}", ["cell.yaml:1", "camera.calibration", "none.yaml"]),
 ]
 

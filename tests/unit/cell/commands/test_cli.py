@@ -592,7 +592,7 @@ def test_garment_check_draws_valid_plans_and_names_errors(
     bad.write_text("title: 3\n")
     assert main(["garment", "check", "medium_towel", str(bad), "--draw", str(tmp_path)]) == 64
     text = capsys.readouterr().out
-    assert "medium_towel: good" in text and text.count("bad.yaml: ") == 1
+    assert "medium_towel: good" in text and text.count("bad.yaml:1: ") == 1
     picture = cv2.imread(str(tmp_path / "medium_towel.png"))
     assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # one panel per fold
     colours = {tuple(c) for c in picture.reshape(-1, 3)}

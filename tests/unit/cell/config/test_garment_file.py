@@ -77,7 +77,7 @@ def test_errors_in_a_garment_file_are_named(tmp_path: Path, change: dict[str, An
 def test_nested_errors_in_the_plan_are_named(tmp_path: Path) -> None:
     data = towel()
     data["plan"][1]["variants"][0]["grasps"][0]["at"] = "sleeve"
-    assert "plan.quarter" in refusal(tmp_path, data) and "sleeve" in refusal(tmp_path, data)
+    assert "plan[1].variants[0].grasps[0].at.sleeve" in refusal(tmp_path, data)
     data = towel()
     data["plan"][0]["line"][0] = {"near_right": 0.5, "far_right": 0.6}
     assert "sum to one, not 1.1" in refusal(tmp_path, data)
@@ -114,7 +114,54 @@ def test_every_variant_of_a_step_is_checked(tmp_path: Path) -> None:
     assert "plan.half.line (right_onto_left)" in text and "no fold line" in text
     data = towel()
     data["plan"][0]["variants"][1]["name"] = "left_onto_right"
-    assert "plan.half: two variants have the same name" in refusal(tmp_path, data)
+    assert "two variants of the step 'half' have the same name" in refusal(tmp_path, data)
+
+
+LINES = {
+    "a wrong value": ("layers: 1", "layers: 3", "layers: 3"),
+    "an unknown key": ("layers: 1", "layers: 1\ncolour: red", "colour"),
+    "a wrong number in a list": ("  near_left: [-0.20, 0.30]", "  near_left: [-200, 0.30]", "near_left: [-200"),
+    "an outline that crosses itself": ("  near_left: [-0.20, 0.30]", "  near_left: [0.40, 0.10]", "keypoints:"),
+    "a wrong number in a group": ("thickness: 0.0025", "thickness: 2.5", "thickness: 2.5"),
+    "a point that is not there": ("moves: [near_right, near_left]", "moves: [hood]", "moves: [hood]"),
+    "a grasp that is not there": ("{at: far_right, inset: [0.010, 0.015], arm: auto}\n          - {at: {far_left",
+                                  "{at: hood, inset: [0.010, 0.015], arm: auto}\n          - {at: {far_left",
+                                  "{at: hood"),
+    "weights of a line": ("{near_left: 0.5, far_left: 0.5}]", "{near_left: 0.5, far_left: 0.6}]", "far_left: 0.6"),
+    "two steps of one name": ("  - name: quarter", "  - name: half", "  - name: half"),
+    "two variants of one name": ("name: near_onto_far", "name: far_onto_near", "name: far_onto_near"),
+    "an edge of nothing": ("[near_right, far_right], [near_left, far_left]",
+                           "[near_right, hood], [near_left, far_left]", "hood"),
+    "a pose upside down": ("x: [0.54, 0.62]", "x: [0.62, 0.54]", "poses:"),
+    "a fold line on a border": ("line: [{near_right: 0.5, far_right: 0.5}, {near_left: 0.5, far_left: 0.5}]",
+                                "line: [{near_right: 1}, {near_left: 1}]", "line: [{near_right: 1}"),
+    "a grasp beside the garment": ("{at: {near_left: 0.5, near_right: 0.5}", "{at: {near_left: -1, near_right: 2}",
+                                   "grasps:"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "named"), LINES.values(), ids=LINES)
+def test_errors_name_the_line(tmp_path: Path, old: str, new: str, named: str) -> None:
+    text = shipped_garment_path("medium_towel").read_text(encoding="utf-8")
+    assert old in text
+    wrong = new.join(text.rsplit(old, 1))
+    number = max(k for k, line in enumerate(wrong.splitlines(), 1) if named in line)
+    message = refusal(tmp_path, wrong)
+    assert f"mine.yaml:{number}: " in message, message
+
+
+def test_a_surface_without_friction_is_named_with_the_line_of_the_known_ones(tmp_path: Path) -> None:
+    text = shipped_garment_path("medium_towel").read_text(encoding="utf-8")
+    number = next(k for k, line in enumerate(text.splitlines(), 1) if "friction_angle_deg" in line)
+    with pytest.raises(ConfigurationError, match=rf"mine\.yaml:{number}: .*no surface 'glass'"):
+        load_garment(write(tmp_path, text), "glass")
+
+
+def test_a_plan_with_more_ways_than_can_be_checked_is_refused(tmp_path: Path) -> None:
+    """Twenty steps of two variants are a million ways, each of which would be planned."""
+    data = towel()
+    data["plan"] = [{**data["plan"][0], "name": f"step_{k}"} for k in range(20)]
+    assert "plan: its variants make 1048576 ways to fold" in refusal(tmp_path, data)
 
 
 @pytest.mark.parametrize("text", ["", "- a\n- b\n", "a: [1, 2", "\x00\x01", "just words"])

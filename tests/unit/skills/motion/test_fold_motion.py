@@ -18,6 +18,7 @@ from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.moves.grasp import plan_grasp
 from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.retreat import plan_retreat
+from skills.motion.timing.inputs import LONGEST_MOTION
 from skills.motion.timing.timing import free_motion, peaks
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
@@ -341,6 +342,48 @@ def test_unplannable_requests_are_failures(checker, spoilt):
         {s: ToolPath(0.0 * p.t, p.position, p.heading, p.pitch, p.roll) for s, p in paths.items()},
     ):
         assert planned(checker, step, bad).failure.kind is FailureKind.UNREACHABLE
+
+
+def test_limits_so_low_that_a_motion_takes_months_are_a_failure(checker):
+    slow = MODEL.planning.scaled(1e-8)
+    step, paths = towel_fold("small", 1)
+    q = np.array(MODEL.q_park)
+    q[0] += 0.3
+    for outcome in (
+        plan_free_motion(MODEL, checker, MODEL.q_park, q, limits=slow),
+        plan_lift(MODEL, checker, MODEL.q_park, tuple(Side), 0.05, limits=slow),
+        plan_retreat(MODEL, checker, MODEL.q_park, limits=slow),
+        planned(checker, step, paths, limits=slow),
+    ):
+        assert outcome.failure.kind is FailureKind.LIMIT_EXCEEDED
+        assert "longest motion" in outcome.failure.what and outcome.failure.values["longest_s"] == LONGEST_MOTION
+
+
+@pytest.mark.parametrize("height", [-0.01, 1e6, np.nan, np.inf])
+def test_heights_that_no_hand_reaches_are_refused(checker, height):
+    step, paths = towel_fold("small", 1)
+    for outcome in (
+        plan_lift(MODEL, checker, MODEL.q_park, (Side.LEFT,), height),
+        plan_grasp(MODEL, checker, TABLE, paths, {}, MODEL.q_park, approach_height=height),
+        plan_grasp(MODEL, checker, TABLE, paths, {}, MODEL.q_park, overtravel=height),
+        planned(checker, step, paths, approach_height=height),
+        planned(checker, step, paths, lift=height),
+    ):
+        assert outcome.failure.kind is FailureKind.LIMIT_EXCEEDED and str(height) in outcome.failure.what
+
+
+@pytest.mark.parametrize("speed", [0.0, -0.1, np.nan, 1e-9])
+def test_a_tool_speed_at_which_no_fold_ends_is_refused(checker, speed):
+    step, paths = towel_fold("small", 1)
+    failure = planned(checker, step, paths, tool_speed=speed).failure
+    assert failure.kind is FailureKind.LIMIT_EXCEEDED and failure.values
+
+
+def test_a_tool_path_that_takes_hours_is_refused(checker):
+    step, paths = towel_fold("small", 1)
+    slow = {i: ToolPath(1e9 * p.t, p.position, p.heading, p.pitch, p.roll) for i, p in paths.items()}
+    failure = planned(checker, step, slow).failure
+    assert failure.kind is FailureKind.UNREACHABLE and "longest motion takes 600 s" in failure.what
 
 
 def test_a_goal_beyond_the_joints_ranges_is_refused(checker):

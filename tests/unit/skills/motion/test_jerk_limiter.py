@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robots.errors import InternalError
 from skills.motion.timing.jerk_limiter import JerkLimiter, step_towards
 
 DT, SPEED, ACCELERATION, JERK = 0.01, 0.4, 0.6, 12.0
@@ -42,3 +43,26 @@ def test_a_goal_that_stops_is_overshot_only_a_little() -> None:
     x, _, _ = followed(goal, np.where(t < 1.0, 0.02, 0.0)).T
     assert x.max() - 0.02 < 1.5 * np.sqrt(0.02**3 / JERK)
     assert x[-1] == pytest.approx(0.02, abs=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", ["state", "goal", "goal_speed", "dt", "speed", "acceleration", "jerk"])
+def test_values_that_are_not_finite_are_refused(name: str, wrong: float) -> None:
+    """A speed that is not a number would otherwise count as full speed, and such a time would crash Ruckig."""
+    values = {"goal": 0.1, "goal_speed": 0.0, "dt": DT, "speed": SPEED, "acceleration": ACCELERATION, "jerk": JERK}
+    state = JerkLimiter(0.0, wrong) if name == "state" else JerkLimiter(0.0)
+    values |= {} if name == "state" else {name: wrong}
+    with pytest.raises(InternalError, match=str(wrong)) as error:
+        step_towards(state, **values)
+    assert error.value.values and error.value.hint
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"dt": 0.0}, {"speed": 0.0}, {"jerk": -1.0}, {"acceleration": 0.0}, {"goal": 1e300}, {"speed": 1e-300}],
+)
+def test_a_goal_that_no_motion_reaches_is_refused(wrong: dict[str, float]) -> None:
+    values = {"goal": 0.1, "goal_speed": 0.0, "dt": DT, "speed": SPEED, "acceleration": ACCELERATION, "jerk": JERK}
+    with pytest.raises(InternalError) as error:
+        step_towards(JerkLimiter(0.0), **(values | wrong))
+    assert error.value.values["goal"] == (values | wrong)["goal"]

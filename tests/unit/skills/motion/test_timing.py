@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from robots.baxter.model import load_model
-from robots.errors import InternalError
+from robots.errors import FailureKind, InternalError
 from robots.ports import ArmTrajectory
 from skills.motion.moves.rrt_connect import blend_corners
+from skills.motion.timing.inputs import LONGEST_MOTION, TimingError
 from skills.motion.timing.timing import (
     STOP_TIME,
     TICK,
@@ -119,6 +121,175 @@ def test_a_straight_path_is_timed_nearly_as_fast_as_ruckig_can():
         line = q0 + np.linspace(0, 1, 50)[:, None] * (q1 - q0)
         ratios.append(time_path(line, LIMITS).duration / free_motion(q0, q1, LIMITS).duration)
     assert np.median(ratios) < 1.15 and min(ratios) > 0.97
+
+
+def line(rng, samples=60):
+    """A line in joint space between two random configurations, evenly sampled."""
+    q0, q1 = random_configuration(rng), random_configuration(rng)
+    return q0 + np.linspace(0, 1, samples)[:, None] * (q1 - q0)
+
+
+@pytest.mark.parametrize("where", [0, 29, 59])
+@pytest.mark.parametrize("repeats", [1, 2, 5])
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-7, 1e-6])
+def test_samples_that_repeat_do_not_slow_a_path(where, repeats, distance):
+    """Against the same path without them: a spline through both would have a bend of any size between them."""
+    path = line(np.random.default_rng(20))
+    along = path[-1] - path[0]
+    again = path[where] + distance * np.arange(1, repeats + 1)[:, None] * along
+    given = np.insert(path, where + 1, again, axis=0)
+    motion = time_path(given, LIMITS)
+    assert motion.duration == pytest.approx(time_path(path, LIMITS).duration, rel=0.01)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert motion.q[0] == pytest.approx(given[0], abs=1e-9) and motion.q[-1] == pytest.approx(given[-1], abs=1e-9)
+
+
+def test_samples_that_nearly_repeat_do_not_slow_a_path():
+    """As inverse kinematics leaves them: off the line by less than its tolerance."""
+    rng = np.random.default_rng(21)
+    path = line(rng)
+    near = np.insert(path, 30, path[29] + 1e-6 * rng.uniform(-1.0, 1.0, 14), axis=0)
+    assert time_path(near, LIMITS).duration == pytest.approx(time_path(path, LIMITS).duration, rel=0.01)
+
+
+def test_repeated_samples_keep_the_cap_on_the_tools_speed():
+    path = np.repeat(line(np.random.default_rng(22)), 3, axis=0)
+    length = np.repeat(np.linspace(0.0, 1.0, 60), 3)[:, None]
+    assert 5.0 < time_path(path, LIMITS, lengths=length, speed=0.2).duration < 5.5
+
+
+@pytest.mark.parametrize("passes", [2, 3, 5])
+@pytest.mark.parametrize("repeated_at_the_turn", [False, True])
+def test_a_path_that_turns_back_takes_as_long_as_its_parts(passes, repeated_at_the_turn):
+    """Closed form of one joint to and fro, at rest at each turn: D / v + v / a + a / j for each pass."""
+    forth = np.zeros((60, 14))
+    forth[:, 0] = np.linspace(0.0, 1.5, 60)
+    skip = 0 if repeated_at_the_turn else 1
+    path = np.vstack([forth, *((forth[::-1] if k % 2 else forth)[skip:] for k in range(1, passes))])
+    v, a, j = (0.98 * x[0] for x in (LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
+    motion = time_path(path, LIMITS)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert passes * (1.5 / v + v / a) < motion.duration < 1.1 * passes * (1.5 / v + v / a + a / j)
+    assert motion.q[:, 0].min() >= -1e-6 and motion.q[:, 0].max() <= 1.5 + 1e-6
+    turns = np.flatnonzero(np.diff(np.sign(motion.qd[np.abs(motion.qd[:, 0]) > 1e-6, 0])))
+    assert len(turns) == passes - 1, "and every pass is made"
+
+
+def test_a_path_that_swings_smoothly_turns_back_without_slowing_the_rest():
+    """Sampled as a sine: the steps near a turn are small. Against a line of each swing."""
+    rng = np.random.default_rng(23)
+    q0, q1 = random_configuration(rng), random_configuration(rng)
+    path = (q0 + q1) / 2 + 0.5 * np.sin(np.linspace(-0.5 * np.pi, 4.5 * np.pi, 301))[:, None] * (q1 - q0)
+    motion = time_path(path, LIMITS)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert motion.duration < 1.15 * 5 * free_motion(q0, q1, LIMITS).duration
+
+
+def test_a_path_with_sharp_corners_is_hardly_slower_than_one_with_stops():
+    """Between its corners a path is a line, which `free_motion` times in closed form."""
+    rng = np.random.default_rng(24)
+    corners = [random_configuration(rng) for _ in range(5)]
+    x = np.linspace(0.0, 1.0, 40)[1:, None]
+    path = np.vstack([corners[:1], *(a + x * (b - a) for a, b in pairwise(corners))])
+    motion = time_path(path, LIMITS)
+    assert peaks(motion, LIMITS).worst <= TOLERANCE
+    assert motion.duration < 1.1 * sum(free_motion(a, b, LIMITS).duration for a, b in pairwise(corners))
+
+
+GOOD = np.zeros((4, 14)) + 0.1 * np.arange(4)[:, None]
+TIMES = np.linspace(0.0, 2.0, 4)
+
+
+def spoilt(values, wrong):
+    values = np.array(values)
+    values.flat[5 % values.size] = wrong
+    return values
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda wrong: time_path(spoilt(GOOD, wrong), LIMITS),
+        lambda wrong: time_path(GOOD, LIMITS, lengths=spoilt(np.ones((4, 2)), wrong), speed=0.1),
+        lambda wrong: time_law(spoilt(GOOD, wrong), TIMES, LIMITS),
+        lambda wrong: time_law(GOOD, spoilt(TIMES, wrong), LIMITS),
+        lambda wrong: free_motion(spoilt(GOOD[0], wrong), GOOD[1], LIMITS),
+        lambda wrong: free_motion(GOOD[0], spoilt(GOOD[1], wrong), LIMITS),
+        lambda wrong: hold(spoilt(GOOD[0], wrong)),
+    ],
+)
+def test_values_that_are_not_finite_are_refused_with_their_place(ask, wrong):
+    with pytest.raises(TimingError, match="not finite") as error:
+        ask(wrong)
+    assert str(wrong) in error.value.what and error.value.values["index"] and error.value.hint
+    assert error.value.failure().kind is FailureKind.LIMIT_EXCEEDED
+
+
+@pytest.mark.parametrize(
+    ("ask", "part"),
+    [
+        (lambda: time_path(GOOD[:1], LIMITS), "2 or more"),
+        (lambda: time_path(GOOD[:0], LIMITS), "2 or more"),
+        (lambda: time_path(GOOD[0], LIMITS), "2 or more"),
+        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((3, 1)), speed=0.1), "4 samples"),
+        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((4, 1)), speed=0.0), "above zero"),
+        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((4, 1)), speed=np.nan), "above zero"),
+        (lambda: time_law(GOOD[:1], TIMES[:1], LIMITS), "2 or more"),
+        (lambda: time_law(GOOD, TIMES[:3], LIMITS), "4 samples"),
+        (lambda: time_law(GOOD, TIMES[[0, 1, 1, 3]], LIMITS), "sample 1 is at 0.666667 s"),
+        (lambda: time_law(GOOD, TIMES[::-1], LIMITS), "do not increase"),
+    ],
+)
+def test_what_is_no_path_is_refused(ask, part):
+    with pytest.raises(TimingError) as error:
+        ask()
+    assert part in error.value.what and error.value.hint and error.value.values
+
+
+@pytest.mark.parametrize("name", ["velocity", "acceleration", "jerk"])
+@pytest.mark.parametrize("joint", [0, 9])
+def test_a_motion_that_would_take_months_is_refused_before_it_is_sampled(name, joint):
+    """2.8e-8 rad/s would be ten million seconds, a billion samples."""
+    limit = np.array(getattr(LIMITS, name))
+    limit[joint] = {"velocity": 2.8e-8, "acceleration": 2.8e-10, "jerk": 2.8e-12}[name]
+    slow = replace(LIMITS, **{name: limit})
+    for ask in (
+        lambda: free_motion(GOOD[0], GOOD[-1], slow),
+        lambda: time_path(GOOD, slow),
+        lambda: time_law(GOOD, TIMES, slow),
+    ):
+        with pytest.raises(TimingError) as error:
+            ask()
+        assert error.value.values["longest_s"] == LONGEST_MOTION and "limits" in error.value.hint
+        assert error.value.values["duration_s"] > LONGEST_MOTION
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: time_path(GOOD, LIMITS, lengths=np.arange(4.0)[:, None], speed=1e-8),
+        lambda: time_law(GOOD, 1e9 * TIMES, LIMITS),
+        lambda: hold(GOOD[0], 1e9),
+        lambda: hold(GOOD[0], np.inf),
+        lambda: warped(hold(GOOD[0]), ClockWarp(0.0, 1e9, 0.0)),
+    ],
+)
+def test_no_other_motion_is_sampled_for_months(ask):
+    with pytest.raises(TimingError, match="longest motion"):
+        ask()
+
+
+def test_the_slowest_settings_are_not_refused():
+    """5 % of the joints' speed, from one end of every joint's range to the other."""
+    slowest = MODEL.limits("commissioning", 0.05)
+    assert 10.0 < free_motion(LIMITS.lower, LIMITS.upper, slowest).duration < 0.5 * LONGEST_MOTION
+
+
+def test_limits_that_no_motion_keeps_are_refused():
+    with pytest.raises(TimingError, match="too large or too small") as error:
+        free_motion(GOOD[0], GOOD[-1], replace(LIMITS, velocity=np.full(14, 1e-300)))
+    assert error.value.values["velocity"] < 1e-298
 
 
 def test_the_tool_speed_cap_is_kept():
@@ -246,8 +417,9 @@ def test_joined_motions_must_meet():
     whole = join([first, second])
     assert whole.duration == pytest.approx(first.duration + second.duration)
     assert peaks(whole, LIMITS).worst <= TOLERANCE
-    with pytest.raises(InternalError):
-        join([first, hold(c)])
+    for parts in ([first, hold(c)], []):
+        with pytest.raises(InternalError):
+            join(parts)
 
 
 def test_a_start_after_a_pause_keeps_the_limits_from_any_point_of_the_path():

@@ -156,6 +156,8 @@ NONSENSE = [
     {"inner": {"middle": [[0.3, 0, 0.3], [0.6, 0, 0.3]]}},
     {"inner": {}},
     {"edge_length": -1.0},
+    {"edge_length": True},
+    {"max_tool_speed": True},
     {"size_m": ["a", "b"]},
     {"material": {"areal_mass": 0.3}},
     {"dissimilarity": "small"},
@@ -181,7 +183,15 @@ def test_an_edited_entry_is_refused_and_other_entries_are_kept() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", '{"entries": []}', '{"schema": "other/9", "entries": []}', f'{{"schema": "{SCHEMA}"}}'],
+    [
+        "",
+        "{",
+        "[]",
+        "[" * 100_000,
+        '{"entries": []}',
+        '{"schema": "other/9", "entries": []}',
+        f'{{"schema": "{SCHEMA}"}}',
+    ],
 )
 def test_a_foreign_file_is_refused_with_its_reason(text: str) -> None:
     library, refused = from_json(text)

@@ -21,7 +21,7 @@ from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
-from robots.errors import Failure, FailureKind, StorageError
+from robots.errors import DriverError, Failure, FailureKind, StorageError
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 
@@ -200,8 +200,10 @@ def test_stop_works_in_every_state_and_bypasses_the_queue(
 
 
 NONSENSE = (
-    b"\x00\xff", '{"say": "\\ud800"}', "[" * 4000, "", "{", "[]", "3", "null", '{"say": 7}', '{"say": "stop"}',
-    '{"say": ["pause"]}',
+    b"\x00\xff", '{"say": "\\ud800"}', "[" * 4000, "", "{", "[]", "3", "null", '{"say": 7}', '{"say": ["pause"]}',
+    '"stop"', '["stop"]', '"nonstop"', '"{\\"stop\\": true}"', '[{"stop": true}]', "stop", '{"say": "nonstop"}',
+    '{"what": "stop"}', '{"say": "pause", "now": true}', '{"say": "pause", "question": "1"}', '{"question": 1}',
+    '{"SAY": "pause"}', '{"say": "pause", "question": [1]}',
 )  # fmt: skip
 
 
@@ -215,6 +217,50 @@ def test_every_message_gets_an_answer(
         assert told(link, "refused")
         assert say(link, say="pause") == {"noted": "pause"}, "the link stays open"
     assert not cell.stop_reason
+
+
+STOPS = (
+    '{"stop": true}', '{"stop": false}', '{"stop": null}', '{"stop": {"now": [1, 2]}}', '{"stop": "please"}',
+    '{"stop": true, "say": "pause", "question": "x", "extra": 1}', '{"say": "stop"}', '{"say": "stop", "now": 1}',
+    '{"say": 7, "stop": true}', '{"stop": true, "stop": 3}', b'{"stop": true}', ' \n{"stop":\ttrue}\n',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("message", STOPS)
+def test_a_stop_is_never_refused_for_its_form(
+    message: str | bytes, address: str, board: RunStatus, commands: CommandQueue, cell: FakeCell
+) -> None:
+    enter(board, State.FOLDING)
+    with linked(address) as link:
+        link.send(message)
+        assert heard(link, lambda answer: "noted" in answer or "refused" in answer) == {"noted": "stop"}
+    assert cell.stop_reason and commands.take(ALL) is None
+
+
+@pytest.mark.parametrize("question", [True, 1.0, "1"])
+def test_the_number_of_a_question_is_a_whole_number(
+    question: object, address: str, board: RunStatus, commands: CommandQueue
+) -> None:
+    """Of Python `true` would be the first question."""
+    enter(board, State.AWAITING_APPROVAL)
+    with linked(address) as link:
+        assert told(link, "run_status")["question"]["number"] == 1
+        assert "refused" in say(link, say="approve", question=question)
+        assert commands.take(ALL) is None
+        assert say(link, say="approve", question=1) == {"noted": "approve"}
+
+
+def test_a_stop_that_fails_is_reported_as_such(
+    address: str, cell: FakeCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The operator has to know that the other stop is needed."""
+
+    def broken(self: object, reason: str) -> None:
+        raise DriverError(FailureKind.HARDWARE_FAULT, "the robot does not answer")
+
+    monkeypatch.setattr(type(cell.ports().stop), "trigger", broken)
+    with linked(address) as link:
+        assert "the robot does not answer" in say(link, stop=True)["refused"]
 
 
 def test_the_page_receives_the_end_before_it_closes(

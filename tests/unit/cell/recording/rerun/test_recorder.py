@@ -279,6 +279,16 @@ def test_a_silent_client_of_the_live_stream_does_not_delay_the_run(tmp_path):
     client.close()
 
 
+def test_a_live_stream_that_cannot_listen_is_reported_and_the_recording_is_complete(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        live = f"127.0.0.1:{taken.getsockname()[1]}"
+        recorder = Recorder.open(tmp_path / "file.rrd", "x", show.TABLE, live=live)
+        recorder.event(0.0, "hello")
+        report = recorder.close()
+    assert report.complete and any("in use" in error for error in report.live_errors)
+    assert column(rows(tmp_path / "file.rrd")["/log"], "TextLog:text") == [["hello"]]
+
+
 @pytest.mark.filterwarnings("ignore::rerun.error_utils.RerunWarning")  # the viewer's file has no footer
 def test_a_live_viewer_gets_the_recording_and_may_hang(tmp_path):
     recorder = Recorder.open(tmp_path / "file.rrd", "run-7", show.TABLE, live=True)

@@ -1,0 +1,52 @@
+"""The messages that the operator's page may send, as JSON objects.
+
+{"stop": true}                        stop the robot
+{"say": "pause"}                      a command that is possible now (cell/states/commands.py)
+{"say": "approve", "question": 3}     an answer, with the number of the question that it belongs to
+
+A command is checked strictly: an unknown key or a value of another type is refused, because it could be meant
+otherwise. A stop is never refused for its form. Every object with the key `stop`, whatever its value and its other
+keys, and every object with `"say": "stop"` stops the robot; an unwanted stop costs a minute, a missed one may cost
+a hand. What is no object (a text, a list, a number) is no message: `"stop"` alone, `["stop"]` and `"nonstop"` say
+nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+__all__ = ["CommandMessage", "StopMessage", "read_message"]
+
+STOP = "stop"
+
+
+class StopMessage:
+    """Stop the robot."""
+
+
+class CommandMessage(BaseModel):
+    """A command of the operator. question: number of the question that it answers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    say: str
+    question: int | None = None
+
+
+def read_message(text: str | bytes) -> StopMessage | CommandMessage | None:
+    """The message in a frame of the page; None if it is none."""
+    try:
+        message: Any = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(message, dict):
+        return None
+    if STOP in message or message.get("say") == STOP:
+        return StopMessage()
+    try:
+        return CommandMessage.model_validate(message)
+    except ValidationError:
+        return None

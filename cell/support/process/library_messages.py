@@ -1,0 +1,62 @@
+"""Messages that libraries write past the program: OpenCV and its codecs, Rerun's log, warnings of Python packages.
+
+They are for programmers and not for the operator. The program states what went wrong in its own words.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+__all__ = ["captured_messages", "quiet_libraries"]
+
+QUIET: Mapping[str, str] = {"OPENCV_LOG_LEVEL": "SILENT", "RUST_LOG": "off"}
+"""Environment of OpenCV's and Rerun's logs, which read it when they are loaded."""
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Switch off the logs of OpenCV and Rerun and the warnings of Python packages within the context.
+
+    A variable that the user has set, and Python's option -W, have priority.
+    """
+    added = {name: value for name, value in QUIET.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        with warnings.catch_warnings():
+            if not sys.warnoptions:
+                warnings.simplefilter("ignore")
+            yield
+    finally:
+        for name in added:
+            os.environ.pop(name, None)
+
+
+@contextmanager
+def captured_messages() -> Iterator[Callable[[], str]]:
+    """Keep back what C libraries write to the standard error of the process; yields a function that returns it.
+
+    The codecs of pictures (libjpeg, libpng) write there, and nowhere else, that a picture is damaged. Another
+    thread's messages of that time are kept back too.
+    """
+    try:
+        before = os.dup(2)
+    except OSError:  # standard error is closed: there is nothing to keep back
+        yield lambda: ""
+        return
+    with tempfile.TemporaryFile() as file:
+
+        def text() -> str:
+            file.seek(0)
+            return file.read().decode(errors="replace")
+
+        os.dup2(file.fileno(), 2)
+        try:
+            yield text
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
