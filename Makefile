@@ -19,7 +19,7 @@ $(STAMP): pyproject.toml constraints.txt
 fold: setup            ## one-shot fold of a medium towel in the simulated cell
 	$(BIN)/foldcell fold medium_towel
 
-test: setup            ## lint, types, import floors and the whole test suite
+test: setup            ## lint, types, layers and the whole test suite
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports

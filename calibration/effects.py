@@ -21,15 +21,15 @@ __all__ = [
     "Bring",
     "Effect",
     "Grip",
-    "Heard",
-    "Listen",
     "Look",
     "Note",
     "Procedure",
     "Reach",
+    "RecordTactile",
     "Sight",
+    "TactileRecording",
     "Touch",
-    "Touched",
+    "TouchReadings",
     "bring",
     "grip",
     "listen",
@@ -77,7 +77,7 @@ class Touch:
 
 
 @dataclass(frozen=True, eq=False)
-class Touched:
+class TouchReadings:
     """Readings of a slow press. height: (n,) height of the tool centre point computed from the joints, base frame
     [m]; force: (n,) sum of both tips minus the tare [N]. x, y: position of the tool, base frame [m]."""
 
@@ -89,14 +89,14 @@ class Touched:
 
 
 @dataclass(frozen=True)
-class Listen:
+class RecordTactile:
     """Record the tactile cells of both unloaded hands for `seconds` [s]."""
 
     seconds: float
 
 
 @dataclass(frozen=True, eq=False)
-class Heard:
+class TactileRecording:
     """All readings of each hand in order of time."""
 
     readings: Mapping[Side, tuple[TactileReading, ...]]
@@ -127,7 +127,7 @@ class Note:
     name: str = ""
 
 
-Effect = Look | Reach | Touch | Listen | Grip | Bring | Note
+Effect = Look | Reach | Touch | RecordTactile | Grip | Bring | Note
 
 T = TypeVar("T")
 Answer = Outcome[Any]
@@ -143,12 +143,12 @@ def reach(side: Side, T_base_tool: Array) -> Procedure[Array]:
     return (yield Reach(side, T_base_tool))
 
 
-def touch(side: Side, x: float, y: float) -> Procedure[Touched]:
+def touch(side: Side, x: float, y: float) -> Procedure[TouchReadings]:
     return (yield Touch(side, x, y))
 
 
-def listen(seconds: float) -> Procedure[Heard]:
-    return (yield Listen(seconds))
+def listen(seconds: float) -> Procedure[TactileRecording]:
+    return (yield RecordTactile(seconds))
 
 
 def grip(side: Side, opening: float, force: float) -> Procedure[bool]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects import Procedure, Touched, note, touch
+from calibration.effects import Procedure, TouchReadings, note, touch
 from robots.ports import Array, Side
 from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
@@ -152,7 +152,7 @@ def on_table(table: Table, x: float, y: float) -> bool:
     return inside_x and table.y[0] + MARGIN <= y <= table.y[1] - MARGIN
 
 
-def contact_height(touched: Touched, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
+def contact_height(touched: TouchReadings, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
     """Height of first contact [m] and stiffness [N/m] of a press, from a line through its loaded readings minus
     the unloaded offset. Fails with LOW_CONFIDENCE if the readings are not linear."""
     settings = settings or TableSettings()
@@ -174,7 +174,7 @@ def contact_height(touched: Touched, settings: TableSettings | None = None) -> O
     return Outcome((contact, -slope))
 
 
-def _unloaded_force(touched: Touched, settings: TableSettings) -> float:
+def _unloaded_force(touched: TouchReadings, settings: TableSettings) -> float:
     """Reading of the tips before the contact [N]. The tare was taken before the first touch, which may have
     shifted the zero. The result is 0 for a press that begins in contact."""
     n = max(len(touched.force) // 4, settings.min_readings)
@@ -254,7 +254,7 @@ def _too_few(found: int, wanted: int, why: Failure | None) -> Failure:
     )
 
 
-def _not_linear(touched: Touched, half_slope: float, slope: float) -> Failure:
+def _not_linear(touched: TouchReadings, half_slope: float, slope: float) -> Failure:
     return Failure(
         FailureKind.LOW_CONFIDENCE,
         f"the press of the {touched.side} hand at ({touched.x:.2f}, {touched.y:.2f}) is not linear like a spring:"
@@ -264,7 +264,7 @@ def _not_linear(touched: Touched, half_slope: float, slope: float) -> Failure:
     )
 
 
-def _no_contact_height(touched: Touched, readings: int) -> Failure:
+def _no_contact_height(touched: TouchReadings, readings: int) -> Failure:
     peak = float(touched.force.max()) if len(touched.force) else 0.0
     return Failure(
         FailureKind.LOW_CONFIDENCE,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.effects import Procedure, Touched, listen, note, touch
+from calibration.effects import Procedure, TouchReadings, listen, note, touch
 from calibration.table import contact_height, on_table
 from robots.ports import Array, Side, TactileReading
 from skills.grasping.settings import GraspSettings
@@ -179,8 +179,8 @@ def thresholds(
         for name in ("pad_noise", "tip_noise", "pad_drift", "tip_drift")
     }
     k = settings.reserve * settings.sigmas
-    contact = k * worst["tip_noise"] * np.sqrt(1.0 + 1.0 / grasp.zero_readings) + worst["tip_drift"]
-    mean_noise = worst["pad_noise"] * np.sqrt(1.0 / grasp.confirm_readings + 1.0 / grasp.zero_readings)
+    contact = k * worst["tip_noise"] * np.sqrt(1.0 + 1.0 / grasp.tare_readings) + worst["tip_drift"]
+    mean_noise = worst["pad_noise"] * np.sqrt(1.0 / grasp.confirm_readings + 1.0 / grasp.tare_readings)
     held = k * mean_noise + settings.reserve * worst["pad_drift"]
     for name, level, highest in (
         ("contact", contact, settings.max_contact),
@@ -199,7 +199,7 @@ def thresholds(
 
 
 def _detection(
-    touched: Touched, contact: float, in_a_row: int, settings: TactileSettings
+    touched: TouchReadings, contact: float, in_a_row: int, settings: TactileSettings
 ) -> Outcome[tuple[float, float]]:
     """Stiffness [N/m], and depth below first contact at which the threshold detects the contact [m]. Each tip
     bears half of the force."""
@@ -246,7 +246,7 @@ def false_contacts(
     span = readings[-1].stamp - readings[0].stamp
     n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0
     for start in range(0, len(tips) - n, n // 2):
-        over = (tips[start : start + n] - tips[start : start + grasp.zero_readings].mean(axis=0)).max(
+        over = (tips[start : start + n] - tips[start : start + grasp.tare_readings].mean(axis=0)).max(
             axis=1
         ) >= contact
         runs = np.convolve(over, np.ones(grasp.contact_readings), "valid")

@@ -8,7 +8,19 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.effects import Bring, Effect, Grip, Heard, Listen, Look, Note, Procedure, Reach, Sight, Touch
+from calibration.effects import (
+    Bring,
+    Effect,
+    Grip,
+    Look,
+    Note,
+    Procedure,
+    Reach,
+    RecordTactile,
+    Sight,
+    TactileRecording,
+    Touch,
+)
 from cell.calibrating.reach import reach, settled_joints, with_board
 from cell.calibrating.touch import touch_table
 from cell.control.checks import stopped
@@ -50,7 +62,7 @@ class ProcedureRunner:
             Look: self._look,
             Reach: lambda effect: reach(self._cell, effect),
             Touch: lambda effect: touch_table(self._cell, effect),
-            Listen: self._listen,
+            RecordTactile: self._listen,
             Grip: self._grip,
             Bring: self._bring,
         }
@@ -109,7 +121,7 @@ class ProcedureRunner:
         shot = capture(self._cell)
         return Outcome(failure=shot.failure) if shot.failure else Outcome(Sight(shot.unwrap(), q.unwrap()))
 
-    def _listen(self, effect: Listen) -> Outcome[Heard]:
+    def _listen(self, effect: RecordTactile) -> Outcome[TactileRecording]:
         cell = self._cell
         readings: dict[Side, list[TactileReading]] = {side: [] for side in Side}
 
@@ -123,7 +135,7 @@ class ProcedureRunner:
         failure = wait(cell.loop, max(effect.seconds, TICK_S), gather)
         if failure:
             return Outcome(failure=failure)
-        return Outcome(Heard({side: tuple(recorded) for side, recorded in readings.items()}))
+        return Outcome(TactileRecording({side: tuple(recorded) for side, recorded in readings.items()}))
 
     def _grip(self, effect: Grip) -> Outcome[bool]:
         cell = self._cell

@@ -24,7 +24,7 @@ from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
 from cell.hardware.workcell import Workcell
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal
 from cell.recording.journal import RunJournal
@@ -149,7 +149,7 @@ def _with_cell(
         return PersonAttendant(commands, stop, prompts.ask)
 
     with (
-        compiling_told(lambda text: request.say(f"{'':12}{text}")),
+        report_compilation(lambda text: request.say(f"{'':12}{text}")),
         opened_cell(request.driver, _simulated(request), request.seed, request.settings, attendant) as opened,
         ThreadPoolExecutor(1, "skill") as workers,
         interrupts.stop(opened.ports, asked=not opened.ports.simulated),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.effects import Touch, Touched
+from calibration.effects import Touch, TouchReadings
 from cell.control.checks import fresh_state
 from cell.control.motion import Motion
 from cell.control.motions.descent import GuardedHand, guarded_descent
@@ -42,7 +42,7 @@ PRESS_FORCE = 1.5
 HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 
 
-def touch_table(cell: Workcell, effect: Touch) -> Outcome[Touched]:
+def touch_table(cell: Workcell, effect: Touch) -> Outcome[TouchReadings]:
     """Move over the point, touch, press slowly and rise to the start height. The hand rises after a failure
     too."""
     cell.hands.command(effect.side, GripCommand(0.0, cell.grasp.release_force))
@@ -116,7 +116,7 @@ def _point(x: float, y: float, heading: float) -> ToolPath:
     return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), zero, zero)
 
 
-def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome[Touched]:
+def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome[TouchReadings]:
     side, settings = effect.side, cell.grasp
     biases = each_hand(cell.loop, cell.hands, {side: start_tare(settings)}, lambda _, r, s: tare(r, s))
     if biases.failure:
@@ -136,7 +136,7 @@ def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome
     at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[arm_slice(side)])[:2, 3]
     height = np.array([r.height for r in readings]) + cell.table.height
     force = np.array([(r.tactile.tip - bias.tip).sum() for r in readings])
-    return Outcome(Touched(side, float(at[0]), float(at[1]), height, force))
+    return Outcome(TouchReadings(side, float(at[0]), float(at[1]), height, force))
 
 
 def _descend(

@@ -23,7 +23,7 @@ from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import Entry, Journal, RunRecord
 from cell.recording.rerun import Recorder
-from cell.recording.transcript.replay_ports import Answers, Halt, asked_in_words
+from cell.recording.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers, asked_in_words
 from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
 from cell.recording.transcript.transcript_codec import Channel
 from cell.runs.resumable import RESUMED_FROM
@@ -102,9 +102,9 @@ def decide_again(
     with tempfile.TemporaryDirectory(prefix="foldcell-") as scratch:
         request = restored_request(run.directory, Path(scratch))
         try:
-            answers = Answers(transcript)
+            answers = RecordedAnswers(transcript)
             lines, replay = _replay(request, _Beginning.of(run, entries), answers, observers, tell, progress)
-        except Halt as halt:  # the transcript cannot be read
+        except NoRecordedAnswer as halt:  # the transcript cannot be read
             assert halt.trouble is not None
             raise halt.trouble from None
     if replay.unrecorded is not None:
@@ -162,7 +162,7 @@ class _ReplayState:
     def __init__(self) -> None:
         self.state, self.effect = State.IDLE.value, ""
         self.end: RunEnd | None = None
-        self.halt: Halt | None = None
+        self.halt: NoRecordedAnswer | None = None
         self.unrecorded: StorageError | None = None
         """Set if the replay's own journal could not be written."""
 
@@ -202,7 +202,7 @@ class _Beginning:
 def _replay(
     request: FoldRequest,
     beginning: _Beginning,
-    answers: Answers,
+    answers: RecordedAnswers,
     observers: tuple[Observer, ...],
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
@@ -217,7 +217,7 @@ def _replay(
             with _workcell(request, answers, tell, progress) as (cell, commands):
                 runner = Runner(cell, EFFECTS, run, commands, (replay, *observers))
                 replay.end = runner.run(beginning.context, beginning.first)
-        except Halt as halt:
+        except NoRecordedAnswer as halt:
             replay.halt = halt
         finally:
             run.abandon()
@@ -227,7 +227,7 @@ def _replay(
 @contextmanager
 def _workcell(
     request: FoldRequest,
-    answers: Answers,
+    answers: RecordedAnswers,
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> Iterator[tuple[Workcell, CommandQueue]]:
@@ -242,7 +242,7 @@ def _workcell(
 
 
 def _why_incomplete(
-    replay: _ReplayState, answers: Answers, beyond_journal: bool
+    replay: _ReplayState, answers: RecordedAnswers, beyond_journal: bool
 ) -> tuple[Deviation | None, str | None]:
     """The reason why a replay ended before the run's end: a deviation, or a text that states why no more can be
     compared.

@@ -25,7 +25,7 @@ from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
 from cell.operator.console.run_status import RunStatus
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.progress.notifier import Notifier, say
 from cell.operator.terminal.attendant import PersonAttendant
@@ -157,7 +157,7 @@ def _perform(
     recorder = _recorder(request, run)
     port_recorder = PortRecorder(run.directory if request.record else None)
     run_status = RunStatus(run.id, request.garment, request.seed, is_simulated(request.driver))
-    commands = CommandQueue(run_status.heard)
+    commands = CommandQueue(run_status.note_command)
     supervision = _supervision(request, run_status, commands, listener)
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
@@ -167,7 +167,7 @@ def _perform(
 
     try:
         with (
-            compiling_told(lines.note),
+            report_compilation(lines.note),
             _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, notifier.ask)) as opened,
             ThreadPoolExecutor(1, "skill") as workers,
             interrupts.stop(opened.ports, asked=request.approve or not opened.ports.simulated),

@@ -13,7 +13,7 @@ from cell.recording.journal import Journal, RunRecord
 from cell.runs.checkpoint_writer import WORLD
 from cell.runs.resumable import resumable
 from cell.runs.run_inputs import BEGAN_WITH
-from cell.support.files.paths import LEDGER
+from cell.support.files.paths import JOURNAL_FILE
 from robots.errors import StorageError
 
 __all__ = ["RECORDINGS", "PrunableRun", "prunable_runs", "prune"]
@@ -63,7 +63,7 @@ def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool
     """Every run: (start [s since 1970], record, whether its recordings are needed). Within a journal the start
     never decreases, even if the clock was set back."""
     # campaigns have a journal for each run: CAMPAIGN/GARMENT-seedN or CAMPAIGN/VARIANT/GARMENT-seedN
-    for journal_file in (path for depth in range(4) for path in sorted(logs.glob("*/" * depth + LEDGER))):
+    for journal_file in (path for depth in range(4) for path in sorted(logs.glob("*/" * depth + JOURNAL_FILE))):
         if journal_file.is_file():
             with Journal.open(journal_file, readonly=True) as journal:
                 began = 0.0

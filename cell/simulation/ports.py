@@ -1,9 +1,9 @@
-"""The ports of the simulated cell. They have no reference to the world: see cell/simulation/world_of_port.py."""
+"""The ports of the simulated cell. They have no reference to the world: see cell/simulation/port_worlds.py."""
 
 from __future__ import annotations
 
+from cell.simulation.port_worlds import bind, world_behind
 from cell.simulation.world import World
-from cell.simulation.world_of_port import bind, world_behind
 from robots.baxter.pybullet_body import MAX_OPENING
 from robots.ports import (
     Array,

@@ -104,9 +104,9 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
     like `check_settings`, StorageError if the robot's model cannot be cached.
     """
     # imported here because the render process also imports this package but does not need these modules
+    from cell.simulation.port_worlds import unbind
     from cell.simulation.ports import ports_of
     from cell.simulation.world import World
-    from cell.simulation.world_of_port import unbind
 
     world = World(settings, seed)
     try:

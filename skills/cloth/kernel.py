@@ -50,7 +50,7 @@ from skills.cloth.elasticity import (
     solve_hinges,
     solve_hinges_with_friction,
 )
-from skills.cloth.hold import hold, release_overloaded
+from skills.cloth.held_cloth import hold, release_overloaded
 from skills.cloth.integrate import extrapolate, integrate, restore_positions, undo_extrapolation, update_velocities
 from skills.cloth.intersections.resolve import GLANCE, resolve_intersections
 from skills.cloth.simd.f64x8 import EIGHT, blocks
@@ -78,7 +78,7 @@ COMPILED = (
     "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
     "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
     "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
-    "contact/vertex_triangle.py", "elasticity.py", "hold.py", "integrate.py", "intersections/crossings.py",
+    "contact/vertex_triangle.py", "elasticity.py", "held_cloth.py", "integrate.py", "intersections/crossings.py",
     "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
     "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip

@@ -17,7 +17,7 @@ class GraspSettings:
     """Maximum age of a tactile reading [s]."""
     gripper_stale: float = 0.50
     """Maximum age of a gripper state [s]. Electric grippers report at 20 Hz."""
-    zero_readings: int = 12
+    tare_readings: int = 12
     """Number of tactile readings averaged into the bias."""
 
     # descend

@@ -78,5 +78,5 @@ def residual_bound(bias: TactileBias, now: float, settings: GraspSettings) -> fl
     cells = bias.cells[0].size
     phase = float(np.clip((now - bias.stamp) / s.drift_time, 0.0, 0.5))
     drift = 2.0 * s.drift_ratio * bias.cell_noise * np.sin(np.pi * phase)
-    noise = bias.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.zero_readings)
+    noise = bias.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.tare_readings)
     return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells) * np.hypot(drift, noise)))

@@ -75,7 +75,7 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
     if reading.tactile.stamp <= state.stamp:
         return state
     cells, tips = (*state.cells, reading.tactile.cells), (*state.tips, reading.tactile.tip)
-    required = state.settings.zero_readings
+    required = state.settings.tare_readings
     if len(cells) < required:
         return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
     stack = np.array(cells)

@@ -19,7 +19,7 @@ from cell.commands.main import main
 from cell.hardware.driver import OpenCell
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import RunRecord
-from cell.recording.transcript.replay_ports import Halt
+from cell.recording.transcript.replay_ports import NoRecordedAnswer
 from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
 from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from cell.runs.decide_again import Verdict, decide_again
@@ -247,7 +247,7 @@ class Enough:
 
     def performed(self, t: float, step: Any, result: Any) -> None:
         if step.effect.value == self._effect:
-            raise Halt("enough", "enough")
+            raise NoRecordedAnswer("enough", "enough")
 
 
 # missing files

@@ -26,7 +26,7 @@ from cell.states.transition_table import TERMINAL, Event, State
 from robots.errors import FailureKind, InternalError
 from robots.ports import Array, Ports
 
-__all__ = ["Director", "Seen"]
+__all__ = ["Director", "Observations"]
 
 OVERTIME = "the script's time is over"
 GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_validate({"stop": OVERTIME})
@@ -42,7 +42,7 @@ OPEN = 0.01
 
 
 @dataclass(frozen=True)
-class Seen:
+class Observations:
     """Observations of a run, in addition to its result.
 
     states, failures: in order of time. parked: whether the arms are at rest and the hands open at the end. missed:
@@ -99,9 +99,9 @@ class Director:
         if self._wall_timer is not None:
             self._wall_timer.cancel()
 
-    def seen(self) -> Seen:
+    def seen(self) -> Observations:
         states, failures = tuple(self._states), tuple(self._failures)
-        return Seen(states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble))
+        return Observations(states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble))
 
     # Schedule
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 
-from cell.campaigns.hil.director import Seen
+from cell.campaigns.hil.director import Observations
 from cell.campaigns.hil.script import Script
 from cell.states.fold_request import FoldResult
 
 __all__ = ["broken_expectations"]
 
 
-def broken_expectations(script: Script, result: FoldResult, seen: Seen) -> tuple[str, ...]:
+def broken_expectations(script: Script, result: FoldResult, seen: Observations) -> tuple[str, ...]:
     """The broken expectations, one sentence each; empty if the script passed. An action that was never carried out
     counts as a broken expectation, because the script then tests nothing."""
     return tuple(_broken(script, result, seen))
 
 
-def _broken(script: Script, result: FoldResult, seen: Seen) -> Iterator[str]:
+def _broken(script: Script, result: FoldResult, seen: Observations) -> Iterator[str]:
     expect = script.expect
     if seen.overdue:
         yield f"was still running after {script.limit_s:g} s (limit_s)"

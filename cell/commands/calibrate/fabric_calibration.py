@@ -16,7 +16,7 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
 from cell.config.garments.material_file import with_material
 from cell.config.yaml_file import read_yaml
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
@@ -102,7 +102,7 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
     garment = load_garment(source, _known_surface(source, surface) if any_surface else surface)
     check_output(options.output, options.replace)
     folder = _folder(options, name, garment)
-    with compiling_told(tell):
+    with report_compilation(tell):
         result = measure(garment, options, surface, tell)
     text = with_material(
         source.read_text(encoding="utf-8"), garment.name, result.values, result.measured, result.fields, surface

@@ -15,7 +15,7 @@ from cell.commands.output import print_json, print_table, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
 from cell.config.garments.material_file import with_material
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.vocabulary import Array
@@ -49,7 +49,7 @@ def _run(options: argparse.Namespace) -> int:
     def tell(line: str) -> None:
         print(line, file=stream, flush=True)
 
-    with compiling_told(tell):
+    with report_compilation(tell):
         return _calibrate(options, load_settings(options.cell).surface, tell)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.garment.drawn import figures, size
+from cell.commands.garment.garment_drawing import figures, size
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json, print_table
 from cell.config.cell_settings import load_settings

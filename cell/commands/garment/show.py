@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from cell.commands.garment.drawn import draw_option, drawn, figures, size
+from cell.commands.garment.garment_drawing import draw_option, drawn, figures, size
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings

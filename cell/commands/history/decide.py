@@ -18,7 +18,7 @@ def run(options: argparse.Namespace) -> int:
     with Journal.open(journal_path(logs_directory(options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
         entries = journal.entries(record.id)
-    from cell.operator.progress.compiling import compiling_told
+    from cell.operator.progress.compiling import report_compilation
     from cell.operator.progress.lines import ProgressLines
     from cell.runs.decide_again import changed_versions, decide_again
 
@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> int:
     lines.note(f"deciding {record.id} again from its recorded readings")
     for name, (then, now) in changed.items():
         lines.note(f"the version of {name} was {then} and is {now} now")
-    with compiling_told(lines.note):
+    with report_compilation(lines.note):
         verdict = decide_again(record, entries, (lines,), lines.note, lines.computing)
     figures: dict[str, Any] = {
         "run": record.id,

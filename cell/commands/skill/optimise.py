@@ -16,7 +16,7 @@ from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     bar = ProgressBar(out)
     results: list[dict[str, Any]] = []
     paths: dict[str, dict[str, ToolPath]] = {}
-    with compiling_told(bar.line):
+    with report_compilation(bar.line):
         for fold in optimise_plan(
             garment, settings, options.step, method, options.budget, bar.restart, partial(_show, bar)
         ):

@@ -89,7 +89,7 @@ class RunStatus:
             self._question += what is not None
             self.version += 1
 
-    def heard(self, command: Event) -> None:
+    def note_command(self, command: Event) -> None:
         """Note a command from the page or the terminal: after PAUSE the page offers RESUME."""
         with self._lock:
             self._pausing = command is Event.PAUSE or (self._pausing and command in ANSWERS)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from numba.core.event import Event, Listener, install_listener
 
-__all__ = ["compiling_told"]
+__all__ = ["report_compilation"]
 
 PARTS = {
     "skills.cloth": "compiling the cloth simulation: once after an installation, one to three minutes",
@@ -21,7 +21,7 @@ STILL_EVERY = 15.0
 
 
 @contextmanager
-def compiling_told(say: Callable[[str], None]) -> Iterator[None]:
+def report_compilation(say: Callable[[str], None]) -> Iterator[None]:
     """Call `say` with a line when a package begins to compile, and every `STILL_EVERY` s until it is compiled.
 
     Code from the compile cache gives no line.

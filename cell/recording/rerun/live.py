@@ -15,8 +15,8 @@ import rerun as rr
 from rerun.error_utils import catch_and_log_exceptions
 
 from cell.recording.rerun.blueprint import layout
+from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.recording.rerun.entry import Entry
-from cell.recording.rerun.pump import Pump
 from cell.recording.rerun.streams import begin_stream
 
 __all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
@@ -42,17 +42,19 @@ class LiveStream:
         self._identity = (application, run_id)
         self._floor = floor
         self._stream: rr.RecordingStream | None = None
-        self._pump: Pump[Entry] = Pump("recorder-live", self._write, on_error, QUEUE, self._connect, self._leave)
+        self._worker: BoundedWorker[Entry] = BoundedWorker(
+            "recorder-live", self._write, on_error, QUEUE, self._connect, self._leave
+        )
 
     def offer(self, entry: Entry) -> None:
-        self._pump.offer(entry, essential=entry.essential)
+        self._worker.offer(entry, essential=entry.essential)
 
     def close(self) -> int:
         """Close the stream within CLOSE_S. Returns the number of dropped entries."""
-        self._pump.close(CLOSE_S)
-        return self._pump.dropped
+        self._worker.close(CLOSE_S)
+        return self._worker.dropped
 
-    # on the pump's thread: connecting, writing and disconnecting can each block for seconds
+    # on the worker's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
         with socket.socket() as s:  # Rerun reports in its log only that it cannot listen

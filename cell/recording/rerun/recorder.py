@@ -23,9 +23,9 @@ from rerun.error_utils import catch_and_log_exceptions
 
 from cell.recording.rerun import scene
 from cell.recording.rerun.blueprint import layout
+from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.recording.rerun.entry import Entry, Log
 from cell.recording.rerun.live import LiveStream
-from cell.recording.rerun.pump import Pump
 from cell.recording.rerun.robot import RobotFigure
 from cell.recording.rerun.series import Series
 from cell.recording.rerun.streams import begin_stream, drop_ended_streams
@@ -36,7 +36,7 @@ from skills.perception.overlay import draw_on_view
 from skills.perception.perceive import Perception
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = ["APPLICATION", "Recorder", "RecorderReport", "Seen"]
+__all__ = ["APPLICATION", "RecognisedGarment", "Recorder", "RecorderReport"]
 
 K = TypeVar("K")
 
@@ -55,7 +55,7 @@ STILL = 2e-4
 Job = Callable[[], Iterable[Entry]]
 
 
-class Seen(Protocol):
+class RecognisedGarment(Protocol):
     """The parts of a perception that the recorder needs: the garment's state and its mask."""
 
     @property
@@ -92,7 +92,7 @@ class Recorder:
         self._error_count = 0
         self._lock = threading.Lock()
         self._file: rr.RecordingStream | None = None
-        self._pump: Pump[Job] | None = None
+        self._worker: BoundedWorker[Job] | None = None
         self._live: LiveStream | None = None
         self._report: RecorderReport | None = None
         # used on the recorder's own thread only
@@ -128,7 +128,7 @@ class Recorder:
             recorder._note_error(error)
         if live:
             recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_live)
-        recorder._pump = Pump("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
+        recorder._worker = BoundedWorker("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
         recorder._submit(recorder._begin, essential=True)
         return recorder
 
@@ -147,11 +147,11 @@ class Recorder:
         if self._report is not None:
             return self._report
         dropped = live_dropped = 0
-        if self._pump is not None:
+        if self._worker is not None:
             self._submit(self._end, essential=True)
-            if not self._pump.close(FILE_CLOSE_S):
+            if not self._worker.close(FILE_CLOSE_S):
                 self._note_error(TimeoutError(f"the recording was not written within {FILE_CLOSE_S:.0f} s"))
-            dropped = self._pump.dropped
+            dropped = self._worker.dropped
         if self._live is not None:
             live_dropped = self._live.close()
         if self._file is not None:
@@ -181,7 +181,7 @@ class Recorder:
     def camera(self, t: float, frame: CameraFrame, calibration: CameraCalibration) -> None:
         self._submit(partial(self._picture_entries, t, frame, calibration), frame.rgb.nbytes + frame.depth.nbytes)
 
-    def perception(self, t: float, seen: Seen, overlay: NDArray | None = None) -> None:
+    def perception(self, t: float, seen: RecognisedGarment, overlay: NDArray | None = None) -> None:
         """Record the recognised garment. overlay: (H, W, 3) uint8, its picture; None: drawn by the recorder."""
         self._submit(partial(self._perception_entries, t, seen, overlay), seen_cost(seen, overlay))
 
@@ -234,8 +234,8 @@ class Recorder:
     # on the recorder's own thread
 
     def _submit(self, job: Job, cost: float = 200.0, essential: bool = False) -> None:
-        if self._pump is not None:
-            self._pump.offer(job, cost, essential)
+        if self._worker is not None:
+            self._worker.offer(job, cost, essential)
 
     def _work(self, job: Job) -> None:
         with catch_and_log_exceptions(strict=True):  # otherwise Rerun only prints its errors
@@ -277,7 +277,7 @@ class Recorder:
         self._calibration, self._picture = calibration, frame.rgb.shape[:2]
         yield from scene.camera_entries(t, frame, calibration)
 
-    def _perception_entries(self, t: float, seen: Seen, overlay: NDArray | None) -> Iterable[Entry]:
+    def _perception_entries(self, t: float, seen: RecognisedGarment, overlay: NDArray | None) -> Iterable[Entry]:
         yield from scene.perception_entries(t, seen.state)
         if self._calibration is not None and self._picture is not None:
             yield from scene.mask_entries(t, seen.mask, self._calibration, self._table, self._picture)
@@ -330,5 +330,5 @@ def floor_of(robot: RobotVisual | None) -> float:
     return robot.floor if robot else 0.0
 
 
-def seen_cost(seen: Seen, overlay: NDArray | None) -> float:
+def seen_cost(seen: RecognisedGarment, overlay: NDArray | None) -> float:
     return 1e5 + (0 if overlay is None else overlay.nbytes)

@@ -30,10 +30,10 @@ from robots.ports import (
     TactileReading,
 )
 
-__all__ = ["Answers", "Halt", "asked_in_words"]
+__all__ = ["NoRecordedAnswer", "RecordedAnswers", "asked_in_words"]
 
 
-class Halt(BaseException):
+class NoRecordedAnswer(BaseException):
     """The transcript has no answer. This is a BaseException, so that no handler of the run catches it."""
 
     def __init__(self, then: str = "", now: str = "", trouble: CellError | None = None) -> None:
@@ -44,7 +44,7 @@ class Halt(BaseException):
 
 
 @dataclass(eq=False)
-class Answers:
+class RecordedAnswers:
     """Reads the answers of a transcript in order. Create it on the thread of the executive."""
 
     transcript: Transcript
@@ -71,12 +71,13 @@ class Answers:
         return self._next
 
     def answer(self, channel: Channel, *arguments: object) -> Any:
-        """The recorded answer. Raises the recorded exception, or Halt if the recorded question is different."""
+        """The recorded answer. Raises the recorded exception, or NoRecordedAnswer if the recorded question is
+        different."""
         question, exchange = pack(arguments), self._next
         if exchange is None:
-            raise Halt()
+            raise NoRecordedAnswer()
         if exchange.channel is not channel or exchange.question != question:
-            raise Halt(*_both_in_words(exchange, channel, arguments))
+            raise NoRecordedAnswer(*_both_in_words(exchange, channel, arguments))
         self.count += 1
         self.asked[channel] = self.asked.get(channel, 0) + 1
         try:
@@ -84,9 +85,9 @@ class Answers:
             if isinstance(answer, Picture):
                 answer = self._frames.get(answer.name)
         except ValueError as e:
-            raise Halt(trouble=self._damaged(e)) from None
+            raise NoRecordedAnswer(trouble=self._damaged(e)) from None
         except StorageError as e:
-            raise Halt(trouble=e) from None
+            raise NoRecordedAnswer(trouble=e) from None
         if channel is Channel.NOW and isinstance(answer, float):
             self.cell_time = answer
         elif channel is Channel.SLEEP:
@@ -140,7 +141,7 @@ class Answers:
         try:
             return next(self._left, None)
         except StorageError as e:
-            raise Halt(trouble=e) from None
+            raise NoRecordedAnswer(trouble=e) from None
 
     def _damaged(self, why: Exception) -> StorageError:
         return StorageError(
@@ -150,7 +151,7 @@ class Answers:
 
 
 class _Port:
-    def __init__(self, answers: Answers) -> None:
+    def __init__(self, answers: RecordedAnswers) -> None:
         self._answers = answers
 
 
@@ -163,7 +164,7 @@ class _Clock(_Port):
 
 
 class _Arms(_Port):
-    def __init__(self, answers: Answers, command_timeout: float) -> None:
+    def __init__(self, answers: RecordedAnswers, command_timeout: float) -> None:
         super().__init__(answers)
         self.command_timeout = command_timeout
 
@@ -183,7 +184,7 @@ class _Head(_Port):
 
 
 class _Gripper(_Port):
-    def __init__(self, answers: Answers, side: Side, max_opening: float) -> None:
+    def __init__(self, answers: RecordedAnswers, side: Side, max_opening: float) -> None:
         super().__init__(answers)
         self.side, self.max_opening = side, max_opening
 
@@ -198,7 +199,7 @@ class _Gripper(_Port):
 
 
 class _Tactile(_Port):
-    def __init__(self, answers: Answers, side: Side) -> None:
+    def __init__(self, answers: RecordedAnswers, side: Side) -> None:
         super().__init__(answers)
         self.side = side
 
@@ -243,7 +244,7 @@ class _Attendant(_Port):
 class _Commands(CommandQueue):
     """Returns the recorded commands at the recorded questions."""
 
-    def __init__(self, answers: Answers) -> None:
+    def __init__(self, answers: RecordedAnswers) -> None:
         super().__init__()
         self._answers = answers
 

@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from cell.simulation.faults import Fault
+from cell.simulation.port_worlds import bind, unbind, world_behind
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.simulated_cell import SimulatedCell
 from cell.simulation.truth import Truth
-from cell.simulation.world_of_port import bind, unbind, world_behind
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits

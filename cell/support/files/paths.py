@@ -13,7 +13,7 @@ from pathlib import Path
 from robots.errors import StorageError
 
 __all__ = [
-    "LEDGER",
+    "JOURNAL_FILE",
     "campaign_folder",
     "command_for",
     "free_bytes",
@@ -25,7 +25,7 @@ __all__ = [
     "user_cache",
 ]
 
-LEDGER = "journal.db"
+JOURNAL_FILE = "journal.db"
 MAX_SAME_NAME = 10_000
 """Largest number that is appended to a folder's name to make it unique."""
 LEAST_FREE_BYTES = 200 * 2**20
@@ -61,7 +61,7 @@ def repository_root() -> Path | None:
 
 
 def journal_path(logs: Path) -> Path:
-    return logs / LEDGER
+    return logs / JOURNAL_FILE
 
 
 def user_cache() -> Path:

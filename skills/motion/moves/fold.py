@@ -18,10 +18,10 @@ from robots.ports import ArmTrajectory, Array, Side
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.arc import ArcMotion, intended_duration, plan_arc
 from skills.motion.moves.grasp import APPROACH_HEIGHT, Descent, GraspMotion, plan_grasp
-from skills.motion.moves.helpful_shift import with_shift_suggestion
 from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.posture_search import PostureChoice, rank_postures
 from skills.motion.moves.retreat import RETREAT_HEIGHT
+from skills.motion.moves.suggested_shift import with_shift_suggestion
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.inputs import validate_height, validate_paths, validate_state, validate_tool_speed
 from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath

@@ -12,10 +12,10 @@ from robots.baxter.model import load_model
 from robots.model import RobotModel
 from skills.vocabulary import Outcome
 
-Answers = Mapping[type, Callable[[Any], Outcome]]
+RecordedAnswers = Mapping[type, Callable[[Any], Outcome]]
 
 
-def run(procedure: Any, answers: Answers) -> tuple[Outcome, list[Effect]]:
+def run(procedure: Any, answers: RecordedAnswers) -> tuple[Outcome, list[Effect]]:
     """Drive a procedure. Returns its outcome and its effects. An effect without a given answer succeeds."""
     asked: list[Effect] = []
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.effects import Bring, Reach, Touch, Touched
+from calibration.effects import Bring, Reach, Touch, TouchReadings
 from calibration.table import MOST_POINTS, TableSettings, calibrate_table, contact_height, fit_plane
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
@@ -16,12 +16,12 @@ TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 STIFFNESS = 1150.0
 
 
-def press(z0: float, noise: float = 0.0, seed: int = 0, side: Side = Side.LEFT, at=(0.5, 0.2)) -> Touched:
+def press(z0: float, noise: float = 0.0, seed: int = 0, side: Side = Side.LEFT, at=(0.5, 0.2)) -> TouchReadings:
     """A slow press, 3 mm/s at 100 Hz, from 3 mm above z0 until 3 N."""
     height = z0 + 0.003 - 3e-5 * np.arange(int((0.003 + 3.0 / STIFFNESS) / 3e-5))
     force = STIFFNESS * np.maximum(0.0, z0 - height)
     rng = np.random.default_rng(seed)
-    return Touched(side, *at, height, force + noise * rng.standard_normal(len(height)))
+    return TouchReadings(side, *at, height, force + noise * rng.standard_normal(len(height)))
 
 
 def test_a_spring_on_a_hard_stop_gives_its_height_and_stiffness() -> None:
@@ -40,8 +40,8 @@ def test_a_force_peak_before_the_contact_is_ignored() -> None:
     assert contact_height(felt).unwrap()[0] == pytest.approx(-0.1, abs=1e-9)
 
 
-def felt_as(felt: Touched, force: np.ndarray) -> Touched:
-    return Touched(felt.side, felt.x, felt.y, felt.height, force)
+def felt_as(felt: TouchReadings, force: np.ndarray) -> TouchReadings:
+    return TouchReadings(felt.side, felt.x, felt.y, felt.height, force)
 
 
 @pytest.mark.parametrize("offset", [-0.5, 0.2, 0.3, 0.5])
@@ -55,7 +55,7 @@ def test_a_constant_tactile_offset_in_the_air_does_not_move_the_contact(offset: 
 def test_a_press_that_begins_in_contact_is_fitted() -> None:
     felt = press(-0.1)
     on = felt.height < -0.1003
-    begun = Touched(felt.side, felt.x, felt.y, felt.height[on], felt.force[on])
+    begun = TouchReadings(felt.side, felt.x, felt.y, felt.height[on], felt.force[on])
     assert contact_height(begun).unwrap() == pytest.approx((-0.1, STIFFNESS), rel=1e-6)
 
 
@@ -86,7 +86,7 @@ def test_stiffening_tips_shift_the_contact_by_less_than_a_third_of_a_millimetre(
 @pytest.mark.parametrize("force", [0.0, 0.1])
 def test_a_press_without_a_load_is_refused(force: float) -> None:
     felt = press(-0.1)
-    nothing = Touched(felt.side, felt.x, felt.y, felt.height, np.full(len(felt.height), force))
+    nothing = TouchReadings(felt.side, felt.x, felt.y, felt.height, np.full(len(felt.height), force))
     refused = contact_height(nothing).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and refused.hint
 

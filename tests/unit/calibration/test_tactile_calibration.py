@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.effects import Heard, Listen, Touch
+from calibration.effects import RecordTactile, TactileRecording, Touch
 from calibration.tactile import (
     FingerFigures,
     TactileSettings,
@@ -88,8 +88,8 @@ def figures(tip_noise: float = TIP, pad_drift: float = 0.0, pad_noise: float = 0
 
 def test_thresholds_are_ten_standard_deviations_of_the_compared_signal() -> None:
     contact, held = thresholds({Side.LEFT: figures()}, GRASP).unwrap()
-    assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / GRASP.zero_readings), abs=1e-3)
-    mean = np.sqrt(1 / GRASP.confirm_readings + 1 / GRASP.zero_readings)
+    assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / GRASP.tare_readings), abs=1e-3)
+    mean = np.sqrt(1 / GRASP.confirm_readings + 1 / GRASP.tare_readings)
     assert held == pytest.approx(10 * 0.035 * mean, abs=1e-3)
 
 
@@ -107,8 +107,8 @@ def test_cells_that_no_threshold_helps_are_refused(bad: FingerFigures) -> None:
 
 
 def test_the_procedure_listens_then_presses_with_each_hand() -> None:
-    heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
-    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
+    heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
     outcome, asked = run(calibrate_tactile(TABLE, GRASP), answers)
     c = outcome.unwrap()
     assert c.false_contacts == 0 and c.zeros == 12
@@ -119,15 +119,15 @@ def test_the_procedure_listens_then_presses_with_each_hand() -> None:
 
 
 def test_a_hand_that_feels_the_table_late_is_refused() -> None:
-    heard = Outcome(Heard({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
-    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
+    heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
+    answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     outcome, _ = run(calibrate_tactile(TABLE, GRASP), answers)
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
 def test_a_threshold_above_the_press_force_is_reported() -> None:
-    heard = Outcome(Heard({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
-    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
+    heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
+    answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
     assert "was not detected: 1.4" in refused.what and all(np.isfinite(v) for v in refused.values.values())
@@ -147,8 +147,8 @@ def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(
 def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Zero windows are reported, because 0 of 0 would look as good as 0 of 12."""
     monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
-    heard = Outcome(Heard({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
-    answers = {Listen: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
+    heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
+    answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
     refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "could not be counted" in refused.what
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.effects import Grip, Listen, Reach, Touch
+from calibration.effects import Grip, Reach, RecordTactile, Touch
 from calibration.table import TableSettings, calibrate_table
 from cell.calibrating import session
 from cell.calibrating.reach import holding_board
@@ -141,7 +141,7 @@ def test_a_procedure_gets_refused_plans_and_no_other_failures(tmp_path: Path) ->
         far[:3, 3] = 5.0, 0.0, 0.0
         asked.append((yield Reach(Side.LEFT, far)).failure.kind)
         asked.append((yield Touch(Side.LEFT, 0.55, 0.25, search=0.002)))
-        asked.append((yield Listen(1.0)))
+        asked.append((yield RecordTactile(1.0)))
 
     (tmp_path / "table.yaml").write_text(table_text(-0.055))
     (tmp_path / "cell.yaml").write_text("table: {calibration: table.yaml}\n")

@@ -39,4 +39,4 @@ def test_skills_calibration_and_robots_do_not_import_the_cell() -> None:
 
 
 def test_the_search_for_imports_finds_an_import_of_the_world() -> None:
-    assert "cell.simulation.world_of_port" in imported(ROOT / "cell" / "simulation" / "ports.py")
+    assert "cell.simulation.port_worlds" in imported(ROOT / "cell" / "simulation" / "ports.py")

@@ -15,7 +15,7 @@ from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.node import open_node
 from robots.ports import Ports
 
-__all__ = ["PATIENCE", "Heard", "Program", "Serve", "wait"]
+__all__ = ["PATIENCE", "Program", "Serve", "TactileRecording", "wait"]
 
 PATIENCE = 60.0  # [s] wall time
 
@@ -27,7 +27,7 @@ def wait(condition: Callable[[], Any], what: str) -> None:
         time.sleep(0.002)
 
 
-class Heard:
+class TactileRecording:
     """All messages received on a topic."""
 
     def __init__(self) -> None:
@@ -64,8 +64,8 @@ class Program:
         except BaseException as error:
             self.error = error
 
-    def hear(self, topic: str, kind: Any) -> Heard:
-        heard = Heard()
+    def hear(self, topic: str, kind: Any) -> TactileRecording:
+        heard = TactileRecording()
         self._opened.append(self._rospy.Subscriber(topic, kind, heard.all.append, tcp_nodelay=True))
         return heard
 

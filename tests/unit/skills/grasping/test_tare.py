@@ -37,7 +37,7 @@ def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
     """The bias from readings with outliers. leaps: index of a reading -> (cell, error [N]). tip: error of tip 0 in
     the same readings [N]."""
     state = start_tare(SETTINGS)
-    for k in range(10 * SETTINGS.zero_readings):
+    for k in range(10 * SETTINGS.tare_readings):
         reading = hand.read()
         if k in leaps:
             cells, tips = reading.tactile.cells.copy(), reading.tactile.tip.copy()
@@ -63,19 +63,19 @@ def test_outlier_readings_do_not_change_bias_and_noise(when: tuple[int, ...], by
 
 def test_tare_accepts_cells_that_never_settle() -> None:
     """One cell is very noisy. The tare ends, and its noise estimate is large."""
-    leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.zero_readings)}
+    leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.tare_readings)}
     assert bias_with(SensedHand(0), leaps).cell_noise > 0.3
 
 
 def test_without_outliers_the_bias_is_the_mean_of_the_first_readings() -> None:
     hand, again = SensedHand(1, 2.0), SensedHand(1, 2.0)
-    readings = [again.read() for _ in range(SETTINGS.zero_readings)]
+    readings = [again.read() for _ in range(SETTINGS.tare_readings)]
     np.testing.assert_array_equal(bias_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
 
 
 def test_a_repeated_reading_counts_once_in_the_tare() -> None:
     state, reading = start_tare(SETTINGS), SensedHand(0).read()
-    for _ in range(SETTINGS.zero_readings + 1):
+    for _ in range(SETTINGS.tare_readings + 1):
         state = tare(reading, state)
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 

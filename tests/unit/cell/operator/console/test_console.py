@@ -44,7 +44,7 @@ def board() -> RunStatus:
 
 @pytest.fixture
 def commands(board: RunStatus) -> CommandQueue:
-    return CommandQueue(board.heard)
+    return CommandQueue(board.note_command)
 
 
 @pytest.fixture
@@ -317,8 +317,8 @@ def test_a_link_that_cannot_send_the_status_is_closed(
 
 def test_the_pause_note_disappears_after_the_pause(board: RunStatus) -> None:
     enter(board, State.FOLDING)
-    board.heard(Event.PAUSE)
+    board.note_command(Event.PAUSE)
     board.note("paused on the way: resume or abort")
-    board.heard(Event.RESUME)
+    board.note_command(Event.RESUME)
     board.note("going on")
     assert board.snapshot()["note"] == "going on" and board.snapshot()["allowed"] == ["pause", "abort"]

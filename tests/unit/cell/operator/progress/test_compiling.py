@@ -12,13 +12,13 @@ import numba
 import pytest
 
 from cell.operator.progress import compiling
-from cell.operator.progress.compiling import PARTS, compiling_told
+from cell.operator.progress.compiling import PARTS, report_compilation
 
 USE = """
 import numpy as np
-from cell.operator.progress.compiling import compiling_told
+from cell.operator.progress.compiling import report_compilation
 from skills.motion.kinematics.ik import _pose_error
-with compiling_told(print):
+with report_compilation(print):
     _pose_error(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
 """
 
@@ -35,7 +35,7 @@ def compiled(module: str) -> None:
 
 def test_each_compiled_part_is_announced_once() -> None:
     told: list[str] = []
-    with compiling_told(told.append):
+    with report_compilation(told.append):
         for module in (
             "numpy.linalg",
             "skills.motion.kinematics.ik",
@@ -69,7 +69,7 @@ def test_a_long_compilation_is_reported_again_and_again_until_it_ends(monkeypatc
         return same(x)
 
     entry.__module__ = "skills.cloth.kernel"
-    with compiling_told(say):
+    with report_compilation(say):
         numba.njit(entry)(1)
     assert told[0] == PARTS["skills.cloth"]
     assert all(text.startswith("still compiling, ") and text.endswith(" s so far") for text in told[1:])

@@ -25,8 +25,8 @@ from scipy.spatial.transform import Rotation
 
 from cell.config.cell_settings import load_settings
 from cell.recording.rerun import Recorder, RecorderReport, scene, style
+from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.recording.rerun.entry import Log
-from cell.recording.rerun.pump import Pump
 from cell.states.transition_table import State
 from robots.baxter.meshes import baxter_visual, visual_glb_urdf
 from robots.baxter.model import load_model
@@ -330,19 +330,19 @@ def wait_for(condition: Callable[[], bool], timeout: float = 60.0) -> None:
         time.sleep(0.1)
 
 
-def test_a_full_pump_drops_items_except_essential_ones():
+def test_a_full_queue_drops_items_except_essential_ones():
     gate, done = threading.Event(), []
 
     def work(item: int) -> None:
         gate.wait()
         done.append(item)
 
-    pump: Pump[int] = Pump("test", work, lambda e: None, limit=3)
-    taken = [pump.offer(k) for k in range(10)]
-    assert taken.count(False) == pump.dropped >= 6
-    assert pump.offer(99, essential=True)
+    worker: BoundedWorker[int] = BoundedWorker("test", work, lambda e: None, limit=3)
+    taken = [worker.offer(k) for k in range(10)]
+    assert taken.count(False) == worker.dropped >= 6
+    assert worker.offer(99, essential=True)
     gate.set()
-    assert pump.close(5.0)
+    assert worker.close(5.0)
     assert done == [k for k, ok in enumerate(taken) if ok] + [99]
 
 
@@ -356,13 +356,13 @@ def test_a_pump_continues_after_errors_and_counts_the_items_left_at_the_end():
         if item == 3:
             stuck.wait(10.0)
 
-    pump: Pump[int] = Pump("test", work, errors.append, limit=100)
+    worker: BoundedWorker[int] = BoundedWorker("test", work, errors.append, limit=100)
     for k in range(10):
-        pump.offer(k)
-    assert not pump.close(0.3)
+        worker.offer(k)
+    assert not worker.close(0.3)
     stuck.set()
     assert [str(e) for e in errors] == ["one"]
-    assert pump.dropped == 6
+    assert worker.dropped == 6
 
 
 def test_lines_of_one_plot_have_different_colours():

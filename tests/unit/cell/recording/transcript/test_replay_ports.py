@@ -23,7 +23,7 @@ from cell.control.path_clock import PathControl
 from cell.hardware.workcell import Workcell
 from cell.recording.frame_store import FRAMES
 from cell.recording.transcript.port_recorder import PortRecorder
-from cell.recording.transcript.replay_ports import Answers, Halt
+from cell.recording.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
 from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, Transcript
 from cell.recording.transcript.transcript_codec import Channel, pack, unpack
 from cell.states.commands import CommandQueue
@@ -85,8 +85,8 @@ def taken_down(
         assert port_recorder.close() is None
 
 
-def answers(folder: Path) -> Answers:
-    return Answers(Transcript(folder / TRANSCRIPT))
+def answers(folder: Path) -> RecordedAnswers:
+    return RecordedAnswers(Transcript(folder / TRANSCRIPT))
 
 
 def again(folder: Path, act: Callable[[Ports, CommandQueue], Any]) -> Any:
@@ -149,11 +149,11 @@ def test_a_different_question_is_reported(tmp_path: Path) -> None:
     ports.arms.command(np.zeros(14), np.zeros(14))
     q = np.zeros(14)
     q[3] = 1e-17
-    with pytest.raises(Halt) as caught:
+    with pytest.raises(NoRecordedAnswer) as caught:
         ports.arms.command(q, np.zeros(14))
     assert caught.value.then.startswith("a set-point for the arms")
     assert "joint 3's position differs most, by 1e-17 rad" in caught.value.now
-    with pytest.raises(Halt) as caught:
+    with pytest.raises(NoRecordedAnswer) as caught:
         answers(tmp_path).ports().camera.capture()
     assert (caught.value.then.split(":")[0], caught.value.now) == ("a set-point for the arms", "a picture")
 
@@ -162,7 +162,7 @@ def test_additional_questions_are_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), lambda ports, _: ports.clock.now())
     there = answers(tmp_path)
     assert there.ports().clock.now() == 0.0
-    with pytest.raises(Halt) as caught:
+    with pytest.raises(NoRecordedAnswer) as caught:
         there.ports().clock.now()
     assert (caught.value.then, caught.value.now) == ("the end of the run", "a look at the clock")
 
@@ -171,7 +171,7 @@ def test_a_truncated_transcript_is_no_deviation(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     whole = Transcript(tmp_path / TRANSCRIPT)
     write_transcript(tmp_path, whole.constants, list(whole)[:100])
-    with pytest.raises(Halt) as caught:
+    with pytest.raises(NoRecordedAnswer) as caught:
         again(tmp_path, work)
     assert caught.value.then == caught.value.now == "" and caught.value.trouble is None
 
@@ -180,13 +180,13 @@ def test_a_missing_picture_is_reported(tmp_path: Path) -> None:
     taken_down(tmp_path, FakeCell(), work)
     for path in (tmp_path / FRAMES).iterdir():
         path.unlink()
-    with pytest.raises(Halt) as caught:
+    with pytest.raises(NoRecordedAnswer) as caught:
         again(tmp_path, work)
     assert isinstance(caught.value.trouble, StorageError) and "missing" in caught.value.trouble.what
 
 
 def test_a_halt_is_not_caught_as_a_failure(tmp_path: Path) -> None:
-    assert not issubclass(Halt, Exception)
+    assert not issubclass(NoRecordedAnswer, Exception)
 
 
 # stops
@@ -276,7 +276,7 @@ def test_computing_ends_with_the_transcript(tmp_path: Path, workers: ThreadPoolE
     there, ages = answers(tmp_path), threading.Event()
     replayed = fake_workcell(FakeCell(), workers, ports=there.ports(), watched_stop=there.watched_stop())
     try:
-        with pytest.raises(Halt):
+        with pytest.raises(NoRecordedAnswer):
             replayed.compute(1.0, ages.wait)  # waiting for this result would take forever
     finally:
         ages.set()

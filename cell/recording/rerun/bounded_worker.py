@@ -8,12 +8,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["Pump"]
+__all__ = ["BoundedWorker"]
 
 T = TypeVar("T")
 
 
-class Pump(Generic[T]):
+class BoundedWorker(Generic[T]):
     """Accepts items on any thread and processes them in order on a separate thread.
 
     limit: largest sum of the costs of waiting items. The caller chooses the unit of cost: items or bytes. An
