@@ -44,14 +44,14 @@ class _Group(BaseModel):
 
 
 class SeedRange(_Group):
-    """The seeds first, first + 1, ..."""
+    """A range of `count` seeds: first, first + 1, ..."""
 
     first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
     count: int = Field(ge=1, le=MAX_RUNS, strict=True, description="number of seeds")
 
 
 class Variant(_Group):
-    """The differences of one variant from the campaign's settings."""
+    """The differences between one variant and the campaign's settings."""
 
     about: str = Field("", description="the difference in words")
     cell: dict[str, Any] = Field({}, description="settings that override those of the cell")
@@ -74,7 +74,7 @@ _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,40}$")]
 
 
 def _or_mapping(value: Any) -> Any:
-    """A variant without keys may be written with nothing after the colon."""
+    """Accept a variant with nothing after the colon as a variant without keys."""
     return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, Mapping) else value
 
 
@@ -94,11 +94,11 @@ class CampaignFile(_Group):
 
 @dataclass(frozen=True)
 class TrialRequest:
-    """One run of a campaign; its result depends on nothing else. All values are plain JSON values.
+    """Request for one run of a campaign. Its result depends on nothing else. All values are plain JSON values.
 
     settings: the complete settings of the cell (for another version of foldcell: only the keys that differ from
-    the shipped ones). actions: scripted faults and commands. python: interpreter of another version; None: this
-    one.
+    the shipped settings). actions: scripted faults and commands. python: Python interpreter of another version of
+    foldcell; None: this version.
     """
 
     variant: str
@@ -116,29 +116,29 @@ class TrialRequest:
 
     @property
     def folder(self) -> str:
-        """Name of the run's folder in the campaign. The shipped variant has the names of a campaign without
-        variants."""
+        """Name of the run's folder in the campaign. The shipped variant adds no prefix, so that its folders are
+        named as in a campaign without variants."""
         name = f"{Path(self.garment).stem}-seed{self.seed}"
         return name if self.variant == DEFAULT_VARIANT else f"{self.variant}/{name}"
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """requests: all runs, in the order in which they are started: seed by seed, so that an unfinished campaign has
-    about equally many runs of each garment and variant."""
+    """A campaign. requests: all runs, in the order in which they are started: seed by seed, so that an unfinished
+    campaign has about equally many runs of each garment and variant."""
 
     about: str
     keep: Keep
     requests: tuple[TrialRequest, ...]
     variants: Mapping[str, str]
-    """Name -> the difference in words."""
+    """Name of each variant -> description of its difference."""
 
 
 def read_campaign(path: Path, settings: CellSettings, driver: str = "sim", world: str = "xpbd") -> Campaign:
-    """Read a campaign file. Every variant's settings and every garment is checked.
+    """Read a campaign file. The settings of every variant and every garment are checked.
 
-    settings: the cell's settings, which the variants override. world: of variants that do not name one.
-    Raises ConfigurationError with file, line, key and allowed values.
+    settings: the cell's settings, which the variants override. world: cloth solver of the variants that do not
+    name one. Raises ConfigurationError with file, line, key and allowed values.
     """
     document = read_yaml(path, "campaign file")
     content = validated(document, CampaignFile)
@@ -152,7 +152,8 @@ def campaign_of(
     world: str,
     document: Document | None = None,
 ) -> Campaign:
-    """The campaign of a validated file. document: the file, for messages and relative paths; None: flags.
+    """Make the campaign from validated content. document: the file, for messages and relative paths; None: the
+    content comes from command-line flags.
 
     Raises ConfigurationError.
     """
@@ -190,7 +191,7 @@ def campaign_of(
 
 def _settings(settings: CellSettings, name: str, variant: Variant, document: Document | None) -> CellSettings:
     if variant.python is not None or not variant.cell:
-        return settings  # another version has keys of its own; it checks them itself
+        return settings  # another version may have other keys, so it checks them itself
     lines = document.lines if document else {}
     at = ("variants", name, "cell")
     own = {key[3:]: line for key, line in lines.items() if key[:3] == at}
@@ -198,7 +199,8 @@ def _settings(settings: CellSettings, name: str, variant: Variant, document: Doc
 
 
 def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
-    """The garments without repetitions: the same seeds again are no further evidence."""
+    """Return the garments without repetitions, because a second run with the same garment and seed is no further
+    evidence."""
     names = [str(folder / g) if g.endswith((".yaml", ".yml")) else g.strip() for g in garments]
     if not names:
         raise ConfigurationError("a campaign without garments", "name at least one, or write all")
@@ -220,4 +222,4 @@ def _interpreter(python: str, folder: Path) -> str:
         raise ConfigurationError(
             f"{path}: there is no such Python", "name the bin/python of a virtual environment with foldcell"
         )
-    return str(path)  # not resolved: the link's place is what makes the environment
+    return str(path)  # links are not resolved, because Python finds its virtual environment by the link's location

@@ -1,4 +1,5 @@
-"""Runs of random garments with random faults for hours, with the resources that each leaves behind."""
+"""Perform runs of random garments with random faults for hours, and measure the resources that their processes
+hold."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ __all__ = ["SAMPLES", "EnduranceRun", "Growth", "endure", "growths", "random_req
 
 SAMPLES = "endurance.jsonl"
 SETTLED = 10
-"""A process has loaded and compiled everything after this number of runs; growth is counted from there."""
+"""After this number of runs, a process has loaded and compiled everything; growth is counted from there."""
 MOMENTS = (State.LOOKING, State.APPROACHING, State.GRASPING, State.LIFTING, State.FOLDING, State.INSPECTING)
 SIDED = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER, FaultKind.SUDDEN_DROP, FaultKind.GRIPPER_STUCK)
 LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BLACK, FaultKind.CAMERA_SILENT)
@@ -35,8 +36,8 @@ LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BL
 
 @dataclass(frozen=True)
 class EnduranceRun:
-    """One run and the state of its process afterwards. fault: its kind, or empty. number: of the run in its
-    process, from 1. memory_mib: resident memory."""
+    """One run and the resources of its process afterwards. fault: kind of the run's fault, or empty. number:
+    number of the run in its process, from 1. handles: open file handles. memory_mib: resident memory [MiB]."""
 
     garment: str
     seed: int
@@ -53,7 +54,8 @@ class EnduranceRun:
 
 @dataclass(frozen=True)
 class Growth:
-    """What one process gained between its run SETTLED and its last run. memory: as a fraction."""
+    """Growth of one process between its run SETTLED and its last run. runs: number of its runs. threads, handles:
+    differences. memory: relative growth of its largest resident memory."""
 
     process: int
     runs: int
@@ -63,7 +65,8 @@ class Growth:
 
 
 def random_requests(garments: Sequence[str], settings: CellSettings, seed: int) -> Iterator[TrialRequest]:
-    """Endless runs of random garments, every second one with a random fault. The same seed gives the same runs."""
+    """Yield an endless sequence of runs of random garments. On average every second run has one random fault. The
+    same seed gives the same runs."""
     generator = random.Random(seed)
     values = settings.model_dump(mode="json", by_alias=True)
     number = 0
@@ -82,16 +85,16 @@ def endure(
     report: Callable[[EnduranceRun], None],
     clock: Callable[[], float] = time.monotonic,
 ) -> list[EnduranceRun]:
-    """Perform runs one after the other until `hours` have passed; returns them. Each is appended to SAMPLES at
-    once.
+    """Perform runs one after the other until `hours` have passed. Returns them. Each run is appended to SAMPLES
+    when it has ended.
 
-    runs_each: a process is replaced after this number of runs; None: one process performs all. A process that dies
-    is replaced. Recordings of failures alone are kept.
+    runs_each: a worker process is replaced after this number of runs; None: one process performs all runs. A
+    process that dies is replaced. Only the recordings of failures are kept.
     """
     until = clock() + 3600.0 * hours
     runs: list[EnduranceRun] = []
     work = functools.partial(_measured, str(folder))
-    # one process for ever: renewed after a number of runs that is never reached
+    # runs_each None: the process is replaced after a number of runs that is never reached
     with worker_pool(1, runs_each or 10**9) as pool, (folder / SAMPLES).open("a", encoding="utf-8") as samples:
         while clock() < until:
             request = next(requests)
@@ -99,7 +102,7 @@ def endure(
                 run = EnduranceRun(**pool.submit(work, request).result())
             except StorageError:
                 raise
-            except Exception as e:  # the process died: the next run gets a new one
+            except Exception as e:  # the process died; the next run gets a new process
                 text = f"{type(e).__name__}: {e}"
                 run = EnduranceRun(
                     request.garment, request.seed, fault_of(request), "not_performed", text, 0.0, 0, 0, 0, 0, 0.0
@@ -113,7 +116,7 @@ def endure(
 
 
 def growths(runs: Sequence[EnduranceRun]) -> list[Growth]:
-    """The growth of each process that performed more than SETTLED runs."""
+    """Return the growth of each process that performed more than SETTLED runs."""
     found = []
     for process in dict.fromkeys(r.process for r in runs if r.process):
         own = [r for r in runs if r.process == process]
@@ -127,7 +130,7 @@ def growths(runs: Sequence[EnduranceRun]) -> list[Growth]:
 
 
 def fault_of(request: TrialRequest) -> str:
-    """Kind of the run's fault; empty if there is none."""
+    """Return the kind of the run's fault; empty if it has none."""
     return str(request.actions[0]["fault"]["kind"]) if request.actions else ""
 
 
@@ -143,18 +146,15 @@ def _fault(generator: random.Random) -> dict[str, Any]:
 
 
 _PERFORMED = 0
-"""Number of runs of this process."""
+"""Number of runs that this process has begun."""
 
 
 def _measured(folder: str, request: TrialRequest) -> dict[str, Any]:
-    """Called in a worker process: perform the run, then count what the process holds."""
-    import gc
-
+    """Perform the run, then measure the threads, handles and memory of the process. Called in a worker process."""
     global _PERFORMED
     _PERFORMED += 1
     began = time.monotonic()
     done = perform_trial(request, Path(folder) / request.folder, "failures")
-    gc.collect()
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
     return asdict(
         EnduranceRun(

@@ -1,4 +1,4 @@
-"""Sends the runs of a campaign to an executor and yields each when it has finished."""
+"""Sends the runs of a campaign to an executor and yields each run when it has finished."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from robots.errors import StorageError
 __all__ = ["ATTEMPTS", "process_died", "run_trials"]
 
 ATTEMPTS = 3
-"""A run whose worker process dies is started again, at most this number of times in all."""
+"""Maximum number of starts of a run. A run is started again only if its worker process died."""
 
 Work = Callable[[TrialRequest], dict[str, Any]]
 
@@ -24,9 +24,9 @@ def run_trials(
 ) -> Generator[Trial, None, None]:
     """Yield each run as it ends, in any order. `work(request)` returns the content of `trial.json`.
 
-    worker_died: whether an exception means that the worker process died. Such a run is started again up to
-    ATTEMPTS times; then it counts as not performed. Any other exception of `work` counts as a fault, except for
-    StorageError, which is raised: a campaign cannot go on without its folder.
+    worker_died: whether an exception means that the worker process died. Such a run is started up to ATTEMPTS
+    times in all; then it counts as not performed. Any other exception of `work` counts as a fault, except for
+    StorageError, which is raised, because a campaign cannot go on without its folder.
     """
     begun: Counter[int] = Counter()
     running: dict[Future[dict[str, Any]], int] = {}
@@ -60,5 +60,5 @@ def run_trials(
 
 
 def process_died(error: BaseException) -> bool:
-    """Whether a process of the standard library's pools died."""
+    """Whether the exception means that a worker process of a standard-library pool died."""
     return isinstance(error, BrokenExecutor)

@@ -1,4 +1,4 @@
-"""Performs one run of a campaign, in a worker process. A finished run is on disk before the worker returns it."""
+"""Performs one run of a campaign, in a worker process. The result is on disk before the worker returns it."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from cell.runs.pruning import RECORDINGS
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.lock import CellBusyError, OwnerLock
+from cell.support.process.memory import return_free_memory
 from robots.errors import CellError, StorageError
 
 __all__ = ["Fold", "perform_trial"]
@@ -34,9 +35,10 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
     """Perform the run in `folder`, or return its result if the folder already has it. Returns the content of
     `trial.json`: the request's digest, figures and error.
 
-    The folder belongs to this run alone. Another process that performs the same run (left behind by a client that
-    was killed) is waited for. The remains of a run that was cut off are removed first. fold: performs the run and
-    returns its figures; None: by this program, or by the version that the request names.
+    Each run has its own folder. If another process performs the same run (left behind by a client that was
+    killed), this function waits for it. The remains of a run that was cut off are removed first. fold: performs
+    the run and returns its figures; None: the run is performed by this program, or by the version that the request
+    names.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _only_one(folder / LOCK):
@@ -46,18 +48,20 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
             done = _perform(request, folder, fold or (_other_version if request.python else _this_version))
             _discard_recordings(folder, keep, done)
             write_whole(folder / TRIAL, json.dumps(to_json(done)) + "\n")
+            return_free_memory()
     return done
 
 
 def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
-    """An exception counts as a result without figures: the same request would raise it again."""
+    """Perform the run. An exception counts as a result without figures, because the same request would raise it
+    again."""
     began = time.monotonic()
     figures, error = None, ""
     try:
         _copy_library(folder)
         figures = fold(request, folder)
     except OSError as e:
-        if isinstance(e, StorageError) or e.errno is not None:  # a full disk is no property of the request
+        if isinstance(e, StorageError) or e.errno is not None:  # e.g. a full disk: not the request's fault
             raise
         error = f"{type(e).__name__}: {e}"
     except StorageError:
@@ -104,7 +108,8 @@ def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
 
 
 def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
-    """The run by the `foldcell fold` of another virtual environment, whose flags and JSON are a contract."""
+    """Perform the run with the `foldcell fold` of another virtual environment. Its flags and its JSON output are a
+    stable interface."""
     import yaml
 
     assert request.python is not None
@@ -115,7 +120,7 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
         "--driver", request.driver, "--world", request.world, "--cell", str(settings), "--logs", str(folder),
         "--json", ]  # fmt: skip
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "FOLDCELL_LOGS")}
-    with tempfile.TemporaryDirectory() as elsewhere:  # the present folder may hold another version
+    with tempfile.TemporaryDirectory() as elsewhere:  # Python would import from the present folder
         ended = subprocess.run(
             line, cwd=elsewhere, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
         )
@@ -130,8 +135,8 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
 
 
 def _copy_library(folder: Path) -> None:
-    """Give the run a copy of the campaign's library, so that trajectories which another run optimised do not
-    affect it. Raises StorageError."""
+    """Copy the campaign's library into the run's folder, so that trajectories which another run optimised do not
+    affect this run. Raises StorageError."""
     source = next((user_library_path(f) for f in folder.parents if (f / MANIFEST).is_file()), None)
     if source is None or not source.is_file():
         return
@@ -163,7 +168,7 @@ def _discard_recordings(folder: Path, keep: Keep, done: Mapping[str, Any]) -> No
 
 
 class _only_one:
-    """The lock of a run's folder; waits while another process performs the run."""
+    """Holds the lock of a run's folder. Waits while another process performs the run."""
 
     def __init__(self, path: Path) -> None:
         self._lock = OwnerLock(path, "the run")

@@ -11,7 +11,8 @@ __all__ = ["CampaignProgress"]
 
 
 class CampaignProgress:
-    """total: number of runs; finished: of them made earlier; workers: runs at a time. clock: seconds."""
+    """Formats the progress of a campaign. total: number of runs; finished: number of runs that were made earlier;
+    workers: number of runs performed in parallel. clock: returns the time [s]."""
 
     def __init__(
         self, total: int, finished: int, workers: int, clock: Callable[[], float] = time.monotonic
@@ -20,13 +21,14 @@ class CampaignProgress:
         self._clock, self._began, self._done = clock, clock(), 0
 
     def line(self, trial: Trial) -> str:
-        """The line for a run that has just finished."""
+        """Return the line for a run that has just finished."""
         self._done += 1
         count = self._finished + self._done
         return f"{count:4d}/{self._total}  {describe(trial)}{self._left(self._total - count)}"
 
     def _left(self, runs: int) -> str:
-        """Time left, from the mean time of the runs so far. None before each worker has finished one."""
+        """Return the text of the time left, from the mean time of the runs so far. Empty until as many runs have
+        finished as there are workers."""
         if runs <= 0 or self._done < self._workers:
             return ""
         left = (self._clock() - self._began) / self._done * runs
@@ -46,7 +48,7 @@ def describe(trial: Trial) -> str:
 
 
 def duration(seconds: float) -> str:
-    """'40 s', '12 min' or '3 h 20 min'."""
+    """Format a time [s] as '40 s', '12 min' or '3 h 20 min'."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)

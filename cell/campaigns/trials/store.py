@@ -1,7 +1,8 @@
-"""The folder of a campaign: its requests, the program that performs them, and the finished runs.
+"""The folder of a campaign: its requests, the versions of the program that performs them, and the finished runs.
 
-`campaign.json` states the requests and the program's versions. Each run has a folder of its own with `trial.json`
-once it is finished. The folder therefore holds every finished run, whatever was killed.
+`campaign.json` states the requests and the program's versions. Each run has its own folder, which contains
+`trial.json` once the run is finished. The campaign's folder therefore holds every finished run, even if a process
+was killed.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class CampaignFolder:
 
     @classmethod
     def open(cls, path: Path) -> CampaignFolder:
-        """An existing campaign. Raises ConfigurationError if the folder holds none."""
+        """Open an existing campaign. Raises ConfigurationError if the folder holds none."""
         content = _read(path)
         try:
             if content["keep"] not in get_args(Keep):
@@ -86,9 +87,10 @@ class CampaignFolder:
         return cls(path, campaign)
 
     def check_program(self) -> None:
-        """Refuse to continue with another program: its runs could not be compared with those already made.
+        """Check that the program is the one that began the campaign. Runs of another program could not be compared
+        with those already made.
 
-        Raises ConfigurationError.
+        Raises ConfigurationError if the program has changed.
         """
         began = _read(self.path)["program"]
         now = {**program_versions(), "library": _library_digest(self.path)}
@@ -102,13 +104,14 @@ class CampaignFolder:
 
     @cached_property
     def origin(self) -> dict[str, Any]:
-        """begun (UTC), commit (None for an installed program), program (package -> version), machine."""
+        """Where and how the campaign began: begun (UTC), commit (None for an installed program), program (package
+        -> version), machine."""
         content = _read(self.path)
         return {name: content.get(name) for name in ("begun", "commit", "program", "machine")}
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        """Own the campaign: no other process continues it meanwhile. Raises CellBusyError."""
+        """Own the campaign, so that no other process continues it meanwhile. Raises CellBusyError."""
         with OwnerLock(self.path / LOCK, "the campaign", ""):
             yield
 
@@ -116,7 +119,7 @@ class CampaignFolder:
         return self.path / request.folder
 
     def finished(self) -> list[Trial]:
-        """The finished runs, in the order of the requests."""
+        """Return the finished runs, in the order of the requests."""
         return [trial for request in self.campaign.requests if (trial := self._trial(request)) is not None]
 
     def missing(self, finished: Sequence[Trial]) -> list[TrialRequest]:
@@ -133,14 +136,15 @@ def is_campaign(path: Path) -> bool:
 
 
 def program_versions() -> dict[str, str]:
-    """Versions of the packages that a run depends on, and a hash of the program's own sources."""
+    """Return the versions of the packages that a run depends on, and a hash of the program's own sources."""
     versions = {name: metadata.version(name) for name in VERSIONED}
     return {"python": platform.python_version(), **versions, "sources": _sources_digest()}
 
 
 @cache
 def _sources_digest() -> str:
-    """Hash of the program's own files. Between two releases the version alone does not tell programs apart."""
+    """Return a hash of the program's own files, because the version number does not change between two
+    releases."""
     root = Path(__file__).resolve().parents[3]
     digest = sha256()
     for package in ("calibration", "cell", "robots", "skills"):
@@ -152,7 +156,8 @@ def _sources_digest() -> str:
 
 
 def commit() -> str | None:
-    """The commit of the checkout, with `+` if files differ from it; None if the program is installed."""
+    """Return the commit of the checkout, with `+` appended if files differ from it; None if the program is
+    installed."""
     root = repository_root()
     if root is None:
         return None

@@ -22,8 +22,8 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Trial:
-    """One run. figures: output of `foldcell fold --json`; error: reason why there are no figures. performed: False
-    for a run that did not end because its worker process died."""
+    """One run of a campaign with its result. figures: output of `foldcell fold --json`; error: reason why there
+    are no figures. performed: False for a run that did not end because its worker process died."""
 
     request: TrialRequest
     figures: Mapping[str, Any] | None
@@ -43,18 +43,20 @@ class Trial:
 
     @property
     def passed(self) -> bool | None:
-        """The scorer's verdict on the garment, whatever was claimed. None: it was not scored."""
+        """The scorer's verdict on the garment, whether folding was claimed or not. None: the run was not
+        scored."""
         score = (self.figures or {}).get("score")
         return bool(score.get("passed")) if score else None
 
     @property
     def success(self) -> bool:
-        """Claimed and passed. Without a score the claim counts."""
+        """Whether the run was claimed and passed. If the run was not scored, the claim alone counts."""
         return self.claimed and self.passed is not False
 
     @property
     def cause(self) -> str:
-        """Why the run is no success: the kind of failure, or the figures of the score beyond their limits."""
+        """Why the run is not a success: the kind of failure, or the figures of the score that are beyond their
+        limits."""
         if self.success:
             return ""
         if not self.performed:
@@ -68,13 +70,14 @@ class Trial:
 
 
 def failed_figures(score: Mapping[str, Any]) -> list[str]:
-    """Names of the figures of a score beyond their limit. Larger is better for `iou` alone."""
+    """Return the names of the figures of a score that are beyond their limits. For `iou` the limit is a minimum,
+    for all others a maximum."""
     limits = score.get("limits") or {}
     return [n for n, limit in limits.items() if (score[n] < limit if n == "iou" else score[n] > limit)]
 
 
 def load_trial(folder: Path, request: TrialRequest) -> dict[str, Any] | None:
-    """The result in `folder` if there is a complete one of this request, else None."""
+    """Return the result in `folder` if it is complete and belongs to this request, else None."""
     try:
         done = json.loads((folder / TRIAL).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -83,6 +86,6 @@ def load_trial(folder: Path, request: TrialRequest) -> dict[str, Any] | None:
 
 
 def digest(request: TrialRequest) -> str:
-    """Hash of everything that the run depends on, apart from program and library."""
+    """Return a hash of everything that the run depends on, except the program and the library."""
     canonical = json.dumps(to_json(asdict(request)), sort_keys=True)
     return sha256(canonical.encode()).hexdigest()[:16]
