@@ -1,1 +1,1 @@
-"""Procedures that make the model match the cell."""
+"""Calibration procedures, which make the models of cell and fabric match reality."""

@@ -1,10 +1,10 @@
 """The cantilever test of bending (Peirce 1930; ASTM D1388, option A).
 
-A strip of the fabric is pushed over the edge of a level platform until its tip touches a plane that falls by
-41.5 degrees from the edge. The bending length c is half of the overhang, and the flexural rigidity is
-areal_mass g c^3. The virtual strip is clamped in the same way. Peirce's formula gives its bending length from the
-angle to its tip. The result is taken relative to the formula's value at 41.5 degrees: the half overhang is exact
-there, and the formula is 2 % off the elastica.
+A strip of the fabric is pushed over the edge of a level platform until its tip touches a plane that falls by 41.5
+degrees from the edge. The bending length c is half of the overhang, and the flexural rigidity is areal_mass g c^3.
+A virtual strip is clamped in the same way. Peirce's formula gives its bending length from the angle to its tip.
+The result is scaled so that 41.5 degrees give exactly half of the overhang, because the formula itself deviates
+from the elastica by 2 %.
 
 Similarity: the shape of a strip depends only on overhang / c, and c scales with gravity^(-1/3). The overhang of a
 soft fabric is as short as a mesh edge. The virtual strip is therefore several edges long and hangs in less
@@ -32,25 +32,26 @@ __all__ = ["BendingCalibration", "bending_length", "calibrate_bending", "cantile
 ANGLE = math.radians(41.5)
 """Slope of the plane that the tip has to reach [rad]."""
 MIN_LENGTH, MAX_LENGTH = 0.003, 0.10
-"""Accepted bending lengths [m]."""
+"""Shortest and longest accepted bending length [m]."""
 AGREEMENT = 0.05
-"""Largest relative difference between the simulated and the measured bending length."""
+"""Largest accepted relative difference between the simulated and the measured bending length."""
 EDGES = 16
 """Overhang of the virtual strip in mesh edges."""
 WIDTH = 8
-"""Width of the virtual strip in mesh edges. The border has no hinges, so a narrow strip is too soft."""
+"""Width of the virtual strip in mesh edges. It must not be small: the border resists no bending, so a narrow strip
+is too soft."""
 CLAMPED = 2
-"""Length of the strip's part on the platform in mesh edges."""
+"""Length of the strip's clamped part on the platform in mesh edges."""
 EDGE = 0.020
 RELAXATION = 15.0
-"""Simulated time in units of sqrt(overhang / gravity)."""
+"""Duration of the virtual test in units of sqrt(overhang / gravity)."""
 SUBSTEPS, SOFT = 20, 0.015
 """Substeps per frame for bending lengths up to SOFT [m]. A stiffer strip swings faster and gets more substeps."""
 
 
 def bending_length(overhang: float) -> float:
-    """Bending length c [m], half of the overhang [m] at 41.5 degrees. Raises ConfigurationError outside 6 to 200
-    mm."""
+    """Return the bending length c [m], which is half of the overhang [m] at 41.5 degrees. Raises
+    ConfigurationError for an overhang outside 6 to 200 mm."""
     if not (math.isfinite(overhang) and 2.0 * MIN_LENGTH <= overhang <= 2.0 * MAX_LENGTH):
         raise ConfigurationError(
             f"no fabric has an overhang of {overhang:g} m",
@@ -61,7 +62,8 @@ def bending_length(overhang: float) -> float:
 
 
 def peirce(overhang: float, angle: float) -> float:
-    """Bending length [m] of a strip whose tip lies `angle` [rad] below the horizontal, seen from the edge."""
+    """Return the bending length [m] of a strip by Peirce's formula. overhang [m]; angle [rad]: angle below the
+    horizontal at which the tip is seen from the edge."""
     return overhang * (math.cos(0.5 * angle) / (8.0 * math.tan(angle))) ** (1.0 / 3.0)
 
 
@@ -70,9 +72,9 @@ class BendingCalibration:
     """Result of the cantilever test.
 
     bending_length: half of the measured overhang [m]. simulated: bending length of the virtual strip, scaled to
-    the real strip [m]. angle: angle of the virtual tip [rad]. overhang [m], gravity [m/s2]: values of the virtual
-    strip, which hangs free from `behind` [m] before the edge. mesh, pictures (k, n, 3), times (k,) [s]: the
-    virtual test.
+    the real strip [m]. angle: angle of the virtual tip below the horizontal [rad]. overhang [m], gravity [m/s2]:
+    values of the virtual strip. behind: distance before the edge at which its free part begins [m]. mesh, pictures
+    (k, n, 3), times (k,) [s]: the virtual test.
     """
 
     bending_length: float
@@ -88,7 +90,8 @@ class BendingCalibration:
     """Slope of the plane that the tip has to reach [rad]."""
 
     def tip_angle(self, positions: Array) -> float:
-        """Angle [rad] below the horizontal from the start of the free part to the tip. positions: (n, 3)."""
+        """Return the angle below the horizontal from the start of the free part to the tip [rad]. positions: (n,
+        3)."""
         return _tip_angle(self.mesh, positions, self.overhang, self.behind)
 
     @property
@@ -102,7 +105,7 @@ class BendingCalibration:
 
 
 def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -> BendingCalibration:
-    """The bending length for a measured overhang [m], and the virtual test of that fabric.
+    """Compute the bending length for a measured overhang [m], and perform the virtual test of that fabric.
 
     The result's `agrees` states whether the virtual strip bends as far. Raises ConfigurationError for an overhang
     that no fabric has.
@@ -113,8 +116,8 @@ def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -
 def cantilever(
     material: Material, edge: float = EDGE, substeps: int | None = None, pictures: int = 61
 ) -> BendingCalibration:
-    """The virtual test of a fabric on a mesh of `edge` [m]. substeps: number per frame; None: chosen for the
-    fabric."""
+    """Perform the virtual test of a fabric on a mesh of `edge` [m]. substeps: number per frame; None: chosen for
+    the fabric. pictures: number of recorded moments."""
     overhang, behind = EDGES * edge, np.sqrt(3.0) / 4.0 * edge
     gravity = GRAVITY * (2.0 * material.bending_length / (overhang + behind)) ** 3
     if substeps is None:
@@ -141,7 +144,7 @@ def cantilever(
 
 
 def _strip(overhang: float, edge: float) -> ClothMesh:
-    """Strip over the edge at x = 0, including its clamped part on the platform."""
+    """Return the mesh of a strip over the edge at x = 0, including its clamped part on the platform."""
     clamped, half = CLAMPED * edge, 0.5 * WIDTH * edge
     lower = [(-clamped, -half), (0.0, -half), (overhang, -half)]
     return mesh_from_contour(np.array(lower + [(u, -v) for u, v in lower[::-1]]), edge)

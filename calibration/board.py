@@ -1,7 +1,8 @@
-"""The calibration board: a ChArUco chessboard on A4 card. One description serves drawing and detection.
+"""The calibration board: a ChArUco chessboard on an A4 card. The same description is used for drawing and for
+detection.
 
-`foldcell calibrate board` writes it as a sheet to print (calibration/board_sheet.py). Board frame: origin in the
-middle of the board, x along its long side, y down its short side, z into the card (away from the viewer). A
+`foldcell calibrate board` writes the board as a sheet to print (calibration/board_sheet.py). Board frame: origin
+in the middle of the board, x along its long side, y down its short side, z into the card (away from the viewer). A
 gripper holds the card by a tab below the pattern.
 """
 
@@ -23,8 +24,9 @@ DICTIONARY = "DICT_4X4_50"
 
 @dataclass(frozen=True)
 class Board:
-    """columns x rows squares of `square` [m] with markers of `marker` [m] in the white ones, surrounded by a white
-    `margin` [m]. tab: distance from the board's lower edge to the tips of the pads that hold it [m]."""
+    """A board of columns x rows squares with side `square` [m]. Its white squares contain markers with side
+    `marker` [m]. A white border of width `margin` [m] surrounds the pattern. tab: distance from the board's lower
+    edge to the tips of the pads that hold it [m]."""
 
     columns: int = 7
     rows: int = 5
@@ -40,21 +42,21 @@ class Board:
 
     @property
     def corners(self) -> Array:
-        """(n, 3) inner chessboard corners in the board frame, indexed by their ChArUco id."""
+        """Inner chessboard corners (n, 3) in the board frame [m], indexed by their ChArUco id."""
         middle = np.array([0.5 * self.columns, 0.5 * self.rows, 0.0]) * self.square
         return frozen(np.asarray(self._charuco().getChessboardCorners(), dtype=np.float64) - middle)
 
     @property
     def T_tool_board(self) -> Array:
-        """(4, 4) nominal pose of the board in a gripper: the tab between the pads, the card in the tool's x-z
-        plane, its front towards the tool's -y, its lower edge at the tips."""
+        """Nominal pose (4, 4) of the board in a gripper: the tab is between the pads, the card lies in the tool's
+        x-z plane, its front faces the tool's -y, and its lower edge is at the distance `tab` from the tips."""
         T = np.eye(4)
         T[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
         T[2, 3] = self.tab + 0.5 * self.size[1]
         return frozen(T)
 
     def image(self, pixels_per_metre: float) -> NDArray[np.uint8]:
-        """(h, w) grey image of the card, for printing."""
+        """Return a grey image (h, w) of the card, for printing."""
         w, h = (round(s * pixels_per_metre) for s in self.size)
         margin = round(self.margin * pixels_per_metre)
         return np.asarray(self._charuco().generateImage((w, h), marginSize=margin), dtype=np.uint8)
@@ -66,14 +68,16 @@ class Board:
 
 BOARD = Board()
 MIN_CORNERS = 6
-"""Smallest number of corners in a view. Four determine a homography; more reveal outliers."""
+"""Smallest number of corners in a valid view. Four determine a homography; more corners reveal outliers."""
 MIN_TOLERANCE = 0.25
-"""A corner this close to the homography of the others is always an inlier [px]."""
+"""A corner counts as an inlier in any case if its distance from its position by the homography is at most this
+[px]."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """Corners found in one image. index: (n,) into `Board.corners`; pixels: (n, 2)."""
+    """Corners found in one image. index: (n,) indices into `Board.corners`; pixels: (n, 2); width, height: size of
+    the image [px]."""
 
     index: NDArray[np.int64]
     pixels: Array
@@ -81,12 +85,12 @@ class BoardView:
     height: int
 
     def points(self, board: Board) -> Array:
-        """(n, 3) positions of the found corners in the board frame."""
+        """Return the positions (n, 3) of the found corners in the board frame [m]."""
         return np.asarray(board.corners[self.index])
 
 
 def find_board(rgb: NDArray[np.uint8], board: Board = BOARD) -> BoardView | None:
-    """The board's corners in an image (h, w, 3), or None if fewer than MIN_CORNERS are found."""
+    """Find the board's corners in an image (h, w, 3) RGB. Returns None if fewer than MIN_CORNERS are found."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board._charuco()).detectBoard(grey)
     if corners is None or ids is None or len(ids) < MIN_CORNERS:
@@ -100,8 +104,8 @@ def find_board(rgb: NDArray[np.uint8], board: Board = BOARD) -> BoardView | None
 
 
 def _homography_inliers(points: Array, pixels: Array) -> NDArray[np.bool_]:
-    """(n,) whether a corner fits the homography of most corners. A pinhole maps a flat board by a homography; a
-    corner displaced by a marker or by the image border does not fit."""
+    """Return (n,) whether each corner fits the homography of most corners. A pinhole camera maps a flat board by a
+    homography; a corner that was displaced by a marker or by the image border does not fit."""
     keep = np.ones(len(points), dtype=bool)
     for _ in range(3):
         H, _ = cv2.findHomography(points[keep], pixels[keep], 0)
@@ -117,7 +121,7 @@ def _homography_inliers(points: Array, pixels: Array) -> NDArray[np.bool_]:
 
 
 def draw_view(rgb: NDArray[np.uint8], view: BoardView) -> NDArray[np.uint8]:
-    """A copy of the image with the found corners drawn in."""
+    """Return a copy of the image with the found corners drawn in."""
     picture = np.ascontiguousarray(rgb).copy()
     for k, (u, v) in zip(view.index, view.pixels, strict=True):
         centre = (round(float(u) * 16), round(float(v) * 16))

@@ -1,6 +1,6 @@
-"""The calibration board as a page to print: an A4 image to scale, with a 100 mm line to check the print.
+"""Draw the calibration board as a page to print: an A4 image to scale, with a 100 mm line to check the print.
 
-Every edge of the pattern lies between two pixels, so its lengths are exact.
+Every edge of the pattern coincides with a border between two pixels, so the pattern's lengths are exact.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from calibration.board import BOARD, DICTIONARY, Board
 __all__ = ["PAGE", "PIXELS_PER_MM", "RULER_MM", "draw_sheet"]
 
 PAGE = (297, 210)
-"""A4 landscape, width and height [mm]."""
+"""Width and height of the page (A4 landscape) [mm]."""
 PIXELS_PER_MM = 12
 RULER_MM = 100
 _CAPITALS = 2.4
@@ -24,7 +24,7 @@ _PEN = 3
 
 
 def draw_sheet(board: Board = BOARD) -> NDArray[np.uint8]:
-    """(h, w) image of the page, black 0 and white 255, with the board in the middle, at PIXELS_PER_MM.
+    """Return an image (h, w) of the page, black 0 and white 255, with PIXELS_PER_MM and the board in the middle.
 
     The page also shows the cutting line, the ruler, the middle of the lower edge and the board's description.
     Raises ValueError for a board that does not fit the page.
@@ -61,8 +61,8 @@ def _description(board: Board) -> str:
 
 
 def _ruler(sheet: NDArray[np.uint8], x: int, y: int) -> int:
-    """Draw a line of RULER_MM that starts at x [px], with a tick every 10 mm; return its end [px]. The middle of a
-    tick marks the length."""
+    """Draw a line of RULER_MM that starts at x [px], with a tick every 10 mm. A length is marked by the middle of
+    its tick. Returns the end of the line [px]."""
     end = x + RULER_MM * PIXELS_PER_MM
     cv2.line(sheet, (x, y), (end, y), 0, _PEN)
     for mm in range(0, RULER_MM + 1, 10):
@@ -73,7 +73,7 @@ def _ruler(sheet: NDArray[np.uint8], x: int, y: int) -> int:
 
 
 def _write(sheet: NDArray[np.uint8], text: str, x: int, y: int) -> None:
-    """x, y: the lower left corner of the text [px]."""
+    """Write a text. x, y: lower left corner of the text [px]."""
     scale = cv2.getFontScaleFromHeight(cv2.FONT_HERSHEY_SIMPLEX, _px(_CAPITALS), _PEN)
     cv2.putText(sheet, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, 0, _PEN)
 

@@ -1,7 +1,8 @@
-"""Camera intrinsics from images of the calibration board in many poses.
+"""Determine the camera's intrinsics from images of the calibration board in many poses.
 
-Zhang's method (IEEE T-PAMI 22(11), 2000), by OpenCV, for a pinhole: the cell's camera model has no lens
-distortion. A second fit with radial distortion measures the error of that model.
+The fit is Zhang's method (IEEE T-PAMI 22(11), 2000) as implemented in OpenCV. It fits a pinhole, because the
+cell's camera model has no lens distortion. A second fit with radial distortion measures the error of the pinhole
+model.
 """
 
 from __future__ import annotations
@@ -26,24 +27,26 @@ MIN_VIEWS = 5
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """views: number of images that must show the board. pictures_per_view: largest number of images taken for each
-    of them."""
+    """Settings of a camera calibration. views: number of images that must show the board. pictures_per_view: the
+    largest number of images taken is `views` times this. min_corners: smallest number of corners in an accepted
+    image."""
 
     views: int = 20
     pictures_per_view: float = 2.0
     min_corners: int = 10
     rms: float = 1.0
-    """Largest reprojection error [px]. Above it the board is not flat, not this board, or it moved."""
+    """Largest accepted reprojection error [px]. A larger error means that the board is not flat, is another board,
+    or has moved."""
     focal_sigma: float = 0.004
-    """Largest relative standard deviation of a focal length. Views with too little or equal tilt leave the focal
-    length undetermined."""
+    """Largest accepted relative standard deviation of a focal length. If the board is tilted too little, or
+    equally in all views, the views do not determine the focal length."""
     centre_sigma: float = 3.0
-    """Largest standard deviation of the principal point [px]."""
+    """Largest accepted standard deviation of the principal point [px]."""
     lean: float = float(np.deg2rad(8.0))
-    """Smallest mean tilt of the boards [rad]. If all boards face the camera, the computed standard deviations are
-    too small."""
+    """Smallest accepted mean tilt of the board against the image plane [rad]. If the board faces the camera in all
+    views, the computed standard deviations are too small."""
     distortion: float = 2.0
-    """Largest displacement of an image corner by radial distortion [px]."""
+    """Largest accepted displacement of an image corner by radial distortion [px]."""
 
     def __post_init__(self) -> None:
         if self.views < MIN_VIEWS:
@@ -54,7 +57,8 @@ class CameraSettings:
 class IntrinsicsCalibration:
     """Result of a camera calibration. rms: reprojection error [px]; worst_view: largest reprojection error of one
     view [px]. sigma: standard deviations of fx, fy, cx, cy [px]. distortion: displacement of an image corner in a
-    fit with radial distortion [px]. coverage: share of the 8 x 6 image cells that contain a found corner."""
+    fit with radial distortion [px]. views, corners: numbers used in the fit. coverage: fraction of the 8 x 6 cells
+    of the image that contain a found corner."""
 
     intrinsics: Intrinsics
     rms: float
@@ -69,7 +73,7 @@ class IntrinsicsCalibration:
 def calibrate_camera(
     settings: CameraSettings | None = None, board: Board = BOARD
 ) -> Procedure[IntrinsicsCalibration]:
-    """Ask for the board in one pose after the other until enough images show it, then fit the intrinsics.
+    """Ask for the board in one pose after another until enough images show it, then fit the intrinsics.
 
     Failures: OUT_OF_VIEW (too few images show the board), and those of `fit_intrinsics`.
     """
@@ -112,8 +116,8 @@ def fit_intrinsics(
 ) -> Outcome[IntrinsicsCalibration]:
     """Fit a pinhole camera to the views.
 
-    Fails with LOW_CONFIDENCE: too few views, views too much alike, a board that is not flat, a lens with
-    distortion.
+    Fails with LOW_CONFIDENCE for too few views, views that are too similar, a board that is not flat, and a lens
+    with distortion.
     """
     settings = settings or CameraSettings()
     if len(views) < MIN_VIEWS:
@@ -171,11 +175,11 @@ def _deviations(
     rotations: Sequence[np.ndarray],
     translations: Sequence[np.ndarray],
 ) -> tuple[float, float, float, float]:
-    """Standard deviations of fx, fy, cx, cy [px] of a fit, with the poses of the boards marginalised (Schur
-    complement).
+    """Return the standard deviations of fx, fy, cx, cy [px] of a fit. The unknown poses of the board are
+    marginalised (Schur complement).
 
-    OpenCV's own standard deviations omit the unobservable directions. For parallel boards, which fit any focal
-    length, OpenCV reports 0.2 px.
+    OpenCV's own standard deviations omit directions that the views do not determine. For example, parallel boards
+    fit any focal length, but OpenCV reports a standard deviation of 0.2 px for them.
     """
     information, squares, free = np.zeros((4, 4)), 0.0, -4
     for object_, seen, rotation, translation in zip(points, pixels, rotations, translations, strict=True):
@@ -192,20 +196,20 @@ def _deviations(
 
 
 def _mean_lean(rotations: Sequence[np.ndarray]) -> float:
-    """Mean angle between the boards' normals and the optical axis [rad]."""
+    """Return the mean angle between the boards' normals and the optical axis [rad]."""
     facing = [abs(float(cv2.Rodrigues(np.asarray(w))[0][2, 2])) for w in rotations]
     return float(np.arccos(np.clip(facing, 0.0, 1.0)).mean())
 
 
 def _mean_gap(rotations: Sequence[np.ndarray]) -> float:
-    """Mean angle between the boards' normals and their mean normal [rad]."""
+    """Return the mean angle between the boards' normals and their mean normal [rad]."""
     normals = np.array([cv2.Rodrigues(np.asarray(w))[0][:, 2] for w in rotations])
     mean = normals.sum(axis=0) / np.linalg.norm(normals.sum(axis=0))
     return float(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).mean())
 
 
 def _corner_shift(fx: float, fy: float, cx: float, cy: float, size: tuple[int, int], k1: float) -> float:
-    """Displacement of the farthest image corner by the radial distortion 1 + k1 r^2 [px]."""
+    """Return the displacement of the farthest image corner by the radial distortion 1 + k1 r^2 [px]."""
     x = np.array([(u - cx) / fx for u in (0, size[0])])
     y = np.array([(v - cy) / fy for v in (0, size[1])])
     r2 = float(np.max(x**2) + np.max(y**2))

@@ -1,8 +1,9 @@
 """Effects: the requests of a calibration procedure to a cell, and their results.
 
 A procedure is a generator. It yields effects, receives their outcomes and returns its own outcome. It has no other
-access to the cell. The runner in cell/calibrating plans, checks, watches the stop circuit and writes the journal.
-A procedure handles only the failures of planning (UNREACHABLE, IN_COLLISION). Every other failure ends it.
+access to the cell. The runner in cell/calibrating performs the effects: it plans, checks, watches the stop circuit
+and writes the journal. A procedure receives only planning failures (UNREACHABLE, IN_COLLISION) and may handle
+them. Every other failure ends it.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A picture, and the mean joint positions q (14,) at the time it was taken [rad]."""
+    """A picture, and the mean joint positions q (14,) when it was taken [rad]."""
 
     frame: CameraFrame
     q: Array
@@ -55,8 +56,8 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Move one tool to T_base_tool (4, 4) without collision; the other arm parks. Fails with UNREACHABLE or
-    IN_COLLISION before this arm moves."""
+    """Move one tool to the pose T_base_tool (4, 4) on a collision-free path; the other arm parks first. Fails with
+    UNREACHABLE or IN_COLLISION before this arm moves."""
 
     side: Side
     T_base_tool: Array
@@ -64,10 +65,11 @@ class Reach:
 
 @dataclass(frozen=True)
 class Touch:
-    """Lower one hand with closed pads straight onto the table at x, y [m], press, and raise it.
+    """Touch the table with the closed pads of one hand at x, y [m].
 
-    The first descent is guarded and covers `search` [m] above and below the configured table height. Fails with
-    NO_CONTACT, UNREACHABLE, IN_COLLISION.
+    The hand descends until it touches, backs off, presses slowly, and rises. It expects the table from `search`
+    [m] above to `search` below the configured table height. Fails with NO_CONTACT, UNREACHABLE, IN_COLLISION, and
+    with LOW_CONFIDENCE for a contact above this range.
     """
 
     side: Side
@@ -79,7 +81,8 @@ class Touch:
 @dataclass(frozen=True, eq=False)
 class TouchReadings:
     """Readings of a slow press. height: (n,) height of the tool centre point computed from the joints, base frame
-    [m]; force: (n,) sum of both tips minus the tare [N]. x, y: position of the tool, base frame [m]."""
+    [m]; force: (n,) sum of the forces on both tips minus the tare [N]. x, y: position of the tool, base frame
+    [m]."""
 
     side: Side
     x: float
@@ -97,7 +100,7 @@ class RecordTactile:
 
 @dataclass(frozen=True, eq=False)
 class TactileRecording:
-    """All readings of each hand in order of time."""
+    """All tactile readings of each hand in order of time."""
 
     readings: Mapping[Side, tuple[TactileReading, ...]]
 
@@ -113,14 +116,15 @@ class Grip:
 
 @dataclass(frozen=True)
 class Bring:
-    """Ask the attendant to bring the calibration board to `place`."""
+    """Ask the attendant to bring the calibration board to `place`, or to take it away."""
 
     place: BoardPlace
 
 
 @dataclass(frozen=True, eq=False)
 class Note:
-    """A progress line for the operator, and a picture (h, w, 3) for the run folder."""
+    """Show a progress line to the operator. picture: (h, w, 3), saved as `name` in the run folder; None: no
+    picture."""
 
     text: str
     picture: NDArray[np.uint8] | None = None
@@ -139,7 +143,7 @@ def look() -> Procedure[Sight]:
 
 
 def reach(side: Side, T_base_tool: Array) -> Procedure[Array]:
-    """Returns the joints (14,) at that pose [rad]."""
+    """Move one tool to a pose. Returns the joints (14,) there [rad]."""
     return (yield Reach(side, T_base_tool))
 
 

@@ -1,9 +1,9 @@
 """The paper's friction test: one side of a table is lifted until the garment on it slides.
 
 The operator measures the table's length L_t and the height H_s of the lifted side when the garment begins to
-slide: angle = asin(H_s / L_t), and Coulomb friction = tan(angle) (Li et al. 2015, IV-B). The virtual table is
-lifted to that angle with high friction. The friction is then lowered in small steps until the virtual garment
-slides. This checks that the simulation's coefficient is Coulomb's.
+slide. Then angle = asin(H_s / L_t), and the Coulomb friction is tan(angle) (Li et al. 2015, IV-B). The virtual
+table is lifted to this angle with a high friction. The friction is then lowered in small steps until the virtual
+garment slides. This checks that the coefficient in the simulation means Coulomb friction.
 """
 
 from __future__ import annotations
@@ -26,21 +26,22 @@ __all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "slide
 
 MIN_ANGLE, MAX_ANGLE = math.radians(2.0), math.radians(60.0)
 START, MAX_FACTOR, STEP = 1.25, 5.0, 0.01
-"""In units of tan(angle): initial friction, largest initial friction (if the garment slides at a lower one), and
-decrement."""
+"""Frictions in units of tan(angle). START: first friction of the virtual table. MAX_FACTOR: the friction is raised
+up to this if the garment slides already. STEP: amount by which the friction is then lowered in each step."""
 WATCH_S = 0.25
-"""Simulated time at each friction [s]."""
+"""Time that is simulated at each friction [s]."""
 MOVED = 5e-4
-"""Displacement in WATCH_S that counts as sliding [m]. A garment that settles on a new slope moves less."""
+"""The garment slides if its mean displacement in WATCH_S is larger than this [m]. A garment that only settles on a
+new slope moves less."""
 AGREEMENT = 0.02
-"""Largest relative difference between the simulated coefficient and tan(angle)."""
+"""Largest accepted relative difference between the simulated coefficient and tan(angle)."""
 LIFTS, LIFT_S = 10, 0.1
 """Number of steps in which the table is lifted, and the duration of each [s]."""
 EDGE = 0.026
 
 
 def friction_angle(height: float, length: float) -> float:
-    """asin(H_s / L_t) [rad] of the lifted height H_s and the table's length L_t [m].
+    """Return asin(H_s / L_t) [rad], with the height H_s of the lifted side and the table's length L_t [m].
 
     Raises ConfigurationError for a length outside 0.005 to 5 m or an angle outside 2 to 60 degrees.
     """
@@ -68,9 +69,11 @@ def friction_angle(height: float, length: float) -> float:
 @dataclass(frozen=True, eq=False)
 class FrictionCalibration:
     """Result of the friction test. angle: measured slope [rad]. coefficient: tan(angle). simulated: friction at
-    which the virtual garment began to slide. tried: pairs (friction, displacement down the slope [m]). pictures
-    (k, n, 3) in the table's frame, with their times (k,) [s], slopes of the table lifts (k,) [rad] and frictions
-    (k,)."""
+    which the virtual garment began to slide. tried: pairs (friction, displacement down the slope [m]).
+
+    pictures: (k, n, 3) vertices in the table's frame [m]. times (k,) [s], lifts (k,) [rad], frictions (k,): time,
+    slope of the table and friction of each picture.
+    """
 
     angle: float
     coefficient: float
@@ -102,15 +105,16 @@ def tilted(points: Array, angle: float) -> Array:
 def slides(
     mesh: ClothMesh, material: Material, angle: float, positions: Array | None = None, seconds: float = WATCH_S
 ) -> tuple[float, Array]:
-    """Displacement down the slope in `seconds` of a garment that starts at rest [m], and its positions (n, 3)."""
+    """Simulate a garment that starts at rest on the slope. Returns its mean displacement down the slope in
+    `seconds` [m], and its positions (n, 3) afterwards."""
     table = _TiltedTable(mesh, material, positions)
     moved = table.advance(material, angle, seconds)
     return moved, table.positions
 
 
 class _TiltedTable:
-    """The garment on the table. The contact forces carry over from one slope and friction to the next. Without
-    them, a garment of two layers would redistribute its weight at each step and slip while it does so."""
+    """The virtual garment on the table. The contact forces carry over when the slope or the friction changes.
+    Without them, a garment of two layers would redistribute its weight at each change and slip meanwhile."""
 
     def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
         self._mesh = mesh
@@ -118,7 +122,7 @@ class _TiltedTable:
         self.positions = mesh.lay_flat(material.thickness) if positions is None else positions
 
     def advance(self, material: Material, angle: float, seconds: float) -> float:
-        """Simulate `seconds`; return the mean displacement down the slope [m]."""
+        """Simulate `seconds`. Returns the mean displacement down the slope [m]."""
         gravity = (GRAVITY * math.sin(angle), 0.0, -GRAVITY * math.cos(angle))
         settings = SolverSettings(gravity=gravity, drag=0.0, sleep_frames=0)
         simulation = ClothSimulation(self._mesh, material, self.positions, settings)
@@ -138,10 +142,11 @@ def calibrate_friction(
     length: float,
     tell: Callable[[str], None] = lambda line: None,
 ) -> FrictionCalibration:
-    """The friction between the table and a garment of outline `template` (k, 2) [m].
+    """Measure the friction between the table and a garment of outline `template` (k, 2) [m], and check it in
+    simulation.
 
-    The result's `agrees` states whether the virtual garment slides at tan(angle). Raises ConfigurationError for an
-    impossible measurement.
+    height: height of the table's lifted side [m]; length: length of the table [m]. The result's `agrees` states
+    whether the virtual garment slides at tan(angle). Raises ConfigurationError for an impossible measurement.
     """
     angle = friction_angle(height, length)
     wanted = math.tan(angle)
@@ -169,7 +174,7 @@ def calibrate_friction(
 
 
 class _Film:
-    """The pictures of the test, for the report."""
+    """Collects the pictures of the test, for the report."""
 
     def __init__(self) -> None:
         self.pictures: list[Array] = []
@@ -185,7 +190,8 @@ class _Film:
 
 
 def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, _TiltedTable, _Film]:
-    """Lift the table with a friction that holds the garment. Returns that friction, the table and its pictures."""
+    """Lift the virtual table with a friction that holds the garment. Returns that friction, the table and its
+    pictures."""
     factor = START
     while True:
         mu, table, film = factor * wanted, _TiltedTable(mesh, material), _Film()

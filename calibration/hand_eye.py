@@ -1,11 +1,12 @@
-"""Hand-eye calibration: the camera's pose in the base frame, from images of the board in each hand in many poses.
+"""Hand-eye calibration: find the camera's pose in the base frame, from images of the board in each hand in many
+poses.
 
 The camera is fixed and the board moves with the hand: T_base_tool(i) Y = X T_camera_board(i) for every image i,
 with unknown X = T_base_camera and Y = T_tool_board (the robot-world / hand-eye problem). A closed form gives the
 initial value: rotations by singular values of a Kronecker product (Shah, J. Mech. Robot. 5(3), 2013), then
-translations by linear least squares. Least squares on the reprojection error refines it. Both hands share X. The
-zeros of the joints are off by about a milliradian, which a single pose cannot show. They are estimated together
-with X and Y under a prior of zero.
+translations by linear least squares. Least squares on the reprojection error refines this value. Both hands share
+X. The zeros of the joints are wrong by about a milliradian, which a single pose cannot show. They are estimated
+together with X and Y, with a prior of mean zero.
 """
 
 from __future__ import annotations
@@ -37,28 +38,29 @@ __all__ = [
 
 PLACES = {Side.LEFT: BoardPlace.LEFT_HAND, Side.RIGHT: BoardPlace.RIGHT_HAND}
 MIN_VIEWS = 4
-"""Smallest number of views in each hand. Three poses with rotations about two axes are the minimum; a fourth makes
-an error visible."""
+"""Smallest number of views in each hand. Three poses with rotations about two axes are the minimum. A fourth view
+makes an error visible."""
 
 
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """views: number of views in each hand. poses_per_view: largest number of poses for each of them. Lengths [m],
-    angles [rad]."""
+    """Settings of a hand-eye calibration. views: number of views in each hand. poses_per_view: the largest number
+    of poses tried per hand is `views` times this. min_corners: smallest number of corners in a view. grip_force
+    [N]."""
 
     views: int = 12
     poses_per_view: float = 4.0
     min_corners: int = 10
     lean: float = 0.6
-    """Largest angle between the board's normal and the view ray."""
+    """Largest angle between the board's normal and the view ray [rad]."""
     turn: tuple[float, float] = (0.4, 1.6)
-    """Range of the direction of the card's lower edge: 0 towards the robot, pi / 2 towards the side of the
-    hand."""
+    """Range of the direction in which the card's lower edge points [rad]: 0 towards the robot, pi / 2 towards the
+    side of the hand."""
     grip_force: float = 15.0
     corner_sigma: float = 0.15
-    """Standard deviation of one found corner [px]."""
+    """Standard deviation of the position of one found corner [px]."""
     joint_sigma: float = 0.0015
-    """Standard deviation of the joints' zeros. It corresponds to the arms' stated accuracy of 5 mm."""
+    """Standard deviation of the joints' zeros [rad]. It corresponds to the arms' stated accuracy of 5 mm."""
     focal_sigma: float = 0.002
     """Relative standard deviation of the focal lengths."""
     centre_sigma: float = 0.7
@@ -66,16 +68,18 @@ class HandEyeSettings:
     print_sigma: float = 0.0005
     """Relative standard deviation of the scale of the printed board."""
     rms: float = 1.5
-    """Largest reprojection error [px]. Above it the intrinsics, the board or the arms' model is wrong."""
+    """Largest accepted reprojection error [px]. A larger error means that the intrinsics, the board or the arms'
+    model is wrong."""
     position_sigma: float = 0.004
-    """Largest standard deviation of the camera's position."""
+    """Largest accepted standard deviation of the camera's position [m]."""
     angle_sigma: float = float(np.deg2rad(0.3))
-    """Largest standard deviation of the camera's orientation."""
+    """Largest accepted standard deviation of the camera's orientation [rad]."""
 
     @classmethod
     def with_lens_of_data_sheet(cls, views: int) -> HandEyeSettings:
-        """Settings for intrinsics from a data sheet, which states a field of view in whole degrees and a principal
-        point near the middle. The fitted pose then absorbs the error of the lens and is less certain."""
+        """Return settings for intrinsics from a data sheet, which states a field of view in whole degrees and a
+        principal point near the middle. The fitted pose then absorbs the error of the intrinsics and is less
+        certain."""
         return cls(
             views, focal_sigma=0.01, centre_sigma=5.0, position_sigma=0.020, angle_sigma=float(np.deg2rad(1.5))
         )
@@ -87,7 +91,7 @@ class HandEyeSettings:
 
 @dataclass(frozen=True, eq=False)
 class HandView:
-    """One image of the board in a hand. q: (7,) joints of that arm [rad]."""
+    """One image of the board in a hand. q: (7,) joints of that arm [rad]; view: the found corners."""
 
     side: Side
     q: Array
@@ -96,11 +100,14 @@ class HandView:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeCalibration:
-    """T_base_camera (4, 4); T_tool_board (4, 4) by hand. rms: reprojection error [px]. position [m], angle [rad]:
-    root mean square difference between the board's pose from the arm and from the camera. position_sigma [m],
-    angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It includes the errors of the
-    corners, the joints' zeros, the intrinsics and the print, and the scatter of the views. joint_offsets: (7,) by
-    hand, the estimated joint zeros, which the fit subtracts from the readings [rad]."""
+    """Result of a hand-eye calibration. T_base_camera: (4, 4). T_tool_board: hand -> (4, 4). rms: reprojection
+    error [px]. position [m], angle [rad]: root mean square difference between the board's pose from the arm and
+    from the camera.
+
+    position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It
+    includes the errors of the corners, the joints' zeros, the intrinsics and the print, and the scatter of the
+    views. joint_offsets: hand -> (7,) estimated joint zeros, which the fit subtracts from the readings [rad].
+    """
 
     T_base_camera: Array
     T_tool_board: Mapping[Side, Array]
@@ -120,11 +127,11 @@ def calibrate_hand_eye(
     settings: HandEyeSettings | None = None,
     board: Board = BOARD,
 ) -> Procedure[HandEyeCalibration]:
-    """Show the camera the board in each hand in many poses, then fit the camera's pose.
+    """Show the board in each hand to the camera in many poses, then fit the camera's pose.
 
-    camera: present calibration, which gives the intrinsics and the places to hold the board. Failures: UNREACHABLE
-    (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show the board), and those of
-    `fit_hand_eye`.
+    camera: present calibration, from which the intrinsics and the poses of the board are taken. Failures:
+    UNREACHABLE (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show the board), and
+    those of `fit_hand_eye`.
     """
     settings = settings or HandEyeSettings()
     T_base_camera = table.T_base_table @ camera.T_table_camera
@@ -140,7 +147,7 @@ def calibrate_hand_eye(
 def _views_in(
     side: Side, T_base_camera: Array, settings: HandEyeSettings, board: Board
 ) -> Procedure[tuple[HandView, ...]]:
-    """Take the board in one hand, show it to the camera in many poses, return it."""
+    """Take the board in one hand, show it to the camera in many poses, and give it back."""
     poses = board_poses(side, T_base_camera, settings)
     views: list[HandView] = []
     holding = False
@@ -173,7 +180,7 @@ def _views_in(
     if not holding:
         what = f"the {side} hand reaches none of the {len(poses)} poses in front of the camera"
         return Outcome(failure=Failure(FailureKind.UNREACHABLE, what, "clear the table's surroundings"))
-    removed = yield from bring(BoardPlace.AWAY)  # so that the board does not fall when the hand opens
+    removed = yield from bring(BoardPlace.AWAY)  # before the hand opens, so that the board does not fall
     if removed.failure:
         return Outcome(failure=removed.failure)
     yield from grip(side, 0.02, settings.grip_force)
@@ -185,10 +192,10 @@ def _views_in(
 
 
 def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> tuple[Array, ...]:
-    """Board poses (4, 4) in the base frame for one hand. The sequence is the same in every call.
+    """Return board poses (4, 4) in the base frame for one hand. The sequence is the same in every call.
 
-    The poses are spread over the view, and the board faces the camera to within the angle `lean`. The card's lower
-    edge, which the hand holds, points to the hand's side of the cell, where the arm has room.
+    The poses are spread over the camera's view, and the board faces the camera to within the angle `lean`. The
+    card's lower edge, which the hand holds, points to the hand's side of the cell, where the arm has room.
     """
     rng = np.random.default_rng(11)
     sign = 1.0 if side is Side.LEFT else -1.0
@@ -212,7 +219,7 @@ def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> 
 
 
 def closed_form(A: Sequence[Array], B: Sequence[Array]) -> tuple[Array, Array]:
-    """X, Y (4, 4) with A_i Y = X B_i for poses A, B (n, 4, 4), n >= 3, with rotations about two axes or more.
+    """Solve A_i Y = X B_i for X, Y (4, 4). A, B: n >= 3 poses (4, 4) each, with rotations about two axes or more.
 
     R_A Y_R = X_R R_B: (R_B kron R_A) vec(Y_R) = vec(X_R), so sum_i R_B kron R_A has vec(Y_R), vec(X_R) as its
     first singular vectors (Shah 2013); then R_A t_Y - t_X = X_R t_B - t_A is linear.
@@ -237,7 +244,7 @@ def fit_hand_eye(
 ) -> Outcome[HandEyeCalibration]:
     """Fit the camera's pose to the views of one or both hands.
 
-    Fails with LOW_CONFIDENCE: too few views, poses too much alike, corners that fit no camera pose.
+    Fails with LOW_CONFIDENCE for too few views, poses that are too similar, and corners that fit no camera pose.
     """
     settings = settings or HandEyeSettings()
     sides = tuple(side for side in Side if any(v.side is side for v in views))
@@ -262,7 +269,7 @@ def fit_hand_eye(
 
 
 class _Problem:
-    """The least-squares problem. Its unknowns are one vector: a twist on X, then for each hand a twist on Y and
+    """The least-squares problem. Its unknowns form one vector: a twist on X, then for each hand a twist on Y and
     seven joint offsets in units of joint_sigma."""
 
     def __init__(
@@ -289,8 +296,9 @@ class _Problem:
         return self._X @ _exp(x[:6]), Y, offsets
 
     def _reprojection(self, x: Array, lens: Array | None = None) -> Array:
-        """(m, 2) found minus expected corners of all views [px]. lens: (5,) errors of the focal lengths
-        (relative), the principal point [px] and the print (relative)."""
+        """Return the found minus the expected corners (m, 2) of all views [px]. lens: (5,) assumed errors of the
+        focal lengths (relative), the principal point [px] and the scale of the print (relative); None: no
+        errors."""
         fx, fy, cx, cy, size = np.zeros(5) if lens is None else lens
         X, Y, offsets = self._parts(x)
         T_camera_base = np.linalg.inv(X)
@@ -305,13 +313,14 @@ class _Problem:
         return np.vstack(out)
 
     def residuals(self, x: Array) -> Array:
-        """Reprojection errors and joint offsets, each divided by its standard deviation."""
+        """Return the reprojection errors and joint offsets, each divided by its standard deviation."""
         corners = self._reprojection(x).ravel() / self._settings.corner_sigma
         offsets = np.concatenate([x[12 + 13 * i : 19 + 13 * i] for i in range(len(self._sides))])
         return np.concatenate([corners, offsets])
 
     def _lens_influence(self, x: Array, gain: Array) -> Array:
-        """(size, 5) change of the unknowns for one standard deviation of each parameter of lens and print."""
+        """Return the change of the unknowns (size, 5) that one standard deviation of each parameter of lens and
+        print causes."""
         s, columns = self._settings, []
         for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, s.print_sigma)):
             lens = np.zeros(5)
@@ -321,9 +330,12 @@ class _Problem:
         return np.column_stack(columns)
 
     def _view_influence(self, x: Array, J: Array, inverse: Array) -> Array:
-        """(size, views) influence of each view on the unknowns. The errors of all corners of a view are
-        correlated, for example by a joint reading or a slip of the board. The views, not the corners, are
-        independent observations (cluster-robust covariance: Liang and Zeger, Biometrika 73(1), 1986)."""
+        """Return the influence of each view on the unknowns, (size, views).
+
+        The errors of all corners of a view are correlated, for example by a joint reading or a slip of the board.
+        The independent observations are therefore the views and not the corners (cluster-robust covariance: Liang
+        and Zeger, Biometrika 73(1), 1986).
+        """
         residuals = self.residuals(x)
         ends = np.cumsum([2 * len(v.view.index) for v in self._views])
         parts = (slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True))
@@ -331,7 +343,7 @@ class _Problem:
         return np.asarray(influence * np.sqrt(len(ends) / (len(ends) - 1.0)))
 
     def result(self, x: Array, J: Array, seen: Sequence[Array]) -> Outcome[HandEyeCalibration]:
-        """The calibration at the solution x, or a failure if its errors are too large."""
+        """Return the calibration at the solution x, or a failure if its errors are too large."""
         s = self._settings
         rms = float(np.sqrt((self._reprojection(x) ** 2).sum(axis=1).mean()))
         if rms > s.rms:
@@ -341,7 +353,7 @@ class _Problem:
             )
             return _low_confidence(what, hint, {"rms_px": rms})
         X, Y, offsets = self._parts(x)
-        # Errors outside the model widen the variance: excess reprojection error, lens and print, and single views.
+        # Errors outside the model increase the variance: excess reprojection error, lens and print, single views.
         inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
         by_lens = self._lens_influence(x, inverse @ J.T)
         by_view = self._view_influence(x, J, inverse)
@@ -370,7 +382,7 @@ class _Problem:
 
 
 def _board_pose(k: Intrinsics, view: BoardView, board: Board) -> Array:
-    """T_camera_board (4, 4) from one image."""
+    """Compute T_camera_board (4, 4) from one image."""
     _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, flags=cv2.SOLVEPNP_IPPE)
     _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, w, t, True, cv2.SOLVEPNP_ITERATIVE)
     T = np.eye(4)
@@ -379,14 +391,16 @@ def _board_pose(k: Intrinsics, view: BoardView, board: Board) -> Array:
 
 
 def _second_axis_spread(poses: Sequence[Array]) -> float:
-    """Standard deviation of the rotations about their second principal axis [rad] (middle singular value)."""
+    """Return the standard deviation of the poses' rotations about their second principal axis [rad] (middle
+    singular value). It is near zero if the poses rotate about one axis only."""
     rotations = np.array([pin.log3(poses[0][:3, :3].T @ T[:3, :3]) for T in poses])
     s = np.linalg.svd(rotations - rotations.mean(axis=0), compute_uv=False)
     return float(s[1] / np.sqrt(len(poses)))
 
 
 def _exp(twist: Array) -> Array:
-    """(4, 4) transform: translation twist[:3] [m] and rotation vector twist[3:] [rad], in the moved frame."""
+    """Return the transform (4, 4) of a twist: translation twist[:3] [m] and rotation vector twist[3:] [rad], in
+    the moved frame."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = _rotation(twist[3:]), twist[:3]
     return T
@@ -397,7 +411,7 @@ def _rotation(w: Array) -> Array:
 
 
 def _nearest_rotation(M: Array) -> Array:
-    """The nearest rotation to a matrix that is a rotation up to a factor of either sign."""
+    """Return the rotation that is nearest to a matrix which is a rotation times a factor of either sign."""
     M = M * np.sign(np.linalg.det(M))
     U, _, Vt = np.linalg.svd(M)
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)

@@ -1,16 +1,18 @@
-"""Identify friction and stretch from a fold: observed silhouettes against predictions for candidate materials.
+"""Identify friction and stretch from a fold by comparing observed silhouettes with predictions for candidate
+materials.
 
-A fold that drags the resting part of the cloth reveals the table's friction. A fold that drags nothing shows only
-that the friction was sufficient. The stretch of a garment moves its outline by a fraction of a millimetre, less
-than a camera resolves. Without information in the pictures the estimate equals the prior.
+A fold that drags the resting part of the cloth over the table reveals the table's friction. A fold that drags
+nothing shows only that the friction was sufficient. The stretch of a garment moves its outline by a fraction of a
+millimetre, which is less than a camera resolves. If the pictures contain no information, the estimate equals the
+prior.
 
 Accuracy (tested on folds simulated with another mesh): if cloth was dragged, the estimate moves from the prior
-towards the true value; if not, it stays at the prior. The size of the change is less accurate. Friction of 0.65,
-0.8 and 1.2 times the assumed one was estimated as 0.70, 0.83 and 1.49 times, because the friction at which
-dragging begins depends on the mesh. The deviations hold under the assumed `Noise`; they are not validated
-confidence bounds.
+towards the true value; if not, it stays at the prior. The size of the change is less accurate. Frictions of 0.65,
+0.8 and 1.2 times the assumed friction were estimated as 0.70, 0.83 and 1.49 times, because the friction at which
+dragging begins depends on the mesh. The standard deviations are valid under the assumed `Noise`; they are not
+validated confidence bounds.
 
-Method: Bayes on a grid. The signed distances of the observed outline from the predicted one are interpolated
+Method: Bayes on a grid. The signed distances of the observed outline from the predicted outlines are interpolated
 between the candidates, linearly in the logarithms of friction and stretch. A robust (Huber) likelihood weighs the
 distances. Each correlation length of the outline counts as one independent point.
 """
@@ -44,20 +46,21 @@ __all__ = [
 ]
 
 FRICTIONS = (0.5, 0.65, 0.8, 1.0, 1.25, 1.6)
-"""Candidate frictions as factors of the assumed one."""
+"""Candidate frictions as factors of the assumed friction."""
 BOUND = 0.5
-"""Largest relative difference between an updated friction and that of the garment file."""
+"""Largest allowed relative difference between an updated friction and the friction of the garment file."""
 POINTS = 240
 """Number of compared points along each observed outline."""
 FINE = 81
-"""Number of points of the fine grid along each axis."""
+"""Number of points along each axis of the fine grid, on which the estimate is computed."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Error model. sigma: standard deviation of the distance between an observed outline and a correct prediction
-    (camera and simulation) [m]; correlation: correlation length of that error along the outline [m]; huber:
-    distance above which the loss is linear [m]. friction, stretch: relative standard deviation of the prior."""
+    """Error model of the observed outlines. sigma: standard deviation of the distance between an observed outline
+    and a correct prediction (camera and simulation) [m]; correlation: correlation length of this error along the
+    outline [m]; huber: distance above which the loss is linear [m]. friction, stretch: relative standard
+    deviations of the prior."""
 
     # assumed: most of a simulation's error is a drift that the whole outline shares
     sigma: float = 0.004
@@ -69,7 +72,7 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The grid of candidates: friction (f,) static coefficients and stretch (s,) fractions, both increasing;
+    """The grid of candidate materials. friction (f,): static coefficients; stretch (s,): fractions; both increase.
     shapes[i][j][k]: silhouette (polygon, table frame [m]) in picture k, predicted with friction i and stretch
     j."""
 
@@ -80,8 +83,8 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value and its standard deviation under the assumed `Noise`. learned: relative reduction of the prior's
-    variance by the pictures (0: no information, 1: full information)."""
+    """An estimated value and its standard deviation under the assumed `Noise`. learned: relative reduction of the
+    prior's variance by the pictures (0: no information, 1: full information)."""
 
     value: float
     deviation: float
@@ -91,28 +94,30 @@ class Quantity:
 @dataclass(frozen=True)
 class MaterialEstimate:
     """Estimates of friction and stretch. misfit: rms distance of the outlines at the estimate [m]. A misfit of
-    more than a few sigma means that no candidate explains the observation; it increases the deviations."""
+    several sigma means that no candidate explains the observation; it increases the standard deviations."""
 
     friction: Quantity
     stretch: Quantity
     misfit: float
 
     def update_of(self, believed: Material, nominal: Material) -> Material:
-        """`believed` with its friction moved towards the estimate. The step of its logarithm is `learned` times
-        the difference of the logarithms. The result stays within BOUND of the friction of `nominal`."""
+        """Return `believed` with its friction moved towards the estimate. The logarithm of the friction moves by
+        the fraction `learned` of its distance to the logarithm of the estimate. The result stays within BOUND of
+        the friction of `nominal`."""
         before, lowest = believed.friction_static, (1.0 - BOUND) * nominal.friction_static
         moved = before * (self.friction.value / before) ** self.friction.learned
         return believed.with_friction(float(np.clip(moved, lowest, (1.0 + BOUND) * nominal.friction_static)))
 
 
 def silhouette(vertices: Array, triangles: NDArray[np.int32]) -> shapely.Geometry:
-    """The outline of a mesh seen from above. vertices: (n, 3); triangles: (m, 3)."""
+    """Return the outline of a mesh as seen from above. vertices: (n, 3); triangles: (m, 3)."""
     flat = shapely.polygons(np.asarray(vertices)[triangles][:, :, :2])
     return shapely.union_all(shapely.buffer(flat, 1e-5))
 
 
 def outline_residual(contour: Array, vertices: Array, triangles: NDArray[np.int32]) -> float:
-    """Root mean square distance [m] of an observed outline (k, 2) from a predicted shape with vertices (n, 3)."""
+    """Return the root mean square distance [m] of an observed outline (k, 2) from the outline of a predicted shape
+    with vertices (n, 3)."""
     ring = shapely.LinearRing(contour)
     return float(np.sqrt(np.mean(_distances([ring], [silhouette(vertices, triangles)]) ** 2)))
 
@@ -126,11 +131,12 @@ def predict_candidates(
     stretch_factors: Sequence[float] = (1.0,),
     seen_as: Callable[[Array], Array] = np.asarray,
 ) -> Candidates:
-    """Simulate the fold from `positions` (n, 3) with each factor of the friction and the stretch of `material`.
+    """Simulate the fold from `positions` (n, 3) for each combination of a friction factor and a stretch factor.
+    The factors multiply the friction and the stretch of `material`.
 
-    Runs len(friction_factors) * len(stretch_factors) simulations. Each candidate has one picture, taken at the end
-    of the fold. seen_as: maps vertices (n, 3) to their apparent positions (n, 3) in the camera; default: a view
-    from straight above.
+    The number of simulations is len(friction_factors) * len(stretch_factors). Each candidate has one picture,
+    taken at the end of the fold. seen_as: maps vertices (n, 3) to their apparent positions (n, 3) in the camera;
+    default: a view from straight above.
     """
     friction = material.friction_static * np.sort(friction_factors)
     stretch = material.stretch_fraction * np.sort(stretch_factors)
@@ -191,8 +197,8 @@ def _check(observed: Sequence[Array], candidates: Candidates) -> None:
 
 
 def _distances(rings: Sequence[shapely.LinearRing], shapes: Sequence[shapely.Geometry]) -> Array:
-    """(pictures * POINTS,) signed distances of observed outline points from the predicted outlines, positive
-    outside [m]."""
+    """Return the signed distances (pictures * POINTS,) of points on the observed outlines from the predicted
+    outlines, positive outside [m]."""
     out = []
     for ring, shape in zip(rings, shapes, strict=True):
         points = shapely.line_interpolate_point(
@@ -210,7 +216,7 @@ def _fine(axis: Array) -> Array:
 def _interpolated(
     distances: Array, candidates: Candidates, friction: Array, stretch: Array, huber: float
 ) -> tuple[Array, Array]:
-    """Mean squared distance and mean Huber loss [m2] on the fine grid, (friction, stretch)."""
+    """Return the mean squared distance and the mean Huber loss [m2] on the fine grid, each (friction, stretch)."""
     if len(candidates.stretch) > 1:
         axes = (np.log(candidates.friction), np.log(candidates.stretch))
         at = np.stack(np.meshgrid(np.log(friction), np.log(stretch), indexing="ij"), axis=-1)

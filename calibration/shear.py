@@ -1,17 +1,19 @@
 """The paper's stretch test: a real and a virtual garment hang by one point.
 
 The operator hangs the garment and measures L1 from the clip to the lowest point. Then the operator lays it down,
-spreads the two points as far as they go and measures L2. The stretch is (L1 - L2) / L2 (Li et al. 2015, IV-A). The
-virtual garment hangs in the same way, and its stiffness is changed until its elongation matches.
+spreads the same two points as far apart as they go and measures L2. The stretch is (L1 - L2) / L2 (Li et al. 2015,
+IV-A). The virtual garment hangs in the same way, and its stiffness is changed until its elongation matches.
 
 A garment that hangs by a clip stretches more than a strip of its fabric that hangs by a whole edge, because all of
 the weight passes through the clip. The fabric is therefore described by the *hang drop*: the length of a strip
-that, hung by its edge, elongates as much as this garment does by its clip (a strip: areal_mass g L / (2 Y)).
+that elongates as much when it hangs by its edge as this garment does when it hangs by the clip. (A strip of length
+L and membrane modulus Y [N/m] elongates by areal_mass g L / (2 Y).)
 
-The elongation also depends on two other things. The way in which the flanks fall changes it by up to 0.15
-percentage points between starts, so the mean of three hangs is taken, as an operator would. The mesh changes it by
-as much again: the stress near the clip is steep and coarse triangles are too stiff there (MuJoCo's flex on the
-same mesh agrees). The test therefore uses the mesh of the prediction, as in the paper.
+Two other things also affect the elongation. First, the cloth beside the hanging line can fall in different shapes,
+which changes the elongation by up to 0.15 percentage points between starts. The mean of three hangs is therefore
+taken, as an operator would do. Second, the mesh changes it by the same amount: the stress near the clip is steep,
+and coarse triangles are too stiff there (MuJoCo's flex on the same mesh agrees). The test therefore uses the mesh
+of the prediction, as in the paper.
 """
 
 from __future__ import annotations
@@ -51,33 +53,35 @@ WIDEST_CLIP = 1.5 * CLIP
 EDGE = 0.020
 """Default edge length of the virtual garment's mesh [m]."""
 SUBSTEPS = 40
-"""Substeps per frame. With the predictor's smaller number, the elongation changes by up to 0.1 percentage points,
-which is less than the difference between starts."""
+"""Substeps per frame. With the smaller number that the predictor uses, the elongation changes by up to 0.1
+percentage points, which is less than the difference between starts."""
 DRAG = 4.0
-"""Air drag [1/s]. It brings the garment to rest soon and does not change its final length."""
+"""Air drag [1/s]. It quickly brings the garment to rest and does not change its final length."""
 SETTLE_S = 4.0
 """Time from the flat start until the garment is at rest [s]."""
 RIPPLES = ((40.0, 0.0), (25.0, 1.0), (60.0, 2.0))
-"""Wave number [1/m] and phase of the initial ripple (amplitude 1 mm) of each hang."""
+"""Wave number [1/m] and phase [rad] of the initial ripple of each hang. The amplitude is 1 mm."""
 MIN_STRETCH, MAX_STRETCH = 0.002, 0.10
 TOLERANCE, ACCEPTED, MAX_FABRICS = 2e-4, 5e-4, 16
-"""Error of the elongation at which the search ends (0.02 percentage points), error that is still accepted (0.05),
-and largest number of fabrics to try. Two layers that hang against each other can settle in several ways. A change
-of the stiffness by one per cent then changes the elongation by 0.1 percentage points or not at all."""
+"""Errors of the elongation: the search ends below TOLERANCE (0.02 percentage points), and a result is accepted up
+to ACCEPTED (0.05). MAX_FABRICS: largest number of fabrics to try. Two layers that hang against each other can
+settle in several shapes. A change of the stiffness by one per cent then changes the elongation by 0.1 percentage
+points or not at all."""
 NEAR = 0.1
-"""Fabrics with a relative error of the elongation up to this are used to estimate the local slope."""
+"""A tried fabric is used to estimate the local slope if its relative error of the elongation is below this."""
 DISTINCT = 3e-3
-"""Smallest relative difference of the stretch between two fabrics that are tried."""
+"""A new fabric is tried only if its stretch differs from that of all tried fabrics by more than this
+(relative)."""
 NO_WIDER = 2e-4
 """A bracket of two fabrics around the wanted elongation is halved only while its relative width exceeds this."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
 """Factors of a fabric's stretch for its neighbours, which are tried last."""
 STIFFEST, LIMPEST = 2e-4, 0.4
-"""Limits of the strip elongation in the search."""
+"""Smallest and largest strip elongation in the search."""
 
 
 def stretch_fraction(l1: float, l2: float) -> float:
-    """(L1 - L2) / L2 of the hung length L1 [m] and the laid length L2 [m].
+    """Return (L1 - L2) / L2 for the hung length L1 [m] and the laid length L2 [m].
 
     Raises ConfigurationError for a length outside 0.05 to 3 m or a stretch outside 0.2 to 10 %.
     """
@@ -99,9 +103,9 @@ def stretch_fraction(l1: float, l2: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class HungShape:
-    """A garment ready to hang. clip: (n,) whether the clip holds a vertex; lowest: index of the lowest vertex;
-    rest_length: distance between clip and lowest vertex in the flat garment [m]; starts: (k, n, 3) initial
-    positions [m]."""
+    """A virtual garment before it hangs. clip: (n,) whether the clip holds a vertex; lowest: index of the vertex
+    that hangs lowest; rest_length: distance between clip and lowest vertex in the flat garment [m]; starts: (k, n,
+    3) initial positions of the k hangs [m]."""
 
     mesh: ClothMesh
     clip: NDArray[np.bool_]
@@ -110,7 +114,8 @@ class HungShape:
     starts: Array
 
     def length(self, positions: Array) -> float:
-        """The operator's L1: distance from the middle of the clip to the lowest point [m]. positions: (n, 3)."""
+        """Return the length that the operator measures as L1: distance from the middle of the clip to the lowest
+        point [m]. positions: (n, 3)."""
         return float(np.linalg.norm(positions[self.clip].mean(axis=0) - positions[self.lowest]))
 
     def elongation(self, positions: Array) -> float:
@@ -136,16 +141,17 @@ class ShearCalibration:
 
     @property
     def strip_stretch(self) -> float:
-        """Elongation of a strip of this fabric with length REFERENCE_DROP: `Material.stretch_fraction`."""
+        """Elongation of a strip of this fabric with length REFERENCE_DROP. It is stored as
+        `Material.stretch_fraction`."""
         return self.stretch_fraction * REFERENCE_DROP / self.hang_drop
 
 
 def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | None = None) -> tuple[int, int]:
-    """Indices into `template` (k, 2) of the point that the clip holds and of the lowest point.
+    """Return the indices into `template` (k, 2) of the point that the clip holds and of the lowest point.
 
-    They are the two key points with the longest connecting line inside the garment. The cloth between them hangs
-    straight. held: name of the key point in the clip; default: the one that comes first in the file. Raises
-    ConfigurationError for an unknown key point.
+    They are the two key points with the longest straight line between them that lies inside the garment, because
+    the cloth along this line hangs straight. held: name of the key point in the clip; default: the one of the two
+    that comes first in the file. Raises ConfigurationError for an unknown key point.
     """
     if held is not None and held not in keypoints:
         raise ConfigurationError(
@@ -164,7 +170,8 @@ def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | Non
 def hung_shape(
     template: Array, pair: tuple[int, int], layers: int, thickness: float, edge: float = EDGE
 ) -> HungShape:
-    """The garment of outline `template` (k, 2) [m], flat and upright, held by a clip at point pair[0]."""
+    """Return the garment of outline `template` (k, 2) [m], flat and upright, held by a clip at point pair[0].
+    pair: indices as returned by `clip_and_lowest`."""
     local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
     mesh = mesh_from_contour(outline, edge, layers)
@@ -181,7 +188,7 @@ def hung_shape(
 
 
 def _upright(template: Array, pair: tuple[int, int]) -> Array:
-    """The outline (k, 2) turned so that pair[0] is straight above pair[1], which is the origin."""
+    """Return the outline (k, 2), turned so that pair[0] is straight above pair[1], which is the origin."""
     top, low = template[pair[0]], template[pair[1]]
     up = (top - low) / np.linalg.norm(top - low)
     across = np.array([-up[1], up[0]])
@@ -189,15 +196,16 @@ def _upright(template: Array, pair: tuple[int, int]) -> Array:
 
 
 def clip_width(template: Array, pair: tuple[int, int]) -> float:
-    """Width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment is narrow at the top there, and
-    more if the cloth beside the point is as high as the point."""
+    """Return the width of the cloth in a clip at point pair[0] [m]. It is CLIP if the garment is narrow at this
+    point, and more if the cloth beside the point is as high as the point."""
     local = _upright(template, pair)
     outline, height = _clipped(shapely.Polygon(local), float(local[pair[0]][1]))
     return float(np.ptp(outline[outline[:, 1] > height - 1e-6, 0]))
 
 
 def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, int]) -> None:
-    """Raises ConfigurationError if one clip cannot hold the point. The hint lists the points that it can hold."""
+    """Check that one clip can hold the point pair[0]. Raises ConfigurationError if it cannot; the hint lists the
+    points that a clip can hold."""
     width = clip_width(template, pair)
     if width <= WIDEST_CLIP:
         return
@@ -211,7 +219,8 @@ def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, in
 
 
 def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
-    """The outline below the clip, and the height of the clip: the highest place where the garment is CLIP wide."""
+    """Return the outline below the clip, and the height of the clip. This is the highest place where the garment
+    is CLIP wide."""
     x0, _, x1, _ = polygon.bounds
     low, high = top - 0.15, top - 1e-4
     for _ in range(40):
@@ -237,11 +246,11 @@ def hang(
     substeps: int | None = SUBSTEPS,
     pictures: int = 0,
 ) -> tuple[Array, Array]:
-    """Simulate `seconds` of hanging from one of the starts. Returns the final positions (n, 3) and `pictures` of
-    the motion (k, n, 3).
+    """Simulate `seconds` of hanging from one of the initial shapes. Returns the final positions (n, 3) and
+    `pictures` shapes during the motion (k, n, 3).
 
-    material.stretch_fraction: stretch of a strip of REFERENCE_DROP. substeps: number per frame; None: the
-    predictor's number.
+    material.stretch_fraction: stretch of a strip of length REFERENCE_DROP. start: index into shape.starts.
+    substeps: number per frame; None: the predictor's number.
     """
     settings = SolverSettings(substeps=substeps, drag=DRAG, sleep_frames=0)
     simulation = ClothSimulation(
@@ -259,7 +268,7 @@ def hang(
 def elongations(
     shape: HungShape, material: Material, substeps: int | None = SUBSTEPS, pictures: int = 0
 ) -> tuple[Array, Array]:
-    """Elongations (k,) of the hangs from all starts, and `pictures` of the last one."""
+    """Return the elongations (k,) of the hangs from all starts, and `pictures` shapes of the last hang."""
     found, shots = [], np.zeros((0, 0, 3))
     for start in range(len(shape.starts)):
         last = start == len(shape.starts) - 1
@@ -280,7 +289,7 @@ def calibrate_shear(
     tell: Callable[[str], None] = lambda line: None,
     edge: float = EDGE,
 ) -> ShearCalibration:
-    """Find the hang drop with which the virtual garment elongates like the real one: (L1 - L2) / L2.
+    """Find the hang drop with which the virtual garment elongates like the real one, which is by (L1 - L2) / L2.
 
     template: (k, 2) outline [m] at nominal size; it is scaled to the laid length l2. edge: mesh edge [m],
     preferably that of the predictions of this garment's folds. Raises ConfigurationError if l2 does not fit the
@@ -321,7 +330,7 @@ def calibrate_shear(
 
 
 def _advice(strip: float) -> str:
-    """Hint for a search that failed. strip: strip elongation of the nearest fabric."""
+    """Return the hint for a search that failed. strip: strip elongation of the nearest fabric."""
     if strip <= STIFFEST:
         return "the simulation resolves no stiffer cloth on this mesh: measure again, or hang it by another point"
     if strip >= LIMPEST:
@@ -331,7 +340,8 @@ def _advice(strip: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Hung:
-    """A fabric, given by the elongation of its strip, and the results of its hangs."""
+    """A tried fabric. strip: elongation of a strip of it; hangs: (k,) elongations of the garment; pictures: shapes
+    during the last hang."""
 
     strip: float
     hangs: Array
@@ -343,8 +353,8 @@ class _Hung:
 
 
 def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[[str], None]) -> tuple[_Hung, int]:
-    """Find the fabric with which the garment's elongation is closest to `wanted`. Returns it and the number of
-    fabrics tried."""
+    """Find the fabric with which the garment's elongation is closest to `wanted`. Returns this fabric and the
+    number of fabrics tried."""
     strip, best = wanted / 2.0, None
     tried: list[tuple[float, float]] = []
     for _ in range(MAX_FABRICS):
@@ -355,7 +365,7 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
         if best is None or abs(got - wanted) < abs(best.elongation - wanted):
             best = hung
         following = _next(tried, wanted)
-        if abs(got - wanted) < TOLERANCE or following is None or following == strip:  # at a limit of the search
+        if abs(got - wanted) < TOLERANCE or following is None or following == strip:  # at a limit
             break
         strip = following
     assert best is not None
@@ -363,10 +373,12 @@ def _search(shape: HungShape, material: Material, wanted: float, tell: Callable[
 
 
 def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None:
-    """The middle of the narrowest bracket. A bracket is a pair of neighbouring fabrics, one with too little and
-    one with too much elongation. At a jump of the elongation, a fabric between the two settles in one way from
-    some starts and in another way from the other starts. None if there is no bracket or if it is narrower than
-    NO_WIDER."""
+    """Return the middle of the narrowest bracket; None if there is no bracket or if it is narrower than NO_WIDER.
+
+    A bracket is a pair of neighbouring tried fabrics, one with too little and one with too much elongation. If the
+    elongation jumps between them, a fabric in the middle settles in one shape from some starts and in another
+    shape from the other starts. Its mean elongation is then also in the middle.
+    """
     rising = sorted(near)
     crossing = [
         (b[0] - a[0], 0.5 * (a[0] + b[0]))
@@ -378,7 +390,7 @@ def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None
 
 
 def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
-    """The next strip elongation to try; None if all candidates were tried.
+    """Return the next strip elongation to try; None if all candidates were tried.
 
     The garment's elongation is nearly proportional to the strip's. With two or more fabrics near the wanted
     elongation, each has a ratio of garment elongation to strip elongation. The candidates then follow, in this

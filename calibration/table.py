@@ -1,11 +1,10 @@
-"""The table's height by touch: both hands press the table at several points, and a plane is fitted to the
+"""Measure the table's height by touch: both hands press the table at several points, and a plane is fitted to the
 contacts.
 
-A press is slow. Its readings are fitted by a linear spring, force = k (z0 - z) below the height of first contact
-z0, plus the offset that the tips read above it. z0 therefore depends neither on a threshold nor on the delay of
+A press is slow. Its readings are fitted by a linear spring: force = k (z0 - z) below the height of first contact
+z0, plus the offset that the tips read above z0. Therefore z0 depends neither on a threshold nor on the delay of a
 detection. A press that is not linear is rejected (a soft object, a jump of the tips' zero). The remaining error is
-the error of the arms, which differs between the two. The points alternate between the arms, so that both
-contribute.
+that of the arms, which is different for each arm. The points alternate between the arms, so that both contribute.
 """
 
 from __future__ import annotations
@@ -28,7 +27,8 @@ __all__ = [
     "on_table",
 ]
 
-# Places that the hands reach from straight above. The first three span a triangle; both arms touch the middle.
+# (side, x, y [m]) of the touched points, all reachable from above. The first three points span a triangle. Both
+# arms touch the middle.
 LAYOUT = (
     (Side.LEFT, 0.45, 0.40),
     (Side.RIGHT, 0.45, -0.40),
@@ -44,7 +44,8 @@ LAYOUT = (
 MOST_POINTS = len(LAYOUT)
 MIN_POINTS = 3
 SOFTEST = -50.0
-"""Slope of force over height of the softest valid press [N/m]. A slope above it means that nothing was pressed."""
+"""Slope of force over height of the softest valid press [N/m]. Slopes are negative, because the force grows as the
+hand moves down. A slope above this limit means that nothing was pressed."""
 MARGIN = 0.05
 """Smallest distance of a touched point from the table's edge [m]: half the width of a closed hand plus the error
 of the table's placement."""
@@ -52,20 +53,22 @@ of the table's placement."""
 
 @dataclass(frozen=True)
 class TableSettings:
-    """Lengths [m], forces [N], angles [rad]."""
+    """Settings of the table calibration. Lengths [m], forces [N], angles [rad]. points: number of points to touch.
+    min_readings: smallest number of readings in a fit. tilt: largest accepted tilt of the table."""
 
     points: int = 8
     min_force: float = 0.25
-    """Smallest force of a reading in the spring fit. It is above the noise of the tips."""
+    """Smallest force of a reading that is used in the spring fit [N]. It is above the noise of the tips."""
     min_readings: int = 6
     straight: float = 0.00025
-    """Largest difference of the contact height between the first half of a press and the whole press."""
+    """Largest accepted difference between the contact heights from the first half of a press and from the whole
+    press [m]."""
     residual: float = 0.006
-    """Largest distance of one point from the plane."""
+    """Largest accepted distance of a point from the plane [m]."""
     tilt: float = float(np.deg2rad(1.0))
     min_spread: float = 0.08
-    """Smallest standard deviation of the points across their longest direction. Below it the tilt is
-    undetermined."""
+    """Smallest accepted standard deviation of the points across their longest direction [m]. With less spread the
+    tilt is undetermined."""
 
     def __post_init__(self) -> None:
         if not MIN_POINTS <= self.points <= MOST_POINTS:
@@ -76,9 +79,10 @@ class TableSettings:
 
 @dataclass(frozen=True, eq=False)
 class TableCalibration:
-    """Result of the touches. height: height of the table top in the base frame at the centre of the points [m];
-    tilt_x, tilt_y: slope along x and y [rad]. points: (n, 3) contacts, base frame [m]; residual: (n,) distances
-    from the plane [m]; sides: arm of each contact; stiffness: (n,) stiffness of arm and tips in series [N/m]."""
+    """Result of the table calibration. height: height of the table top in the base frame at the centre of the
+    points [m]; tilt_x, tilt_y: slope along x and y [rad]. points: (n, 3) contacts, base frame [m]; residual: (n,)
+    distances from the plane [m]; sides: arm of each contact; stiffness: (n,) stiffness of arm and tips in series
+    [N/m]."""
 
     height: float
     tilt_x: float
@@ -90,15 +94,15 @@ class TableCalibration:
 
     @property
     def residual_rms(self) -> float | None:
-        """Root mean square residual per degree of freedom [m]; None for three points, which always lie on a
-        plane."""
+        """Root mean square residual per degree of freedom [m]; None for three points, because a plane always fits
+        them exactly."""
         free = len(self.points) - MIN_POINTS
         return float(np.sqrt((self.residual**2).sum() / free)) if free > 0 else None
 
     @property
     def arms_differ(self) -> float | None:
-        """Mean height of the left arm's contacts above the right arm's, at the points that both arms touched
-        [m]."""
+        """Mean of the left arm's contact heights minus the right arm's, at the points that both arms touched [m];
+        None if there are no such points."""
         pairs = [
             self.points[i, 2] - self.points[j, 2]
             for i, a in enumerate(self.sides)
@@ -111,8 +115,8 @@ class TableCalibration:
 
 
 def calibrate_table(table: Table, settings: TableSettings | None = None) -> Procedure[TableCalibration]:
-    """Touch the table at `settings.points` points. table: configured position of the table; points that are not on
-    it are skipped.
+    """Touch the table at `settings.points` points and fit a plane. table: configured position of the table; points
+    that are not on the table are skipped.
 
     Failures: NO_CONTACT (no table), UNREACHABLE (too few points), LOW_CONFIDENCE (no plane, points on one line, a
     tilted table).
@@ -153,12 +157,13 @@ def on_table(table: Table, x: float, y: float) -> bool:
 
 
 def contact_height(touched: TouchReadings, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
-    """Height of first contact [m] and stiffness [N/m] of a press, from a line through its loaded readings minus
-    the unloaded offset. Fails with LOW_CONFIDENCE if the readings are not linear."""
+    """Return the height of first contact [m] and the stiffness [N/m] of a press. Both come from a line through the
+    loaded readings, from which the unloaded offset is subtracted. Fails with LOW_CONFIDENCE if the readings are
+    not linear."""
     settings = settings or TableSettings()
     force = touched.force - _unloaded_force(touched, settings)
     loaded = force >= settings.min_force
-    if loaded.any():  # use the readings after the last unloaded one; a single peak before it is noise
+    if loaded.any():  # use only readings after the last unloaded one: a peak before it is noise
         free = np.flatnonzero(~loaded)
         loaded[: free[-1] + 1 if len(free) else 0] = False
     if np.count_nonzero(loaded) < settings.min_readings:
@@ -175,8 +180,8 @@ def contact_height(touched: TouchReadings, settings: TableSettings | None = None
 
 
 def _unloaded_force(touched: TouchReadings, settings: TableSettings) -> float:
-    """Reading of the tips before the contact [N]. The tare was taken before the first touch, which may have
-    shifted the zero. The result is 0 for a press that begins in contact."""
+    """Return the force that the tips read before the contact [N]. It can differ from zero, because the first touch
+    may have shifted the zero since the tare. Returns 0 for a press that begins in contact."""
     n = max(len(touched.force) // 4, settings.min_readings)
     z, force = touched.height[:n], touched.force[:n]
     if len(z) < settings.min_readings or _spring(z, force)[1] <= SOFTEST:
@@ -185,8 +190,9 @@ def _unloaded_force(touched: TouchReadings, settings: TableSettings) -> float:
 
 
 def _spring(z: Array, force: Array) -> tuple[float, float, float]:
-    """Fit a line of force over height to readings (n,). The error is in the force; the joints are read far more
-    finely. Returns the height of zero force [m], the slope [N/m] and the standard deviation of that height [m]."""
+    """Fit a line of force over height to readings (n,). Only the force is assumed to have errors, because the
+    joints are read far more finely. Returns the height of zero force [m], the slope [N/m] and the standard
+    deviation of this height [m]."""
     centred = z - z.mean()
     spread = float(centred @ centred)
     slope = float(centred @ force) / spread if spread > 0.0 else 0.0
@@ -202,7 +208,8 @@ def _spring(z: Array, force: Array) -> tuple[float, float, float]:
 def fit_plane(
     points: Array, sides: tuple[Side, ...], stiffness: Array, settings: TableSettings | None = None
 ) -> Outcome[TableCalibration]:
-    """Least-squares plane z = h + a (x - x_mean) + b (y - y_mean) through contacts (n, 3), base frame."""
+    """Fit the plane z = h + a (x - x_mean) + b (y - y_mean) by least squares to contacts (n, 3), base frame [m].
+    Fails with LOW_CONFIDENCE."""
     settings = settings or TableSettings()
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     spread = float(np.linalg.svd(centred, compute_uv=False)[-1] / np.sqrt(len(points)))

@@ -1,8 +1,8 @@
-"""Force thresholds of the fingers' pressure cells.
+"""Determine the force thresholds of the fingers' pressure cells.
 
-First both hands are open in the air. Their readings give the noise of each cell and its drift between the tare and
-the end of a fold. The thresholds exceed both with a reserve. Then each hand presses the table. The thresholds have
-to detect that contact early.
+First both hands are open in the air. Their readings give the noise of each cell, and its drift between the tare
+and the end of a fold. The thresholds are set above both, with a reserve. Then each hand presses the table. The
+thresholds must detect this contact early.
 """
 
 from __future__ import annotations
@@ -33,21 +33,24 @@ POINTS = {Side.LEFT: (0.55, 0.25), Side.RIGHT: (0.55, -0.25)}
 
 @dataclass(frozen=True)
 class TactileSettings:
-    """Times [s], forces [N]."""
+    """Settings of the tactile calibration. Times [s], forces [N]. seconds: duration of the recording. sigmas: the
+    thresholds allow for noise of `reserve` times this number of standard deviations. max_held: largest accepted
+    hold threshold."""
 
     seconds: float = 60.0
     horizon: float = 15.0
-    """Largest age of a tare: from the pose above the grasp to the release."""
+    """Largest age that a tare reaches in a fold [s]: from the pose above the grasp to the release."""
     sigmas: float = 5.0
     reserve: float = 2.0
-    """Ratio of the noise that the thresholds allow for to the measured noise."""
+    """The thresholds allow for noise that is larger than the measured noise by this factor."""
     max_contact: float = 2.0
-    """Largest contact threshold. With a higher one, a hand presses the garment before the contact is detected."""
+    """Largest accepted contact threshold [N]. With a higher one, a hand presses the garment before the contact is
+    detected."""
     max_held: float = 4.0
     odd: float = 5.0
-    """Ratio of a cell's noise to the median of its hand above which the cell is defective."""
+    """A cell is defective if its noise is more than this factor above or below the median of its hand."""
     latest: float = 0.0015
-    """Largest depth below first contact at which a slow press has to be detected [m]."""
+    """Largest accepted depth below first contact at which a slow press is detected [m]."""
 
     def __post_init__(self) -> None:
         if self.seconds < 2.0 * self.horizon:
@@ -72,10 +75,13 @@ class FingerFigures:
 
 @dataclass(frozen=True, eq=False)
 class TactileCalibration:
-    """Result of a tactile calibration. contact_force, held_force [N]: as in GraspSettings. For each hand: figures;
-    stiffness of arm and tips on the table [N/m]; noticed: depth below first contact at which the threshold
-    detected the contact [m]. false_contacts: number of recorded periods, out of `zeros`, in which the unloaded
-    readings reach the contact threshold."""
+    """Result of a tactile calibration. contact_force, held_force: thresholds as in GraspSettings [N]. For each
+    hand: figures; stiffness of arm and tips on the table [N/m]; noticed: depth below first contact at which the
+    threshold detected the contact [m].
+
+    zeros: number of periods, each beginning with a tare, that were checked in the recording of the unloaded hands.
+    false_contacts: number of these periods in which the readings reach the contact threshold.
+    """
 
     contact_force: float
     held_force: float
@@ -133,9 +139,9 @@ def calibrate_tactile(
 def finger_figures(
     side: Side, readings: Sequence[TactileReading], settings: TactileSettings | None = None
 ) -> Outcome[FingerFigures]:
-    """Noise and drift of one hand. The noise comes from the differences of successive readings, which a drift does
-    not affect; the drift comes from means over a tenth of a second. Fails with HARDWARE_FAULT for too few readings
-    and for dead or defective cells."""
+    """Compute the noise and drift of one hand. The noise comes from the differences of successive readings, which
+    a drift does not affect. The drift comes from means over a tenth of a second. Fails with HARDWARE_FAULT for too
+    few readings and for dead or defective cells."""
     settings = settings or TactileSettings()
     stamps = np.array([r.stamp for r in readings])
     span = float(stamps[-1] - stamps[0]) if len(stamps) > 1 else 0.0
@@ -168,10 +174,10 @@ def finger_figures(
 def thresholds(
     figures: Mapping[Side, FingerFigures], grasp: GraspSettings, settings: TactileSettings | None = None
 ) -> Outcome[tuple[float, float]]:
-    """contact_force and held_force [N] for the worse of the two hands.
+    """Return contact_force and held_force [N], computed for the worse of the two hands.
 
-    A contact is detected from single readings, a hold from the mean of several. Both are relative to a tare, which
-    is a mean.
+    A contact is detected from single readings, and a hold from the mean of several readings. Both are relative to
+    a tare, which is a mean too.
     """
     settings = settings or TactileSettings()
     worst = {
@@ -201,8 +207,8 @@ def thresholds(
 def _detection(
     touched: TouchReadings, contact: float, in_a_row: int, settings: TactileSettings
 ) -> Outcome[tuple[float, float]]:
-    """Stiffness [N/m], and depth below first contact at which the threshold detects the contact [m]. Each tip
-    bears half of the force."""
+    """Return the stiffness [N/m], and the depth below first contact at which the threshold detects the contact
+    [m]. It is assumed that each tip bears half of the force."""
     fitted = contact_height(touched)
     if fitted.failure:
         return Outcome(failure=fitted.failure)
@@ -225,8 +231,9 @@ def _detection(
 
 
 def _drift(x: Array, rate: float, horizon: float) -> float:
-    """Largest change of any column of x (n, k) within the horizon, computed from means over a tenth of a second.
-    The range of their noise is subtracted: 2 sqrt(2 ln m) standard deviations for m normal values."""
+    """Return the largest change of any column of x (n, k) within the horizon, computed from means over a tenth of
+    a second. The expected range of the noise of these means, 2 sqrt(2 ln m) standard deviations for m normal
+    values, is subtracted in quadrature."""
     n = max(1, round(0.1 * rate))
     means = x[: len(x) // n * n].reshape(-1, n, x.shape[1]).mean(axis=1)
     steps = min(len(means) - 1, round(horizon * rate / n))
@@ -240,8 +247,12 @@ def _drift(x: Array, rate: float, horizon: float) -> float:
 def false_contacts(
     readings: Sequence[TactileReading], contact: float, grasp: GraspSettings, settings: TactileSettings
 ) -> tuple[int, int]:
-    """(number of false contacts, number of tares tried). The horizon as a number of readings comes from the mean
-    rate, because the stamps of single readings jitter over a network."""
+    """Count false contacts in the recording of an unloaded hand. Returns (number of periods with a false contact,
+    number of periods). Each period begins with a tare and lasts for the horizon.
+
+    The horizon is converted to a number of readings by the mean rate, because the stamps of single readings jitter
+    over a network.
+    """
     tips = np.array([r.tip for r in readings])
     span = readings[-1].stamp - readings[0].stamp
     n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0

@@ -1,4 +1,4 @@
-"""The cell from Python: fold a garment, optimise its folds, recognise it in a picture, read a finished run.
+"""Use the cell from Python: fold a garment, optimise its folds, recognise it in a picture, read a finished run.
 
 Importing this package loads none of the cell. Each function imports the modules that it needs when it is called.
 

@@ -26,7 +26,7 @@ def fold(
     record: bool = True,
     quiet: bool = True,
 ) -> FoldResult:
-    """Fold a garment once, as the command `fold` does, and wait for the end.
+    """Fold a garment once, as the command `fold` does, and wait for the end of the run.
 
     garment: a shipped name, a garment file, or 'auto' (the cell recognises it). seed: seed of the simulated cell,
     0 to 2147483647; it alone determines a simulated run. driver: 'sim', 'emulator' or 'ros' (the robot that
@@ -36,8 +36,9 @@ def fold(
 
     The result has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
     'not_folded' or 'fault'; `failure` is the reason; `score` holds the scorer's figures (None on hardware);
-    `steps` has one mapping per fold; `run_dir` is the folder for `load_run`. When called on the main thread,
-    SIGINT and SIGTERM stop the cell during the run, and `signal` of the result is the number of that signal.
+    `steps` has one mapping per fold; `run_dir` is the folder for `load_run`. If the function is called on the main
+    thread, SIGINT and SIGTERM stop the cell during the run, and `signal` of the result is the number of that
+    signal.
 
     Raises ConfigurationError and StorageError before anything moves.
     """

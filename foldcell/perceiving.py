@@ -104,7 +104,8 @@ def perceive(
 
 
 def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> Photograph:
-    """name, depth_name: names of the arguments, for messages about arrays."""
+    """Make a `Photograph` from arrays or files. name, depth_name: names of the arguments, for messages about
+    arrays."""
     from cell.hardware.photograph import Photograph
     from cell.support.files.picture_file import read_depth, read_picture
 

@@ -1,4 +1,4 @@
-"""The settings of the cell, in all forms that the functions of this package accept."""
+"""Read the settings of the cell in all forms that the functions of this package accept."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Settings: TypeAlias = Union["CellSettings", Mapping[str, Any], Path, str, None]
 
 
 def cell_settings(given: Settings) -> CellSettings:
-    """The validated settings. File names in a mapping are relative to the working directory.
+    """Return the validated settings. File names in a mapping are relative to the working directory.
 
     Raises ConfigurationError for an unreadable file, an unknown key or a value out of range.
     """

@@ -17,12 +17,13 @@ EXPOSURES = 8
 EVERY_S = 1.0 / 30.0
 """Period of the exposures of an RGB-D camera [s]."""
 MAX_SPREAD = 0.030
-"""Exposures that differ by more than this [m] saw different surfaces at an edge. Their mean lies on neither
+"""If exposures differ by more than this [m], they saw different surfaces at an edge. Their mean lies on neither
 surface, so the median is used."""
 
 
 def mean_depth(exposures: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """(H, W) mean of depth images of the same size [m]; NaN where fewer than half of the images are valid."""
+    """Return the mean (H, W) of depth images of the same size [m]; NaN where fewer than half of the images are
+    valid."""
     if len(exposures) == 1:
         return exposures[0]
     depth = np.stack(exposures)

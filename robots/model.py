@@ -1,7 +1,7 @@
 """Model of a two-armed robot for the motion skills: kinematics, collision geometry, limits and named poses.
 
-A robot package (robots/baxter) creates the value. The skills receive it and never import the package. The value
-contains only models. Its users own the working memory (`pinocchio.Data`).
+A robot package (robots/baxter) creates a `RobotModel`. The skills receive it and never import the package.
+`RobotModel` contains only models. Its users own the working memory (`pinocchio.Data`).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class ArmChain:
-    """One arm as seven revolute joints about their own z axes.
+    """One arm as seven revolute joints, each about the z axis of its own frame.
 
     rotation (8, 3, 3), translation (8, 3): fixed placement before each joint. The first placement is relative to
     the base frame. The eighth leads from the last joint to the tool frame.
@@ -100,33 +100,33 @@ class RobotModel:
     fingertips: Mapping[Side, tuple[str, ...]]
 
     def limits(self, accelerations: str = "planning", velocity_scale: float | None = None) -> JointLimits:
-        """The limits 'planning' or 'commissioning'. velocity_scale: replaces their velocities by this fraction of
-        the joints' own limits."""
+        """Return the limits 'planning' or 'commissioning'. velocity_scale: replaces their velocities by this
+        fraction of the joints' own limits."""
         chosen = {"planning": self.planning, "commissioning": self.commissioning}[accelerations]
         if velocity_scale is None:
             return chosen
         return replace(chosen, velocity=frozen(self.protective.velocity * velocity_scale))
 
     def configuration(self, q: Array) -> Array:
-        """(14,) arm joints -> (nq,) configuration of `pin_model`."""
+        """Convert arm joints (14,) to a configuration (nq,) of `pin_model`."""
         full = self.q_rest.copy()
         full[self.joint_index.astype(np.intp)] = q
         return full
 
     def tool_pose(self, side: Side, q: Array) -> Array:
-        """T_base_tool (4, 4) at joint vector q (14,), by Pinocchio."""
+        """Compute T_base_tool (4, 4) at joint vector q (14,) with Pinocchio."""
         data = self.pin_model.createData()
         pin.framesForwardKinematics(self.pin_model, data, self.configuration(q))
         T: Array = data.oMf[self.pin_model.getFrameId(self.tool_frame[side])].homogeneous
         return T
 
     def park(self, side: Side) -> Array:
-        """(7,) the parked arm."""
+        """Return the parked arm's joints (7,) [rad]."""
         return self.q_park[arm_slice(side)]
 
 
 def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> ArmChain:
-    """The chain of seven joints that ends in `tool_frame`. Raises ValueError if there is no such chain."""
+    """Return the chain of seven joints that ends in `tool_frame`. Raises ValueError if there is no such chain."""
     ids = [model.getJointId(name) for name in joints]
     for before, joint in zip([0, *ids], ids, strict=False):
         if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:

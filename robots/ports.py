@@ -58,7 +58,7 @@ Array = NDArray[np.float64]
 
 
 def frozen(a: NDArray) -> NDArray:
-    """`a` as a read-only array. It is copied only if it is writeable."""
+    """Return `a` as a read-only array. It is copied only if it is writeable."""
     a = np.array(a) if a.flags.writeable else a
     a.setflags(write=False)
     return a
@@ -76,7 +76,7 @@ class Side(StrEnum):
 
 
 def arm_slice(side: Side) -> slice:
-    """The slice of an arm's seven joints in a vector of 14."""
+    """Return the slice of an arm's seven joints in a vector of 14."""
     return slice(0, 7) if side is Side.LEFT else slice(7, 14)
 
 
@@ -150,7 +150,7 @@ class ArmTrajectory:
         return float(self.t[-1])
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Position and velocity (14,), (14,) at time t [s], clamped to the ends."""
+        """Return position and velocity (14,), (14,) at time t [s], clamped to the ends."""
         if t <= self.t[0]:
             return self.q[0], np.zeros(self.q.shape[1])
         if t >= self.t[-1]:
@@ -265,8 +265,8 @@ class Camera(Protocol):
         scene has to be still. Raises DriverError(CAMERA_FAULT) if the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:
-        """A picture for display, without waiting. If there is no picture yet, requests one and returns None. May
-        be called between two set-points of a motion. Raises DriverError as `capture` does."""
+        """Return a picture for display, without waiting. If there is no picture yet, request one and return None.
+        May be called between two set-points of a motion. Raises DriverError as `capture` does."""
 
 
 class Stop(Protocol):

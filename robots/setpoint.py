@@ -10,15 +10,15 @@ from robots.ports import Array, JointSetpoint, frozen
 __all__ = ["JUMP_TIME", "clip_setpoint"]
 
 JUMP_TIME = 0.04
-"""Largest step between set-points, expressed as the joints' travel time at full speed [s]."""
+"""Largest step between set-points, expressed as the time in which the joints travel it at full speed [s]."""
 
 
 def clip_setpoint(
     q: Array, qd: Array, before: Array, stands: Array, limits: JointLimits, stamp: float
 ) -> JointSetpoint:
     """Clip a set-point. q, qd: (14,) requested [rad], [rad/s]. before: (14,) present set-point [rad]. stands:
-    (14,) measured joints [rad]. A set-point between `before` and `stands` is never a jump, even if these two are
-    far apart.
+    (14,) measured joints [rad]. A set-point between `before` and `stands` is never clipped as a jump, even if
+    these two are far apart.
 
     A joint outside its range moves no further out. It may stay there, or return with at most its full speed. The
     driver does not move it into its range in one step, because that would be an unrequested jump.

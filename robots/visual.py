@@ -1,4 +1,4 @@
-"""Visual model of a robot: the model that a viewer loads, and the joints that the ports' values move."""
+"""Visual model of a robot: the meshes that a viewer loads, and the joints that the ports' values move."""
 
 from __future__ import annotations
 

@@ -40,7 +40,8 @@ STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
-"""Failures of planning, which come before any motion. A procedure may handle them; any other failure ends it."""
+"""Planning failures, which come before any motion. The procedure receives them and may handle them; any other
+failure ends the procedure."""
 
 T = TypeVar("T")
 
@@ -72,7 +73,7 @@ class ProcedureRunner:
         return self._cell is not self._cell_without_board
 
     def run(self, procedure: Procedure[T]) -> Outcome[T]:
-        """Run to the end of the procedure or to the first failure that it cannot handle."""
+        """Run the procedure to its end, or to the first failure that it cannot handle (see ANSWERABLE)."""
         try:
             effect = next(procedure)
             while True:
@@ -98,7 +99,7 @@ class ProcedureRunner:
         intent = self._journal.intent(clock.now(), STATE, type(effect).__name__.lower(), {"effect": effect})
         try:
             answer = self._performers[type(effect)](effect)
-        except Exception as e:  # ends the procedure, after the intent has got its result
+        except Exception as e:  # it ends the procedure; before that, the journal gets the result of the intent
             crash = Failure(FailureKind.SKILL_CRASHED, f"{type(e).__name__}: {e}")
             failure = e.failure() if isinstance(e, DriverError) else crash
             self._journal.result(intent, clock.now(), _record(Outcome(failure=failure)))
@@ -144,8 +145,8 @@ class ProcedureRunner:
         return Outcome(failure=failure) if failure else Outcome(True)
 
     def _bring(self, effect: Bring) -> Outcome[bool]:
-        """Ask the attendant to move the board. Planning includes the board before it is put into a hand, and until
-        it is removed."""
+        """Ask the attendant to move the board. Collision checks include the board from before it is put into a
+        hand until after it is removed."""
         side = IN_HAND.get(effect.place)
         if side is not None:
             self._cell = with_board(self._cell_without_board, side)

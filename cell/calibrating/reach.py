@@ -1,4 +1,4 @@
-"""Free motion of one tool to a pose, with or without the calibration board in the hand."""
+"""Move one tool to a pose on a collision-free path, with or without the calibration board in the hand."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ CARD = 0.006
 SETTLE_S = 0.3
 READINGS = 16
 MAX_POSTURES = 2
-"""Largest number of arm postures to which a path is planned."""
+"""Maximum number of arm postures tried: nearest first, a path is planned to each until one is found."""
 
 
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
-    """Move to the nearest arm posture with that tool pose and a free path. Returns the joints (14,) there
-    [rad]."""
+    """Move the tool to the pose of `effect`, in the nearest arm posture to which a collision-free path is found.
+    Returns the joints (14,) of the goal [rad]."""
     parked = park_other(cell, effect.side)
     state = fresh_state(cell.ports, cell.execution)
     if parked or state.failure:
@@ -64,7 +64,7 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
 
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
-    """Mean of READINGS joint readings (14,) with the arms at rest [rad]."""
+    """Wait until the arms rest, then return the mean of READINGS joint readings (14,) [rad]."""
     failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
     if failure:
         return Outcome(failure=failure)
@@ -78,7 +78,8 @@ def settled_joints(cell: Workcell) -> Outcome[Array]:
 
 
 def with_board(cell: Workcell, side: Side) -> Workcell:
-    """The cell with the board as part of that hand, for planning and for the checks during execution."""
+    """Return the cell with the board added to the collision shapes of that hand, for planning and for the checks
+    during execution."""
     robot = holding_board(cell.robot, side)
     execution_checker = CollisionChecker(
         robot, cell.table, body_margin=BODY_MARGIN - SLACK, table_margin=TABLE_MARGIN - SLACK,
@@ -90,7 +91,8 @@ def with_board(cell: Workcell, side: Side) -> Workcell:
 
 
 def holding_board(robot: RobotModel, side: Side) -> RobotModel:
-    """The robot with a card of the board's size between the pads. The card may touch only its own hand."""
+    """Return the robot with a card of the board's size between the pads of that hand. Only contact between the
+    card and this hand is allowed."""
     frame = robot.pin_model.frames[robot.pin_model.getFrameId(robot.tool_frame[side])]
     width, height = BOARD.size
     shape = coal.Box(width, height + 2 * BOARD.tab, CARD)
@@ -106,7 +108,7 @@ def holding_board(robot: RobotModel, side: Side) -> RobotModel:
 
 
 def _subtree(model: pin.Model, joint: int) -> set[int]:
-    """The joint and its descendants."""
+    """Return the indices of the joint and of its descendants."""
     return {int(j) for j in model.subtrees[joint]}
 
 

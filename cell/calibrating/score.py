@@ -1,5 +1,5 @@
-"""Errors of a calibration against the ground truth of a simulated cell, for the record only. No decision uses
-them."""
+"""Compute the errors of a calibration against the ground truth of a simulated cell. They are only recorded: no
+decision uses them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ def table_error(found: TableCalibration, truth: Truth) -> dict[str, float]:
 
 
 def intrinsics_error(found: IntrinsicsCalibration, truth: Truth) -> dict[str, float]:
-    """Error of each intrinsic parameter, and the largest resulting error of an image point [px]."""
+    """Return the error of each intrinsic parameter, and the largest error of an image point that they cause
+    [px]."""
     a, b = found.intrinsics, truth.intrinsics
     out = {f"{name}_error_px": round(getattr(a, name) - getattr(b, name), 4) for name in ("fx", "fy", "cx", "cy")}
     u, v = np.meshgrid([0.0, b.width], [0.0, b.height])  # the error is linear, so it is largest at a corner
@@ -33,8 +34,11 @@ def intrinsics_error(found: IntrinsicsCalibration, truth: Truth) -> dict[str, fl
 def hand_eye_error(
     found: HandEyeCalibration, believed: Intrinsics, table: Table, truth: Truth
 ) -> dict[str, float]:
-    """Error of the camera's pose, and error of table points in the base frame as computed with the believed lens,
-    camera pose and table height."""
+    """Return the error of the camera's pose, and the mean and largest position error of points on the table.
+
+    The position of a point in the base frame is computed from its true pixel, with the intrinsics `believed`, the
+    found camera pose and the configured table height.
+    """
     T_base_table = np.eye(4)
     T_base_table[2, 3] = truth.table_height
     true = T_base_table @ truth.T_table_camera
@@ -59,7 +63,7 @@ def _grid(table: Table) -> list[tuple[float, float]]:
 
 
 def _point_error(xy: Array, true: Array, found: Array, believed: Intrinsics, table: Table, truth: Truth) -> float:
-    """Distance between a point of the table and its computed position [m]."""
+    """Return the distance between a point of the table and the position computed from its pixel [m]."""
     p = np.linalg.inv(true) @ np.array([*xy, truth.table_height, 1.0])
     pixel = truth.intrinsics.matrix @ (p[:3] / p[2])
     ray = found[:3, :3] @ np.linalg.solve(believed.matrix, pixel)
@@ -68,7 +72,7 @@ def _point_error(xy: Array, true: Array, found: Array, believed: Intrinsics, tab
 
 
 def tactile_error(found: TactileCalibration, truth: Truth) -> dict[str, float]:
-    """Relative error of the noise figures against the simulated noise, for the worse hand."""
+    """Return the relative error of each measured noise figure against the simulated noise, for the worse hand."""
     noise = load_noise().tactile
     pairs = {"cell_noise": noise.noise, "tip_noise": noise.tip_noise}
     return {

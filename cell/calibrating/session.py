@@ -1,4 +1,4 @@
-"""One calibration from request to result: open the cell, prepare, run the procedure, make safe, close."""
+"""Run one calibration from request to result: open the cell, prepare, run the procedure, make safe, close."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ Script = Callable[[OpenCell], None]
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """name: name of the calibration. say: receives progress lines."""
+    """Request for one calibration. name: name of the calibration. say: shows a progress line."""
 
     name: str
     seed: int
@@ -114,10 +114,13 @@ def calibrate(
     figures: Callable[[T, Truth | None], Mapping[str, Any]],
     script: Script | None = None,
 ) -> CalibrationEnd[T]:
-    """Run one procedure. figures: returns the figures of a result that are stored with the run. script: called
-    with the cell before the procedure (for tests).
+    """Run one calibration procedure on the cell of the request.
 
-    Raises ConfigurationError and StorageError before anything moves.
+    procedure: makes the procedure for the assembled cell. figures(value, truth): returns the figures of the result
+    that are stored with the run. script: called with the open cell before the procedure begins (for tests).
+
+    Raises ConfigurationError and StorageError before anything moves. Later, if a record cannot be written, holds
+    the arms and raises RecordError.
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
@@ -187,7 +190,8 @@ def _ignore(*_: Any) -> None: ...
 def _perform(
     request: CalibrationRequest, run: RunJournal, cell: Workcell, procedure: Callable[[Workcell], Procedure[T]]
 ) -> tuple[Outcome[T], bool]:
-    """Returns the procedure's outcome and whether the cell was made safe."""
+    """Prepare the cell, run the procedure and make the cell safe. Returns the procedure's outcome, and whether the
+    cell is safe."""
 
     def say(t: float, text: str) -> None:
         request.say(f"{t:8.1f} s  {text}")
@@ -204,7 +208,8 @@ def _perform(
 
 
 def _catch(work: Callable[[], Outcome[T]]) -> Outcome[T]:
-    """Turn every exception except StorageError into a failure, so that the cell is made safe."""
+    """Run `work`. Every exception except StorageError becomes a failure, so that the cell can then be made
+    safe."""
     try:
         return work()
     except StorageError:
@@ -227,7 +232,8 @@ def _prepare(cell: Workcell, run: RunJournal) -> Outcome[Any] | None:
 
 
 def _make_safe(cell: Workcell, run: RunJournal, performer: ProcedureRunner) -> bool:
-    """Remove the board and park the arms. A stopped robot does not move. Returns whether the cell is safe."""
+    """Remove the board and park the arms. If the stop is triggered, only hold the arms. Returns whether the cell
+    is safe."""
     clock = cell.ports.clock
     intent = run.intent(clock.now(), "making_safe", "make_safe")
     if cell.ports.stop.state().stopped:

@@ -17,12 +17,12 @@ __all__ = ["SHEET_FORMATS", "pdf_page", "png_page"]
 Picture = NDArray[np.uint8]
 POINT_MM = 25.4 / 72.0
 _IHDR_END = 33
-"""Length of a PNG file's signature and first chunk [bytes]."""
+"""Length of a PNG file's signature and first chunk [bytes]. The chunk with the resolution is inserted there."""
 
 
 def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """PNG of an image (h, w) with values 0 and 255, one bit per pixel. It states the resolution, which OpenCV does
-    not write."""
+    """Encode an image (h, w) with values 0 and 255 as PNG, one bit per pixel. The resolution is added here,
+    because OpenCV does not write it."""
     good, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not good:
         raise InternalError("OpenCV could not encode the sheet as PNG")
@@ -33,8 +33,8 @@ def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
 
 
 def pdf_page(picture: Picture, pixels_per_mm: int) -> bytes:
-    """PDF with one page that has the size of the image (h, w) with values 0 and 255. It asks the viewer to print
-    without scaling."""
+    """Encode an image (h, w) with values 0 and 255 as a PDF of one page, which has the image's size on paper. The
+    PDF asks the viewer to print without scaling."""
     h, w = picture.shape
     wide, high = (n / pixels_per_mm / POINT_MM for n in (w, h))
     pixels = zlib.compress(np.packbits(picture > 127, axis=1).tobytes(), 9)

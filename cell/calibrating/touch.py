@@ -32,19 +32,19 @@ from skills.vocabulary import GraspId, Outcome, ToolPath, tool_rotation
 __all__ = ["park_other", "touch_table"]
 
 ABOVE = 0.08
-"""Start height of the descent above the configured table [m]."""
+"""Height above the configured table at which the descent begins [m]."""
 CLOSING_S = 1.0
 BACK_OFF = 0.003
-"""Rise after the first touch, before the slow press [m]."""
+"""Distance by which the hand rises between the first touch and the slow press [m]."""
 PRESS_SPEED = 0.003
 PRESS_FORCE = 1.5
-"""Force on one tip at which a press ends [N]."""
+"""Force on one fingertip at which the slow press ends [N]."""
 HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 
 
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[TouchReadings]:
-    """Move over the point, touch, press slowly and rise to the start height. The hand rises after a failure
-    too."""
+    """Move over the point, touch the table, press slowly and rise to the start height. The hand also rises after a
+    failure, except after a stop."""
     cell.hands.command(effect.side, GripCommand(0.0, cell.grasp.release_force))
     failure = wait(cell.loop, CLOSING_S, cell.hands.recording())
     failure = failure or park_other(cell, effect.side)
@@ -78,8 +78,8 @@ def park_other(cell: Workcell, side: Side) -> Failure | None:
 
 
 def _plan_descent(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
-    """Motion to above the point and straight down with an upright hand. It uses the first heading and arm posture
-    that are free of collision."""
+    """Plan a motion to above the point and then straight down, with an upright hand. The first heading and arm
+    posture that are free of collision are used."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return Outcome(failure=state.failure)
@@ -111,7 +111,7 @@ def _plan_descent(cell: Workcell, effect: Touch) -> Outcome[GraspMotion]:
 
 
 def _point(x: float, y: float, heading: float) -> ToolPath:
-    """A tool path that stays at one point on the table."""
+    """Return a tool path that stays at one point on the table."""
     zero = np.zeros(2)
     return ToolPath(np.array([0.0, 1.0]), np.tile([x, y, 0.0], (2, 1)), np.full(2, heading), zero, zero)
 
@@ -148,8 +148,12 @@ def _descend(
     bottom: float,
     readings: list[HandReading],
 ) -> Outcome[dict[Side, Contact]]:
-    """Guarded descent that ends at rest. The hand moves slowly from the start of the search range, because the
-    table may be anywhere in it. Appends each new reading to `readings`."""
+    """Lower the hand until it touches, and bring it to rest. The hand moves slowly from the start of the search
+    range, because the table may be anywhere in this range.
+
+    bottom: lowest height of the search, relative to the configured table [m]. readings: each new reading is
+    appended.
+    """
     settings = replace(settings, slow_above=-bottom, early_margin=-bottom)
     goal = DescentGoal(contact=0.0, bottom=bottom)
 
@@ -172,7 +176,8 @@ def _descend(
 
 
 def _explained(failure: Failure, effect: Touch) -> Failure:
-    """Explain a missing or early contact: its causes over a bare table differ from those over a garment."""
+    """Replace the message of a missing or early contact, because its causes over a bare table differ from those
+    over a garment."""
     if failure.kind is FailureKind.IN_COLLISION:
         return Failure(
             FailureKind.LOW_CONFIDENCE,

@@ -18,14 +18,15 @@ from robots.errors import ConfigurationError
 __all__ = ["Workers", "chosen_workers", "cluster_workers", "local_workers"]
 
 TASKS_EACH = 8
-"""A worker process of this machine is replaced after this number of runs, which limits its memory."""
+"""A worker process of this machine is replaced after this number of runs, so that its memory use stays limited."""
 PATIENCE_S = 15.0
 
 
 @dataclass(frozen=True)
 class Workers:
-    """executor: any executor of `concurrent.futures`. count: tasks at a time. died: whether an exception of a task
-    means that its process died. notes: messages for the user."""
+    """Workers that perform the tasks of a campaign. executor: any executor of `concurrent.futures`. count: number
+    of tasks that run in parallel. died: whether an exception of a task means that its worker process died. notes:
+    messages for the user."""
 
     executor: Executor
     count: int
@@ -34,9 +35,10 @@ class Workers:
 
 
 def chosen_workers(count: int | None, cluster: str | None, folder: Path) -> AbstractContextManager[Workers]:
-    """The workers that a user asked for: a cluster's, `count` processes of this machine, or one for each core.
+    """Return the workers that a user asked for: those of the cluster at address `cluster`, `count` processes of
+    this machine, or by default one process per core.
 
-    Raises ConfigurationError for both.
+    Raises ConfigurationError if both `count` and `cluster` are given.
     """
     if cluster is None:
         return local_workers(count or len(os.sched_getaffinity(0)))
@@ -47,17 +49,17 @@ def chosen_workers(count: int | None, cluster: str | None, folder: Path) -> Abst
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
-    """`count` processes of this machine. An exception within the context ends the running tasks."""
+    """Start `count` worker processes on this machine. An exception within the context ends the running tasks."""
     with worker_pool(count, TASKS_EACH) as pool:
         yield Workers(pool, count)
 
 
 @contextmanager
 def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
-    """The workers of the Dask scheduler at `address`, e.g. tcp://head:8786.
+    """Connect to the workers of the Dask scheduler at `address`, e.g. tcp://head:8786.
 
-    The workers must run the same program, one task at a time, and have `folder` at the same path. That is checked
-    first. Raises ConfigurationError.
+    The workers must run the same program, one task at a time, and have `folder` at the same path. This function
+    checks these conditions first. Raises ConfigurationError.
     """
     try:
         from distributed import CancelledError, Client, KilledWorker
@@ -117,5 +119,6 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
 
 
 def _examine(folder: str) -> tuple[bool, dict[str, str], str]:
-    """Called on a worker: whether it sees the folder, its program, its processor."""
+    """Return whether a worker sees the folder, the versions of its program, and its processor. Called on the
+    worker."""
     return Path(folder).is_dir(), program_versions(), cpu_model()

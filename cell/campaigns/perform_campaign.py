@@ -1,4 +1,4 @@
-"""Performs a campaign: starts the missing runs, keeps the results and the page up to date."""
+"""Performs a campaign: starts the missing runs, and keeps the results and the page up to date."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ from cell.support.files.whole_file import write_whole
 __all__ = ["perform_campaign"]
 
 WRITE_EVERY_S = 10.0
-"""Least time between two versions of the results. Each finished run is on disk before that."""
+"""Shortest time between two updates of the results and the page. Finished runs are safe meanwhile, because each is
+stored in its own folder."""
 
 
 def perform_campaign(
     folder: CampaignFolder, workers: Workers, report: Callable[[Trial], None], fold: Fold | None = None
 ) -> list[Trial]:
-    """Perform the runs that are missing; returns all. report: called after each run. fold: see `perform_trial`.
+    """Perform the runs that are missing. Returns all runs, old and new. report: called after each run. fold: see
+    `perform_trial`.
 
-    The results so far are written whatever ends the campaign. Raises StorageError if the folder cannot be written.
+    The results so far are also written if the campaign is interrupted. Raises StorageError if the folder cannot be
+    written.
     """
     trials = folder.finished()
     missing = folder.missing(trials)
@@ -60,5 +63,5 @@ def write_results(folder: CampaignFolder, trials: list[Trial]) -> dict[str, Any]
 
 
 def _perform(campaign: str, keep: Keep, fold: Fold | None, request: TrialRequest) -> dict[str, Any]:
-    """Called in a worker process."""
+    """Perform one run. Called in a worker process."""
     return perform_trial(request, Path(campaign) / request.folder, keep, fold)

@@ -19,7 +19,8 @@ from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolP
 __all__ = ["StepOptimisation", "check_step", "optimise_plan"]
 
 Progress = Callable[[FoldStep, int, int, float], None]
-"""Called after each simulation with: the fold, simulations done, budget, best D so far [m]."""
+"""Called after each simulation with: the fold, number of simulations done, budget, smallest dissimilarity D so far
+[m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,8 @@ class StepOptimisation:
 
 
 def check_step(garment: Garment, number: int | None) -> None:
-    """Raises ConfigurationError if the garment's plan has no fold of this number. number: from 1; None: all
-    folds."""
+    """Check that the garment's plan has a fold of this number, counted from 1; None: all folds. Raises
+    ConfigurationError."""
     if number is not None and not 1 <= number <= len(garment.plan):
         raise ConfigurationError(f"{garment.name} has {len(garment.plan)} folds, so no step {number}")
 
@@ -49,12 +50,12 @@ def optimise_plan(
     begin: Callable[[], None] = lambda: None,
     progress: Progress = lambda step, done, budget, best: None,
 ) -> Iterator[StepOptimisation]:
-    """Optimise the folds in order and yield the result of each. The first failed fold is the last result.
+    """Optimise the folds in order and yield the result of each. If a fold fails, its result is the last one.
 
     only: number of the only fold to optimise, from 1; the folds before it use their initial arcs. method, budget
     [simulations per fold]: None: the value of the settings. begin: called before each fold.
 
-    Raises ConfigurationError before the first result for an unknown method, for a number that the plan does not
+    Raises ConfigurationError before the first result: for an unknown method, for a number that the plan does not
     have, and for a plan that the flat garment does not allow.
     """
     check_step(garment, only)

@@ -20,8 +20,8 @@ SCHEMA = 1
 
 
 def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, Any]:
-    """The results so far. garments: one row per variant and garment; claims: 2 x 2 tables; comparisons: each
-    variant against the first; not_performed: the planned runs that have no figures."""
+    """Return the results so far. garments: one row per variant and garment; claims: one 2 x 2 table per variant;
+    comparisons: each variant against the first; not_performed: the planned runs that have no figures yet."""
     performed = sorted((t for t in trials if t.performed), key=lambda t: t.request.key)
     done = {t.request.key for t in performed}
     by_variant = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}

@@ -1,4 +1,4 @@
-"""Runs a command in a common frame: exit codes, and error messages for people and programs."""
+"""Runs any command with the same exit codes, and with error messages for people and programs."""
 
 from __future__ import annotations
 
@@ -20,16 +20,15 @@ from robots.errors import CellError, ConfigurationError, StorageError
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The codes of SIGHUP (129) and
-SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
+"""Exit codes: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The codes of SIGHUP
+(129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
 
 
 def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
     """Parse a command line, run its command and return the exit code. Never raises.
 
     A closed pipe (`| head`) does not change the exit code. If standard output cannot be written for another
-    reason, a successful command returns USAGE. Libraries print no messages of
-    their own.
+    reason, a successful command returns USAGE. Messages of libraries are suppressed.
     """
     with lasting_streams() as output, unwinding(), quiet_libraries():
         code = _perform(parse, asked_for_json)
@@ -46,7 +45,7 @@ def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> i
     try:
         try:
             options = parse()
-        except SystemExit as e:  # raised by argparse: 0 for --help, USAGE for a bad line
+        except SystemExit as e:  # raised by argparse: code 0 for --help, USAGE for a bad line
             code = int(e.code or 0)
             if code and asked_for_json:
                 print(json.dumps({"error": "bad usage", "hint": "see foldcell --help", "exit_code": code}))
@@ -81,7 +80,8 @@ def _say(code: int, what: str, hint: str) -> int:
 
 
 def _write_traceback(options: argparse.Namespace) -> Path | None:
-    """Write the traceback to the logs folder, else to the temporary folder; None if neither can be written."""
+    """Write the traceback to the logs folder, else to the temporary folder. Returns its path, or None if neither
+    folder can be written."""
     from cell.support.files.paths import logs_directory
 
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"

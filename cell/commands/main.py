@@ -1,5 +1,8 @@
-"""The entry point and the list of commands. Each command is one module with its flags and its code. The module is
-imported only if its command is called, so that `foldcell --help` starts fast."""
+"""The entry point and the list of commands.
+
+Each command is one module with its flags and its code. The module is imported only if its command is called, so
+that `foldcell --help` starts fast.
+"""
 
 from __future__ import annotations
 
@@ -35,14 +38,14 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "doctor": ("installation.doctor", "check the installation: what is missing, and what to do"),
     "chart": ("installation.chart", "draw the chart of the states (needs Graphviz)"),
 }
-"""Name -> module in `cell.commands`, which has `add_options(parser)`, and help text."""
+"""Name of each command -> its module in `cell.commands`, which has `add_options(parser)`, and its help text."""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit code."""
+    """Run one command and return its exit code."""
     line = sys.argv[1:] if arguments is None else list(arguments)
     named = next((word for word in line if not word.startswith("-")), None)
     return framed(lambda: build_parser(named or "").parse_args(line), "--json" in line)
@@ -50,13 +53,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        """Exit with 64 for a bad command line, because argparse's own code 2 means 'not folded' here."""
+        """Print the error and exit with code 64. argparse's own code for it is 2, which means 'not folded'
+        here."""
         self.print_usage(sys.stderr)
         self.exit(USAGE, f"{self.prog}: {message}\n  see {self.prog} --help\n")
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """Build the parser. only: the one command whose flags are added; None: all commands."""
+    """Build the parser of the command line. only: the command whose flags are added; None: the flags of all
+    commands."""
     parser = _Parser(
         prog="foldcell",
         description="The executive of a garment-folding robot cell.",

@@ -1,4 +1,4 @@
-"""Flags of several commands, and the types of their values."""
+"""Flags that several commands share, and the types of their values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ Run = Callable[[argparse.Namespace], int]
 
 
 def add_command(commands: Commands, name: str, about: str, run: Run | None = None) -> argparse.ArgumentParser:
-    """Add a command, or an action of a command. run: performs it with its options and returns the exit code."""
+    """Add a command, or an action of a command. run: performs it with the parsed options and returns the exit
+    code."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name, help=about, description=about[:1].upper() + about[1:] + ".", allow_abbrev=False
     )
@@ -39,7 +40,8 @@ def seed(text: str) -> int:
 
 
 def folder(text: str) -> Path:
-    """Refuse an empty name. It would mean the present folder, and `--logs "$UNSET"` passes an empty name."""
+    """Convert the name of a folder. An empty name is refused: it would mean the present folder, and `--logs
+    "$UNSET"` passes an empty name."""
     if not text:
         raise argparse.ArgumentTypeError("the name of a folder is expected, but it is empty")
     return Path(text)

@@ -1,4 +1,4 @@
-"""Output of the commands: text for people, and one JSON line for programs."""
+"""Print the output of the commands: text for people, and one JSON line for programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["print_json", "print_table", "progress_stream"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
-    """Print one object on one line, in ASCII, which every stream can encode."""
+    """Print one JSON object on one line. The line is in ASCII, which every stream can encode."""
     from cell.support.json_values import to_json
 
     print(json.dumps(to_json(value), allow_nan=False), flush=True)
@@ -37,5 +37,5 @@ def _text(value: Any) -> str:
 
 
 def progress_stream(as_json: bool) -> Any:
-    """The stream for progress: standard error with --json, else standard output."""
+    """Return the stream for progress messages: standard error with --json, else standard output."""
     return sys.stderr if as_json else sys.stdout

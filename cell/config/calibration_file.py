@@ -1,4 +1,5 @@
-"""Calibration files. `foldcell calibrate` writes them and the cell reads them, one file for each kind.
+"""Read and write calibration files. `foldcell calibrate` writes them and the cell reads them. There is one file
+per kind of calibration.
 
 YAML (or JSON, which is YAML) with `schema: 1` and `kind`:
 
@@ -9,8 +10,8 @@ table     `height` of the table top in the base frame [m].
 tactile   `contact_force`, `held_force` [N].
 
 `provenance` states the origin of the values: for each part the date, the procedure, whether it was simulated, and
-the figures. It is information for people and no decision depends on it. A matrix that is not a rigid transform
-and a camera that looks away from the table are refused.
+the figures. It is information for people and no decision depends on it. A matrix that is not a rigid transform and
+a camera that looks away from the table are refused.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ def read_camera_file(path: Path) -> CameraFile:
 
 
 def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCalibration:
-    """Read a camera calibration, with its pose relative to the present `table` (None: as in the file). Raises
+    """Read a camera calibration. If the table's height has changed since the calibration, the camera's pose is
+    converted to the frame of the present `table`. None: the pose stays as in the file. Raises
     ConfigurationError."""
     file = read_camera_file(path)
     if table is None or file.table_height is None:
@@ -111,12 +113,13 @@ def load_camera_calibration(path: Path, table: Table | None = None) -> CameraCal
 
 
 def load_table_height(path: Path) -> float:
-    """Height of the table top in the base frame [m]. Raises ConfigurationError."""
+    """Read the height of the table top in the base frame [m]. Raises ConfigurationError."""
     return validated(read_yaml(path, "table calibration file"), _TableFile).height
 
 
 def load_tactile_thresholds(path: Path) -> dict[str, float]:
-    """contact_force and held_force [N], by their names in GraspSettings. Raises ConfigurationError."""
+    """Read contact_force and held_force [N]. The keys are the names of these values in GraspSettings. Raises
+    ConfigurationError."""
     file = validated(read_yaml(path, "tactile calibration file"), _TactileFile)
     return {"contact_force": file.contact_force, "held_force": file.held_force}
 
@@ -126,7 +129,7 @@ def calibration_text(
     table_height: float | None = None,
     provenance: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
-    """Text of a camera file, for `load_camera_calibration`."""
+    """Return the text of a camera file, for `load_camera_calibration`."""
     i = calibration.intrinsics
     data: dict[str, Any] = {
         "intrinsics": {
@@ -143,14 +146,14 @@ def calibration_text(
 
 
 def table_text(height: float, provenance: Mapping[str, Mapping[str, Any]] | None = None) -> str:
-    """Text of a table file."""
+    """Return the text of a table file."""
     return _text("table", {"height": float(height)}, provenance)
 
 
 def tactile_text(
     thresholds: Mapping[str, float], provenance: Mapping[str, Mapping[str, Any]] | None = None
 ) -> str:
-    """Text of a tactile file."""
+    """Return the text of a tactile file."""
     return _text("tactile", {name: float(value) for name, value in thresholds.items()}, provenance)
 
 

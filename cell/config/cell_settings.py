@@ -60,7 +60,8 @@ def _count(low: int, high: int, about: str) -> Any:
 
 
 def _span(shape: str, about: str) -> Any:
-    """Two lengths. `_Edge` bounds each of them; error messages state the bounds as one range."""
+    """Make a field for two lengths. `_Edge` checks the range of each. The entries `range` and `shape` let error
+    messages state this range."""
     return Field(
         description=about,
         json_schema_extra={"unit": "m", "range": [-2.0, 2.0], "shape": f"allowed is {shape} within"},
@@ -80,7 +81,7 @@ RENAMED_KEYS = {
     "pressing.above_flat": "min_excess_height",
     "optimiser.adapt": "learn_friction",
 }
-"""Former keys and their present names. The error message for a former key states the present name."""
+"""Former key -> its present name. The error message for a former key states the present name."""
 
 
 class _Group(BaseModel):
@@ -88,7 +89,7 @@ class _Group(BaseModel):
 
 
 class TableConfig(_Group):
-    """The table's top."""
+    """Position and extent of the table top."""
 
     height: float = _number(
         -0.6, 0.5, "m", "the table top's z in the robot's base frame; Baxter's floor is at z = -0.924"
@@ -156,7 +157,7 @@ class MotionConfig(_Group):
 
 
 class GraspConfig(_Group):
-    """Guarded descent, pinch, confirmation (skills.grasping)."""
+    """Speeds, forces and sensors of a grasp: guarded descent, pinch, confirmation (skills.grasping)."""
 
     approach_speed: float = _number(0.005, 0.3, "m/s", "speed of the descent to just above the garment")
     guarded_speed: float = _number(0.002, 0.1, "m/s", "speed of the descent from there to contact")
@@ -208,7 +209,7 @@ class InspectionConfig(_Group):
 
 
 class PressingConfig(_Group):
-    """Pressing the crease of a fold that stands high (skills.planning.pressing)."""
+    """When and how hard the crease of a fold that stands high is pressed (skills.planning.pressing)."""
 
     max_attempts: int = _count(0, 5, "how often one fold may be pressed; 0: never")
     min_excess_height: float = _number(
@@ -274,7 +275,7 @@ class RosConfig(_Group):
 
 
 class RecorderConfig(_Group):
-    """Contents of a run's report."""
+    """Settings of a run's report."""
 
     key_frames: int = _count(2, 24, "pictures of a fold in the report")
 
@@ -304,7 +305,7 @@ class CellSettings(_Group):
 
     @property
     def table(self) -> Table:
-        """The table for the skills, at its calibrated height if a calibration file is named."""
+        """The table for the skills, at its calibrated height if the settings name a calibration file."""
         if self.table_.calibration is None:
             return self.drawn_table
         return Table(load_table_height(self.table_.calibration), self.table_.x, self.table_.y)
@@ -316,7 +317,7 @@ class CellSettings(_Group):
 
     @property
     def calibrations(self) -> dict[str, Path]:
-        """The calibration files that the settings name, by settings group."""
+        """Settings group -> the calibration file that it names."""
         named = {
             "table": self.table_.calibration,
             "camera": self.camera.calibration,
@@ -333,7 +334,7 @@ class CellSettings(_Group):
         return yaml.safe_dump(self.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)
 
     def fingerprint(self) -> str:
-        """Hash of all keys and values. It does not depend on the order of the keys."""
+        """Return a hash of all keys and values. It does not depend on the order of the keys."""
         canonical = json.dumps(self.model_dump(mode="json", by_alias=True), sort_keys=True)
         return hashlib.sha256(canonical.encode()).hexdigest()[:16]
 
@@ -344,7 +345,7 @@ def default_settings_path() -> Path:
 
 
 def load_settings(path: Path | None = None) -> CellSettings:
-    """The shipped settings, overridden by those of `path` if it is given.
+    """Return the shipped settings, overridden by those of the file `path` if it is given.
 
     Raises ConfigurationError for an unreadable file, an unknown or repeated key, a value out of range, and a
     calibration file that is named but cannot be used.
@@ -362,7 +363,8 @@ def load_settings(path: Path | None = None) -> CellSettings:
 def overlaid(
     settings: CellSettings, over: Mapping[str, Any], path: Path, lines: Mapping[Key, int]
 ) -> CellSettings:
-    """`settings` overridden by `over`, a part of the file `path`. lines: line numbers of its keys in that file.
+    """Return `settings` overridden by `over`, which is a part of the file `path`. lines: line number of each of
+    its keys in that file.
 
     Raises ConfigurationError as `load_settings` does.
     """

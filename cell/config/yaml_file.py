@@ -4,9 +4,9 @@ The reader is stricter than YAML 1.1: a repeated key is an error, only `true` an
 `1e-3` is a number. Every error names file, line, key, value and the allowed values, and often suggests a
 correction.
 
-Every YAML file goes through this reader. It takes little time for any file, because size, depth and number of
-values are limited. A value that an alias repeats counts each time: aliases of aliases can stand for billions of
-values.
+Every YAML file is read by this reader. Reading takes little time for any file, because size, depth and number of
+values are limited. A value that an alias repeats counts each time, because aliases of aliases can stand for
+billions of values.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
 
 LARGEST_FILE = 2**20
-"""Size limit [bytes]. It is far above the size of any configuration of a cell."""
+"""Maximum size of a file [bytes]. It is far above the size of any configuration of a cell."""
 DEEPEST = 32
-"""Largest depth of nested lists and groups. A garment file has eight."""
+"""Maximum depth of nested lists and groups. A garment file has a depth of eight."""
 MOST_VALUES = 20_000
-"""Largest number of keys and values, including those that aliases repeat. A garment file has some 300."""
+"""Maximum number of keys and values, including those that aliases repeat. A garment file has about 300."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,8 @@ class Document:
     lines: Mapping[Key, int]
 
     def where(self, key: Key) -> str:
-        """Location of a key, as in `cell.yaml:12`. The path alone for a key that is not in the file."""
+        """Return the location of a key, as in `cell.yaml:12`. If the key is not in the file, the location of its
+        nearest enclosing key is returned, or the path alone."""
         while key and key not in self.lines:
             key = key[:-1]
         return f"{self.path}:{self.lines[key]}" if key else str(self.path)
@@ -87,8 +88,8 @@ def validated(
 ) -> M:
     """Validate `data` (default: the document's data) as a `model`.
 
-    renamed: dotted former key -> present name of its last part. Raises a ConfigurationError that lists every
-    fault.
+    renamed: former key with its groups, as in `motion.state_age` -> present name of its last part. Raises a
+    ConfigurationError that lists every fault.
     """
     try:
         return model.model_validate(document.data if data is None else data)
@@ -97,7 +98,8 @@ def validated(
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` overridden by `over`. Mappings are merged recursively; lists and scalar values are replaced."""
+    """Return `base` overridden by `over`. Mappings are merged recursively; lists and scalar values are
+    replaced."""
     merged = dict(base)
     for key, value in over.items():
         old = merged.get(key)
@@ -110,12 +112,13 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _TooLarge(yaml.MarkedYAMLError):
-    """The file exceeds DEEPEST or MOST_VALUES. note: what to do."""
+    """The file exceeds DEEPEST or MOST_VALUES. note: advice to the user."""
 
 
 @dataclass(frozen=True)
 class _Extent:
-    """Number of values of a node with those that aliases repeat, and how deep they are nested."""
+    """Size of a node: the number of its values, including those that aliases repeat, and their depth of
+    nesting."""
 
     values: int
     depth: int
@@ -128,7 +131,8 @@ def _children(node: yaml.Node | None) -> list[yaml.Node]:
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """The core schema of YAML 1.2, and unique keys. In YAML 1.1 `no`, `on`, `1:30` and dates are special."""
+    """Loads YAML 1.2's core schema and requires unique keys. In YAML 1.1, `no`, `on`, `1:30` and dates would be
+    read as other types."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
     yaml_constructors = {  # noqa: RUF012
@@ -144,7 +148,7 @@ class _StrictLoader(yaml.SafeLoader):
         self._depth = 0
         self._values = 0
         self._complete: dict[int, _Extent] = {}
-        """By the node's id."""
+        """Extent of each complete node, by the node's id."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
@@ -187,7 +191,7 @@ class _StrictLoader(yaml.SafeLoader):
             )
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """As in YAML's core schema; errors of a number or a truth value get their line."""
+        """Construct a value. An error in a number or a truth value gets the line of the value."""
         try:
             return super().construct_object(node, deep)
         except (ValueError, OverflowError, KeyError) as e:
@@ -279,7 +283,7 @@ def _syntax_error(path: Path, what: str, error: yaml.YAMLError) -> Configuration
 
 
 def _note_lines(node: yaml.Node | None, key: Key, lines: dict[Key, int]) -> None:
-    """Record line numbers by key path, of a document that the loader found small enough."""
+    """Record the line number of every key. The loader has already limited the size of the document."""
     if isinstance(node, yaml.MappingNode):
         for k, v in node.value:
             lines[(*key, k.value)] = k.start_mark.line + 1
@@ -318,7 +322,7 @@ def _raise_configuration(
 def _explain(
     document: Document, model: type[BaseModel], fault: ErrorDetails, renamed: Mapping[str, str]
 ) -> tuple[str, str]:
-    """(message, hint) for one fault that pydantic reports."""
+    """Return (message, hint) for one fault that pydantic reports."""
     loc: Key = fault["loc"]
     where, key, value, kind = document.where(loc), dotted(loc), fault["input"], fault["type"]
     owner, field = _field(model, loc)
@@ -333,7 +337,7 @@ def _explain(
     if kind in {"model_type", "model_attributes_type", "dict_type"}:
         known = ", ".join(_names(owner)) if owner else ""
         return f"{where}: {key} = {shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
-    if kind == "value_error" and not _allowed(field):  # a rule over several keys names them in its message
+    if kind == "value_error" and not _allowed(field):  # the message of a rule over several keys names these keys
         return f"{where}: {_message(fault)}", ""
     allowed = _allowed(field) or _message(fault)
     hint = _unit_hint(field, value) or _number_hint(value) or _about(field)
@@ -341,7 +345,7 @@ def _explain(
 
 
 def dotted(loc: Sequence[str | int]) -> str:
-    """A key as people write it, as in `plan[0].line`."""
+    """Format a key as people write it, as in `plan[0].line`."""
     text = ""
     for part in loc:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
@@ -349,7 +353,7 @@ def dotted(loc: Sequence[str | int]) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value for a message, shortened."""
+    """Format a value for a message, shortened to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -360,8 +364,8 @@ def _message(fault: ErrorDetails) -> str:
 
 
 def _field(model: type[BaseModel], loc: Key) -> tuple[type[BaseModel] | None, FieldInfo | None]:
-    """The model that owns the last named key of `loc`, and the field of that key. If `loc` names a group, the
-    model is that group."""
+    """Return the model that owns the last named key of `loc`, and the field of that key. If `loc` names a group,
+    the returned model is that group."""
     owner: type[BaseModel] | None = model
     field: FieldInfo | None = None
     for part in loc:
@@ -437,7 +441,7 @@ def _about(field: FieldInfo | None) -> str:
 
 
 def _unit_hint(field: FieldInfo | None, value: Any) -> str:
-    """A suggestion for a number that would be in range in another unit."""
+    """Return a hint for a number that would be in range in another unit, or an empty text."""
     numbers = value if isinstance(value, list) else [value]
     if not numbers or any(isinstance(n, bool) or not isinstance(n, int | float) for n in numbers):
         return ""

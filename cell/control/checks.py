@@ -34,7 +34,7 @@ class ExecutionLimits:
 
 
 def stopped(ports: Ports) -> Failure | None:
-    """The stop circuit as a failure, or None."""
+    """Return the failure STOPPED if the stop is triggered, else None."""
     stop = ports.stop.state()
     if not stop.stopped:
         return None
@@ -46,7 +46,7 @@ def stopped(ports: Ports) -> Failure | None:
 
 
 def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
-    """The arms' state if it is finite and recent enough to act on, else STALE_STATE."""
+    """Return the arms' state if it is finite and recent enough to act on, else the failure STALE_STATE."""
     state = ports.arms.state()
     age = ports.clock.now() - state.stamp
     if age > limits.stale_s or not np.all(np.isfinite(state.q)):
@@ -62,7 +62,8 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
 
 
 def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits) -> Outcome[JointState]:
-    """The arms' state one tick after the set-point q (14,). sent: the set-point that the driver passed on.
+    """Check the arms one tick after the set-point q (14,) was sent, and return their state. sent: the set-point
+    that the driver passed on to the robot.
 
     Failures: STOPPED, STALE_STATE, LIMIT_EXCEEDED (an altered set-point), TRACKING_ERROR. For the last two, the
     arms are also commanded to hold.
@@ -83,8 +84,8 @@ def followed(ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimit
 def hold(ports: Ports, limits: ExecutionLimits) -> None:
     """Command the arms to hold their present position.
 
-    No command is sent if the arms' state is stale, because the arms may be far from it. The driver holds the arms
-    after its command timeout.
+    If the arms' state is stale, no command is sent, because the arms may have moved far since. The driver then
+    holds the arms after its command timeout.
     """
     read = fresh_state(ports, limits)
     if read.ok:
@@ -93,9 +94,11 @@ def hold(ports: Ports, limits: ExecutionLimits) -> None:
 
 
 def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastCommand) -> Failure | None:
-    """Wait until the arms have settled at their last set-point, before a motion is planned from their position.
+    """Wait until the arms have settled at their last set-point, so that a motion can be planned from their
+    position.
 
-    Returns None after settle_s even if they have not settled: the checks of the next motion decide.
+    Returns a failure if the stop is triggered or the state is stale. Returns None after settle_s even if the arms
+    have not settled, because the next motion checks its start position.
     """
     deadline = ports.clock.now() + limits.settle_s
     while last_command.q is not None and ports.clock.now() < deadline:
@@ -121,7 +124,8 @@ def start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Fai
 
 
 def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
-    """LIMIT_EXCEEDED if the driver has altered the set-point, which would lead the arms off the checked path."""
+    """Return LIMIT_EXCEEDED if the driver has altered the set-point, because this would lead the arms off the
+    checked path."""
     change = np.abs(sent.q - q)
     joint = int(change.argmax())
     if change[joint] <= limits.altered:

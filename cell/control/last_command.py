@@ -19,22 +19,24 @@ NEAR = float(np.deg2rad(1.5))
 
 @dataclass(eq=False)
 class LastCommand:
-    """The last set-point sent to the arms: the next motion begins there.
+    """The last set-point sent to the arms. The next motion begins at it.
 
-    The measured joints differ from it by the tracking error, so a motion that began at them would begin with a
-    jump.
+    The measured joints differ from it by the tracking error. A motion that began at the measured joints would
+    therefore begin with a jump.
     """
 
     q: Array | None = None
 
     def offset(self, q: Array) -> Array:
-        """(14,) offset from q to the last set-point [rad]; zero if that is further than NEAR from q."""
+        """Return the offset (14,) from q to the last set-point [rad], or zeros if a joint differs by more than
+        NEAR."""
         if self.q is None or not np.abs(self.q - q).max() <= NEAR:
             return np.zeros_like(q)
         return self.q - q
 
 
 def blend(ticks: int, seconds: float = FADE_S) -> float:
-    """Share of an offset that remains after some ticks: from 1 to 0 in `seconds`, with minimum jerk."""
+    """Return the share of an offset that remains `ticks` after a blend began. It falls from 1 to 0 in `seconds`,
+    with minimum jerk."""
     u = min(1.0, ticks * TICK_S / seconds)
     return 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

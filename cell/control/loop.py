@@ -1,9 +1,9 @@
 """The control loop: sends set-points at 100 Hz, for folds and calibrations alike.
 
-It runs a motion (motion.py): it sends a set-point, waits for the tick, checks the state read since, and asks the
-motion for the next set-point. The loop checks the stop, the state's age, altered set-points, tracking errors,
-pause and abort for every motion. The motions check arrival, contact, force and slip. docs/safety.md states the
-order of the checks.
+The loop runs a motion (motion.py): it sends a set-point, waits for the next tick, reads and checks the arms'
+state, and asks the motion for the next set-point. The loop checks the stop, the state's age, altered set-points,
+tracking errors, pause and abort for every motion. The motions check arrival, contact, force and slip.
+docs/safety.md states the order of the checks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, eq=False)
 class ControlLoop:
-    """The control loop. last_command: keeps the last set-point from one motion to the next."""
+    """The control loop. last_command: carries the last set-point over from one motion to the next."""
 
     ports: Ports
     limits: ExecutionLimits
@@ -44,10 +44,12 @@ class ControlLoop:
     ) -> Outcome[V]:
         """Run the motion that `begin` makes from the arms' state.
 
-        control: lets the operator pause or abort the motion. standing: the motion only holds the arms, so that it
-        may start with a stale state. It then sends no set-points, and the driver holds the arms after its command
-        timeout. Failures: the motion's own; STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an altered
-        set-point), TRACKING_ERROR, ABORTED. Raises DriverError.
+        control: lets the operator pause or abort the motion. standing: the motion only holds the arms, so it may
+        start even if the state is stale. In this case no set-points are sent, and the driver holds the arms after
+        its command timeout.
+
+        Failures: the motion's own; STOPPED, STALE_STATE, START_MISMATCH, LIMIT_EXCEEDED (an altered set-point),
+        TRACKING_ERROR, ABORTED. Raises DriverError.
         """
         read = fresh_state(self.ports, self.limits)
         failure = stopped(self.ports) or (None if standing else read.failure)
@@ -95,7 +97,8 @@ class ControlLoop:
 
 
 def _next_setpoint(motion: Motion[V], feedback: Feedback | None) -> SetPoint | Outcome[V]:
-    """The motion's next set-point, or its outcome when it ends. feedback: None for the first set-point."""
+    """Return the motion's next set-point, or its outcome if it has ended. feedback: None for the first
+    set-point."""
     try:
         return next(motion) if feedback is None else motion.send(feedback)
     except StopIteration as end:

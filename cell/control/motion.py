@@ -29,11 +29,11 @@ class Order(Enum):
 
 @dataclass(frozen=True, eq=False)
 class SetPoint:
-    """q, qd (14,) for the next tick [rad], [rad/s].
+    """Set-point of both arms: q, qd (14,) for the next tick [rad], [rad/s].
 
     begins: joints (14,) near which the arms must be before the motion's first set-point is sent; None: no
     condition. path_s: the motion's own clock [s]. resting: the motion may end here, because it rests on its path
-    or cannot pause at all. failure: set to bring the motion to rest and end it.
+    or cannot pause at all. failure: if set, the loop brings the motion to rest and ends it with this failure.
     """
 
     q: Array
@@ -64,8 +64,8 @@ Motion = Generator[SetPoint, Feedback, Outcome[V]]
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """Input of a watch. t: the motion's own clock [s], which does not advance in a pause; state: state of the
-    arms."""
+    """Input of a watch, which is called on every tick of a motion and may end it. t: the motion's own clock [s],
+    which does not advance in a pause; state: state of the arms."""
 
     t: float
     state: JointState

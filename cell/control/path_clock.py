@@ -1,4 +1,4 @@
-"""The clock of a motion along its checked path, and the control that pauses and resumes it there."""
+"""The clock that moves a motion along its checked path, and the control that pauses and resumes it on the path."""
 
 from __future__ import annotations
 
@@ -37,20 +37,21 @@ class PathControl:
         return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
 
     def answer(self) -> Event | None:
-        """The command that ends a pause; None if no such command comes within a tick of real time."""
+        """Wait for the command that ends a pause. Returns None if no such command comes within a tick of real
+        time."""
         assert self.commands is not None
         return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
 
 
 class PathClock:
-    """The motion's own clock. It runs, slows to a stop, rests and starts again. The motion never leaves its
+    """The motion's own clock. It can run, slow to a stop, rest and start again, and the motion never leaves its
     path."""
 
     def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
         self._trajectory, self._control = trajectory, control
         self._base, self._ticks = 0.0, 0
-        """The clock's time when its speed last changed, and the ticks since then. Counting ticks avoids a sum of
-        rounding errors."""
+        """The clock's time when its speed last changed [s], and the number of ticks since then. Counting ticks
+        avoids a sum of rounding errors."""
         self._warp: ClockWarp | None = None
         self._goal = 1.0
 
@@ -74,12 +75,12 @@ class PathClock:
         return self._goal == 1.0 and self.t >= self._trajectory.duration
 
     def setpoint(self) -> tuple[Array, Array]:
-        """q, qd (14,) at the present time [rad], [rad/s]."""
+        """Return q, qd (14,) at the clock's present time [rad], [rad/s]."""
         q, qd = self._trajectory.at(self.t)
         return q, qd * self._rate()[0]
 
     def advance(self) -> None:
-        """Advance by a tick."""
+        """Advance the clock by one tick."""
         self._ticks += 1
         if self._warp is not None and self._ticks * TICK_S >= self._warp.duration - 1e-9:
             beyond = self._ticks * TICK_S - self._warp.duration
@@ -93,8 +94,9 @@ class PathClock:
         self._change(1.0, self._control.go, STOP_TIME)
 
     def begin_again(self) -> bool:
-        """Restart after a stall, in which the arms came to rest: the clock speeds up from the last set-point, as
-        after a pause. Returns False if the clock was slowing down or at rest anyway."""
+        """Restart after a tick that came so late that the arms have come to rest: the clock speeds up from rest at
+        the last set-point, as after a pause. Returns False and changes nothing if the clock was slowing down or at
+        rest."""
         if self._goal != 1.0:
             return False
         self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0

@@ -30,7 +30,7 @@ class Interruptions:
         self._ending: Failure | None = None
         """The failure that ends the motion once it rests."""
         self._asked: float | None = None
-        """Time of a request for a pause that is not in the journal yet [s]."""
+        """Cell time at which a pause was requested [s]; None if no request waits to be written to the journal."""
 
     def judge(self, following: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
         """Evaluate one tick. Returns the failure that ends the motion now, or None while it continues.
@@ -70,7 +70,7 @@ class Interruptions:
         return None
 
     def _rest(self, control: PathControl, following: SetPoint, q: Array, state: JointState) -> Failure | None:
-        """Perform one tick of a pause. The pause is written to the journal once the arms rest, because a slow disk
+        """Perform one tick of a pause. The journal gets the pause only when the arms rest, because a slow disk
         must not delay moving arms."""
         control.waited_s += TICK_S
         if self._asked is not None:

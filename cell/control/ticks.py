@@ -1,4 +1,4 @@
-"""The control loop's ticks: 100 Hz of the cell's clock."""
+"""Ticks of the control loop, one every 10 ms (100 Hz) of the cell's clock."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ __all__ = ["LOST_S", "TICK_S", "Ticks"]
 
 TICK_S = 0.01
 STALL_S = 0.05
-"""Lateness of a tick after which the arms have come to rest [s]."""
+"""If a tick is later than this, the arms have come to rest, so the motion accelerates from rest [s]."""
 LOST_S = 2.0
-"""Lateness of a tick that stops the robot [s]: a person may have come near the standing arms."""
+"""If a tick is later than this, the stop is triggered, because a person may have come near the standing arms
+[s]."""
 
 
 class Ticks:
     """Ticks of the loop, counted from the creation of this object.
 
-    A loop that is late by more than a tick continues from the present time, because catching up would send
-    set-points ahead of the arms. A delay of more than LOST_S (a suspended program, a laptop that slept) stops the
-    robot, which must not move on by itself after such a delay. A simulated cell waits for its executive, so that
-    the executive is never late.
+    If a tick is late by more than TICK_S, the following ticks are counted from the present time, because catching
+    up would send set-points ahead of the arms. A delay of more than LOST_S (a suspended program, a laptop that
+    slept) triggers the stop, because the robot must not move on by itself after such a delay. The clock of a
+    simulated cell waits for the executive, so the executive is never late there.
     """
 
     def __init__(self, ports: Ports) -> None:

@@ -21,7 +21,7 @@ ON_FAILURE = {
     State.CLEARING: ("#c0392b", "#fbeceb"),
     State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
 }
-"""State -> (border, fill) colours of the states whose failure leads to it."""
+"""For each state: the border and fill colours of the states whose failure leads to it."""
 LEGEND = (
     "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
     "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"
@@ -57,7 +57,7 @@ class _Chart(GraphMachine):
 
 
 def draw_chart() -> str:
-    """The transition table as SVG. The SVG group of each state has the id `state-NAME`.
+    """Return the transition table as SVG. In it, the group of each state has the id `state-NAME`.
 
     Raises ConfigurationError if Graphviz is missing. Only this function needs Graphviz.
     """
@@ -84,7 +84,8 @@ def draw_chart() -> str:
 
 
 def _for_pages(svg: str) -> str:
-    """The SVG with an id for each state, spaces instead of underscores in labels, and no fixed size."""
+    """Return the SVG with an id for each state, with spaces instead of underscores in labels, and without a fixed
+    size."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(
         r'<g id="[^"]*" class="node">\s*<title>(\w+)</title>',
@@ -93,5 +94,5 @@ def _for_pages(svg: str) -> str:
     )
     svg = re.sub(r'<svg width="[^"]*" height="[^"]*"', '<svg class="states"', svg)
     svg = re.sub(r"<!--.*?-->\n", "", svg, flags=re.S)
-    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # a title that repeats the legend
+    svg = re.sub(r"<title>[^<]*\\\\l[^<]*</title>\n", "", svg)  # remove the title that repeats the legend
     return re.sub(r"(<text[^>]*>)([^<]*)(</text>)", lambda m: m[1] + m[2].replace("_", " ") + m[3], svg)

@@ -22,10 +22,12 @@ _ENDING = frozenset({State.GIVING_UP, State.MAKING_SAFE})
 
 
 def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
-    """The table and the rows that every working state has: stop, lost journal, crash, abort, pause and resume.
+    """Return the table with the rows that every working state has: stop, lost journal, crash, abort, pause and
+    resume.
 
-    A pause happens between two effects. RESUME enters the interrupted state again: the machine issues its effect
-    again, and the effect checks its own start. While the cell makes itself safe, it accepts no abort and no pause.
+    A pause happens between two effects. RESUME enters the interrupted state again: the machine returns the same
+    effect again, and the effect checks its start conditions itself. While the cell makes itself safe, it accepts
+    no abort and no pause.
     """
     working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
     added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # `handle` sets the target
@@ -44,7 +46,7 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
 
 @dataclass
 class _Model:
-    """The model object of `transitions`. It holds only the state."""
+    """The model object that `transitions` requires. It contains only the state."""
 
     state: str = State.IDLE.value
     trigger: object = field(default=None, repr=False)
@@ -63,7 +65,7 @@ class _Machine(Machine):
 
 
 class Executive:
-    """The state machine. `handle` raises InternalError for an event that the present state does not know."""
+    """The state machine. `handle` raises InternalError for an event that has no row in the present state."""
 
     def __init__(self, rows: tuple[Row, ...] = TRANSITIONS) -> None:
         self._model = _Model()
@@ -87,11 +89,11 @@ class Executive:
         return self.state in TERMINAL
 
     def allowed(self) -> tuple[Event, ...]:
-        """The events that the present state knows, for buttons and messages."""
+        """Return the events that have a row in the present state, for buttons and messages."""
         return tuple(Event(t) for t in self._machine.get_triggers(self._model.state))
 
     def handle(self, event: Event) -> Step:
-        """Make the transition for an event. Returns it with the effect to perform."""
+        """Make the transition for an event. Returns the transition with the effect to perform."""
         source = self.state
         if event is Event.RESUME and source is State.PAUSED and self._interrupted:
             target, effect = self._interrupted

@@ -27,21 +27,23 @@ __all__ = ["EffectFunction", "Runner"]
 EffectFunction = Callable[[Workcell, RunContext], Result]
 
 _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.NEXT_STEP})
-"""Effects that touch neither the cell nor the clock. The journal gets no intent and no result for them."""
+"""Effects that only decide or wait. The journal gets no intent and no result for them."""
 
 _FAILING = FAILING | {Event.GIVE_UP}
-"""Events that the context's failure causes. With other events, that failure is old and already recovered."""
+"""Events that the failure in the context has caused. After any other event, the failure in the context is an
+earlier one, from which the run has already recovered."""
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
-"""Effects that ask the operator. They drop earlier answers: a key pressed twice must not approve the next fold."""
+"""Effects that ask the operator. Earlier answers are dropped before the question: a key that was pressed twice
+must not approve the next fold."""
 
 
 class Runner:
     """One run of the state machine over the effects of a cell.
 
-    keep: writes the checkpoint of the context after each effect, so that an interrupted run can be resumed. After
-    the last effect of a folded run it writes none. If the journal lacks the end of that run, `resume` judges the
-    last fold again.
+    keep: writes the checkpoint of the context after each effect, so that an interrupted run can be resumed. A run
+    that ends as folded gets no checkpoint after its last effect. If the program dies before that end is in the
+    journal, `resume` therefore inspects the last fold again.
     """
 
     def __init__(
@@ -94,7 +96,8 @@ class Runner:
                 o.performed(ended, step, result)
 
     def _advance(self, event: Event) -> Step:
-        """Give an event to the machine. An event that the state does not know is a bug and becomes a crash."""
+        """Give an event to the machine. An event without a row in the present state is a bug and becomes a
+        crash."""
         try:
             return self._machine.handle(event)
         except InternalError as bug:
@@ -123,7 +126,7 @@ class Runner:
         return State.FAULT
 
     def _note(self, name: str, values: Mapping[str, float]) -> None:
-        """Record an event within an effect."""
+        """Record an event that happens during an effect."""
         now = self._cell.ports.clock.now()
         self._journal.event(now, self._state.value, name, values)
         self._noted = (*self._noted, (now, name))
@@ -156,7 +159,8 @@ class Runner:
             result = Result(Event.CRASH, context.with_failure(_crash(e)))
         result = replace(self._divert(step, result), within=self._noted)
         if result.event is not Event.ALL_FOLDED and step.target is not State.FOLDED:
-            self._write_checkpoint(result.context)  # first, so that it is never older than the journal
+            # write it before the result, so that the checkpoint is never older than the journal
+            self._write_checkpoint(result.context)
         if intent is not None:
             record = {"event": result.event.value, **result.record}
             if result.event in _FAILING and result.context.failure:
@@ -178,7 +182,8 @@ class Runner:
             raise StorageError(f"the checkpoint cannot be written: {type(e).__name__}: {e}", hint) from e
 
     def _divert(self, step: Step, result: Result) -> Result:
-        """The result. A failure by a stop becomes STOP; one by an abort becomes ABORT if the state knows it."""
+        """Return the result with another event if a stop or an abort caused the failure: STOP, or ABORT if the
+        present state has a row for ABORT."""
         if result.event is not Event.FAILED or result.context.failure is None:
             return result
         kind = result.context.failure.kind
@@ -189,7 +194,7 @@ class Runner:
         return result
 
     def _interruption(self, step: Step) -> Event | None:
-        """The stop, pause or abort that is pending before this effect begins."""
+        """Return the stop, pause or abort that is pending before this effect begins, or None."""
         if step.target in TERMINAL:
             return None
         if self._cell.ports.stop.state().stopped:
@@ -199,7 +204,8 @@ class Runner:
         return self._commands.take(frozenset({Event.PAUSE, Event.ABORT}) & set(self._machine.allowed()))
 
     def _with_cause(self, event: Event, context: RunContext) -> RunContext:
-        """The context with the abort or stop as its failure. It replaces an old failure, already recovered."""
+        """Return the context with the abort or stop as its failure. It replaces an earlier failure, from which the
+        run has already recovered."""
         if event is Event.ABORT:
             return context.with_failure(ABORTED)
         stop = stopped(self._cell.ports)
@@ -207,7 +213,7 @@ class Runner:
 
 
 def _crash(error: Exception) -> Failure:
-    """The exception being handled, as a failure with its traceback."""
+    """Return the exception that is being handled as a failure, with its traceback."""
     hint = error.hint if isinstance(error, CellError) else "this is a bug: keep the run folder and report it"
     what = f"{type(error).__name__}: {error}"
     return Failure(FailureKind.SKILL_CRASHED, what, hint, {"traceback": traceback.format_exc()})

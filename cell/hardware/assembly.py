@@ -1,4 +1,4 @@
-"""Assembles a cell from its settings: models, thresholds, garments, library."""
+"""Assemble the workcell of a run from its settings: models, thresholds, garments, library."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ __all__ = ["assemble", "load_robot"]
 
 
 SLACK = 0.002
-"""Difference between the planning and the execution margins [m], because the arms deviate a little from the
-plan."""
+"""Amount by which the collision margins during execution are smaller than those in planning [m]. It allows for
+small deviations of the arms from the plan."""
 
 
 def load_robot(settings: CellSettings) -> RobotModel:
-    """The robot that the settings name."""
-    from robots.baxter.model import load_model  # the only robot so far: settings.robot is validated
+    """Return the model of the robot that the settings name."""
+    from robots.baxter.model import load_model  # the only robot so far; settings.robot is already validated
 
     return load_model()
 
@@ -92,8 +92,8 @@ def assemble(
 
 
 class _RunLibrary:
-    """The trajectory library of a run: its content at the start, and the trajectories that the run adds. The
-    user's file gets the added trajectories too."""
+    """The trajectory library of a run: its content at the start, and the trajectories that the run adds. Added
+    trajectories are also written to the user's file."""
 
     def __init__(self, request: FoldRequest) -> None:
         self._logs = request.logs
@@ -112,7 +112,7 @@ class _RunLibrary:
 
 
 def _generator() -> np.random.Generator:
-    """The motion planner's random generator, with the same seed in every run."""
+    """Return a random generator for the motion planner, with the same seed in every run."""
     return np.random.default_rng(1)
 
 

@@ -1,4 +1,5 @@
-"""The executive's camera calibration: from a calibration file, or nominal from the drawing of the bracket."""
+"""Choose the executive's camera calibration: from a calibration file, or the nominal one from the drawing of the
+camera's bracket."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ __all__ = ["camera_calibration", "nominal_calibration"]
 
 
 def nominal_calibration(table: Table) -> CameraCalibration:
-    """The camera's nominal pose in the table frame, for the head looking straight ahead."""
+    """Return the nominal calibration: data-sheet intrinsics, and the camera's design pose in the table frame for
+    the head looking straight ahead."""
     return CameraCalibration(
         intrinsics=INTRINSICS,
         T_table_camera=frozen(np.linalg.inv(table.T_base_table) @ T_base_camera(0.0)),
@@ -22,7 +24,8 @@ def nominal_calibration(table: Table) -> CameraCalibration:
 
 
 def camera_calibration(settings: CellSettings) -> CameraCalibration:
-    """The calibration from the file that the settings name, else the nominal one."""
+    """Return the calibration from the file that the settings name, or the nominal calibration if they name
+    none."""
     if settings.camera.calibration is not None:
         return load_camera_calibration(settings.camera.calibration, settings.table)
     return nominal_calibration(settings.table)

@@ -1,4 +1,4 @@
-"""Chooses the driver, opens the ports of a cell and closes them."""
+"""Choose the driver, open the ports of a cell and close them."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ DRIVERS = {
 }
 
 PersonAt = Callable[[Stop], Attendant]
-"""Makes the attendant of a real cell. The attendant stops waiting when the stop is triggered."""
+"""Makes the attendant of a real cell. The attendant stops waiting for a person when the stop is triggered."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenCell:
-    """An open cell. ports: the executive's only access to the cell; simulated: the simulated cell, for scorer,
-    scripts and checkpoints; None on hardware."""
+    """An open cell. ports: the executive's only access to the cell. simulated: the simulated cell, for scorer,
+    scripts and checkpoints; None on a real cell."""
 
     ports: Ports
     simulated: SimulatedCell | None = None
@@ -42,7 +42,7 @@ def is_simulated(driver: str) -> bool:
 
 
 def check_cell(driver: str, settings: SimulationSettings) -> None:
-    """Raises ConfigurationError for a cell that cannot be opened. Starts nothing."""
+    """Check that a cell can be opened, without starting anything. Raises ConfigurationError."""
     if driver not in DRIVERS:
         raise ConfigurationError(f"there is no driver '{driver}'", f"it is one of {', '.join(DRIVERS)}")
     if driver != "sim":
@@ -57,7 +57,8 @@ def check_cell(driver: str, settings: SimulationSettings) -> None:
 def opened_cell(
     driver: str, simulation: SimulationSettings, seed: int, settings: CellSettings, person: PersonAt
 ) -> Iterator[OpenCell]:
-    """Open a cell for the duration of the context. simulation, seed: for a simulated cell; person: for a real one.
+    """Open a cell for the duration of the context. simulation, seed: used for a simulated cell; person: used for a
+    real cell.
 
     Raises ConfigurationError as `check_cell` does, and if a part of the cell does not respond.
     """
@@ -67,7 +68,7 @@ def opened_cell(
             yield cell
             return
         gc.collect()
-        gc.freeze()  # a garbage collection of everything loaded takes 0.1 s, which is ten set-points
+        gc.freeze()  # a garbage collection of all loaded objects takes 0.1 s (ten set-points)
         try:
             yield cell
         finally:
@@ -76,7 +77,7 @@ def opened_cell(
 
 @contextmanager
 def stop_circuit() -> Iterator[Stop]:
-    """Connect to the robot's stop circuit only, which works even if other parts of the cell do not respond. Raises
+    """Connect only to the robot's stop circuit, which works even if other parts of the cell do not respond. Raises
     ConfigurationError if ROS or the robot does not respond."""
     from robots.baxter.ros.connection import connected_stop
 
@@ -107,8 +108,8 @@ def _opened(
 
 @contextmanager
 def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
-    """Open the robot's ports. The lock is per robot, so that runs with different log folders exclude each
-    other."""
+    """Open the robot's ports. There is one lock per robot, so that runs with different log folders also exclude
+    each other."""
     from robots.baxter.ros.connection import connected
     from robots.baxter.ros.node import master_address
 

@@ -1,5 +1,4 @@
-"""Recognise a garment in a picture from a file or an array, taken outside a run by the cell's or an unknown
-camera."""
+"""Recognise a garment in a picture that was taken outside a run, by the cell's camera or by an unknown camera."""
 
 from __future__ import annotations
 
@@ -21,15 +20,16 @@ from skills.vocabulary import CameraCalibration, Outcome, Table
 __all__ = ["ANY_SIZE", "Photograph", "in_unit", "perceive_photograph", "photographed", "read_photograph"]
 
 ANY_SIZE = 1e3
-"""Size tolerance that accepts every size (relative difference)."""
+"""Size tolerance that accepts a garment of any size (relative difference from the nominal size)."""
 WIDTH, HEIGHT = 1.2, 2.0
-"""Assumed width of the table in a picture by an unknown camera, and height of that camera above the table [m]."""
+"""For a picture by an unknown camera: assumed width of the table in the picture, and assumed height of the camera
+above the table [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """A picture. rgb: (H, W, 3) uint8. depth: (H, W) float32 [m], NaN where unknown; None: no depth. name,
-    depth_name: names of the two in messages."""
+    depth_name: names of the colour and the depth picture in messages."""
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32] | None
@@ -46,11 +46,11 @@ def read_photograph(image: Path, depth: Path | None) -> Photograph:
 def perceive_photograph(
     picture: Photograph, reference: Photograph | None, garment: str, unit: str, settings: CellSettings
 ) -> tuple[Outcome[Perception], CameraFrame]:
-    """Recognise the garment in the picture. Returns the outcome and the picture as a camera frame. reference:
-    picture of the empty table. garment: a name, a file, or auto. unit: 'm' for the cell's camera, 'px' for an
-    unknown camera that looks straight down.
+    """Recognise the garment in the picture. Returns the outcome and the picture as a camera frame.
 
-    Raises ConfigurationError for an unknown garment, and for a picture whose size differs from the camera's.
+    reference: picture of the empty table. garment: a name, a file, or auto. unit: 'm' for the cell's camera, 'px'
+    for an unknown camera that looks straight down. Raises ConfigurationError for an unknown garment, and for a
+    picture whose size differs from the camera's.
     """
     calibration, table = camera_calibration(settings), settings.table
     if unit == "px":
@@ -60,7 +60,7 @@ def perceive_photograph(
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
     thresholds = settings.perception.settings()
-    if picture.depth is None:  # the user gave no depth: the camera is not broken
+    if picture.depth is None:  # no depth was given, which is not a fault of the camera
         thresholds = replace(thresholds, depth_holes=1.0)
     if unit == "px":  # the scale of the picture is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
@@ -69,9 +69,9 @@ def perceive_photograph(
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
-    """Calibration and table that stand in for an unknown camera. shape: (rows, columns, ...) of the picture. The
-    camera is straight above the table, and the picture is `WIDTH` wide on it. Results in pixels are valid, results
-    in metres are not."""
+    """Return an assumed calibration and table for a picture by an unknown camera. shape: (rows, columns, ...) of
+    the picture. The camera is assumed straight above the table, and the picture shows a width of `WIDTH` on it.
+    Results in pixels are valid, results in metres are not."""
     rows, columns = shape[:2]
     focal = HEIGHT * columns / WIDTH
     intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)

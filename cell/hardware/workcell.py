@@ -1,4 +1,4 @@
-"""The workcell of a run: ports, models, contents of files, and worker threads."""
+"""The workcell of a run: its ports, models, contents of files, and worker threads."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _POLL_S = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """The cell as a run sees it. expected: the garment named in the request, None for 'auto'."""
+    """Everything that a run knows about its cell. expected: the garment named in the request, None for 'auto'."""
 
     ports: Ports
     settings: CellSettings
@@ -45,7 +45,7 @@ class Workcell:
     robot: RobotModel
     checker: CollisionChecker
     execution_checker: CollisionChecker
-    """Checks motions before execution, with slightly smaller margins than in planning."""
+    """Checks motions immediately before they are sent, with slightly smaller margins than in planning."""
     limits: JointLimits
     execution: ExecutionLimits
     garments: tuple[Garment, ...]
@@ -64,16 +64,16 @@ class Workcell:
     tell: Callable[[str], None]
     """Shows a line to the operator."""
     progress: Callable[[int, int, str], None]
-    """Shows the progress of a long computation: number done, largest number, remark."""
+    """Shows the progress of a long computation: number of items done, largest number of items, remark."""
     rng: Callable[[], np.random.Generator]
-    """Makes the motion planner's random generator, always with the same seed."""
+    """Makes a random generator for the motion planner, always with the same seed."""
     note: Callable[[str, Mapping[str, float]], None] = lambda name, values: None
     """Writes an event that occurs within an effect to the journal: name, figures."""
     last_command: LastCommand = field(default_factory=LastCommand)
     """The last set-point sent to the arms."""
     watched_stop: Stop | None = None
     """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
-    wait. The decision is taken from `ports.stop`, which is read once afterwards."""
+    wait. Whether the run stops is decided by `ports.stop`, which is read once after the wait."""
 
     @property
     def loop(self) -> ControlLoop:
@@ -84,10 +84,11 @@ class Workcell:
         return Hands(self.ports, self.robot, self.table, self.recorder)
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
-        """Run a skill on a worker thread while polling the stop. charge_s: cell time that the skill takes in
-        simulation [s], a number or a function of the skill's result.
+        """Run a skill on a worker thread and poll the stop meanwhile. Returns the skill's result.
 
-        Raises DriverError(STOPPED) if the stop is triggered meanwhile. The skill's result is then discarded.
+        charge_s: cell time that the computation takes in a simulated cell [s], a number or a function of the
+        skill's result. Raises DriverError(STOPPED) if the stop is triggered meanwhile; the skill's result is then
+        discarded.
         """
         began = self.ports.clock.now()
         future = self.workers.submit(work)

@@ -70,7 +70,7 @@ class FrameStore:
 
 
 def _name(frame: CameraFrame) -> str:
-    """SHA-256 of the pixels, depth, stamp, sequence and intrinsics."""
+    """Return the frame's name: the SHA-256 of its pixels, depth, stamp, sequence and intrinsics."""
     digest = hashlib.sha256(_plain(frame).encode())
     for pixels in (frame.rgb, frame.depth):
         digest.update(np.ascontiguousarray(pixels).tobytes())
@@ -78,6 +78,6 @@ def _name(frame: CameraFrame) -> str:
 
 
 def _plain(frame: CameraFrame) -> str:
-    """The fields that are not arrays, as JSON."""
+    """Return the fields that are not arrays, as JSON."""
     fields = {"stamp": frame.stamp, "sequence": frame.sequence, "intrinsics": asdict(frame.intrinsics)}
     return json.dumps(fields, sort_keys=True)

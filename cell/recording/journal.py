@@ -2,7 +2,7 @@
 
 An effect (for example a picture, a motion, a grasp) is written as an intent before it begins and as a result after
 it ends. Each entry is a separate transaction and is on disk when the call returns. A reader therefore never finds
-the result of an effect that did not happen, and at most one effect has no result.
+the result of an effect that did not happen, and at most one effect of a run has no result.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ CREATE UNIQUE INDEX one_result ON events (run, answers) WHERE answers IS NOT NUL
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a run. cell_time and wall_time [s]; kind: event, intent or result."""
+    """One entry of a run. cell_time and wall_time [s]; kind: event, intent or result."""
 
     sequence: int
     cell_time: float
@@ -82,7 +82,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Intent:
-    """The entry that an effect wrote before it began, and its result (None if the effect did not end)."""
+    """An effect. begun: the entry written before it began; result: the entry written after it ended, or None."""
 
     begun: Entry
     result: Entry | None
@@ -90,7 +90,7 @@ class Intent:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One run. status: its result, `running`, or `interrupted` if its process ended before the run did."""
+    """One run. status: its result, or `running`, or `interrupted` if its process ended before the run did."""
 
     id: str
     garment: str
@@ -210,12 +210,12 @@ class Journal:
         )
 
     def entries(self, run: str, kind: str | None = None) -> list[Entry]:
-        """All entries of a run in order, or only the entries of one kind."""
+        """Return all entries of a run in order, or only the entries of one kind."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
         return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
 
     def named(self, name: str) -> list[tuple[str, Entry]]:
-        """(run id, entry) for the entries with this name in all runs, in the order in which the runs began."""
+        """Return (run id, entry) for all entries with this name, in the order in which the runs began."""
         rows = self._read(
             "SELECT events.* FROM events JOIN runs ON events.run = runs.id WHERE name = ?"
             " ORDER BY runs.rowid, sequence",
@@ -224,7 +224,7 @@ class Journal:
         return [(row["run"], _entry(row)) for row in rows]
 
     def last_intent(self, run: str) -> Intent | None:
-        """The last effect that began; its result is None if the run ended during the effect."""
+        """Return the last effect that began, or None. Its result is None if the run ended during the effect."""
         rows = self._read(
             "SELECT * FROM events WHERE run = ? AND kind = 'intent' ORDER BY sequence DESC LIMIT 1", (run,)
         )
@@ -279,7 +279,7 @@ class Journal:
 
 
 def performed(entries: Sequence[Entry]) -> list[Intent]:
-    """The effects among a run's entries, in order. An effect that did not end has no result."""
+    """Return the effects among a run's entries, in order. An effect that did not end has no result."""
     results = {e.answers: e for e in entries if e.kind == "result"}
     return [Intent(e, results.get(e.sequence)) for e in entries if e.kind == "intent"]
 
@@ -400,7 +400,7 @@ def _connect(path: Path) -> sqlite3.Connection:
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
         connection.execute("PRAGMA foreign_keys=ON")
-        if version == 0:  # otherwise avoid the write lock: SQLite grants it in no order, so a wait could be long
+        if version == 0:  # only then: SQLite grants the write lock in no order, so a wait could be long
             _make_tables(connection, path)
     except BaseException:
         connection.close()

@@ -1,8 +1,8 @@
-"""Writes the checkpoint of a run, and prepares an interrupted run for resuming.
+"""Write the checkpoint of a run, and prepare an interrupted run for resuming.
 
 `CheckpointWriter` writes the run's context after each effect, and the simulated world to a file beside it.
-`interrupted_run` finds the interrupted effect in the journal. The executive of the resumed run gets the context
-but nothing of the simulated world: it opens the hands, parks the arms and looks again.
+`interrupted_run` finds in the journal where a run was interrupted. The executive of the resumed run gets the
+context but nothing of the simulated world: it opens the hands, parks the arms and takes a new picture.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ WORLD = "world.npz"
 
 @dataclass(frozen=True, eq=False)
 class Interrupted:
-    """A run to resume. context: the saved context, with the event to resume with; world: the saved simulated
-    world, None on hardware."""
+    """A run to resume. context: the saved context, which also holds the event to resume with; world: the saved
+    simulated world, None on hardware."""
 
     run: str
     request: FoldRequest
@@ -44,7 +44,7 @@ class Interrupted:
 
 
 class CheckpointWriter:
-    """Writes the checkpoint of a run. world: saves the simulated world, None on hardware."""
+    """Writes the checkpoint of a run. world: returns the state of the simulated world; None on hardware."""
 
     def __init__(self, folder: Path, world: Callable[[], bytes] | None) -> None:
         self._folder, self._world = folder, world
@@ -57,15 +57,15 @@ class CheckpointWriter:
         write_checkpoint(self._folder / CHECKPOINT, context, self._frames)
 
     def forget(self) -> None:
-        """Remove the checkpoint, because the run cannot be resumed any more. Files that cannot be removed stay."""
+        """Remove the checkpoint of a run that cannot be resumed any more. Files that cannot be removed stay."""
         with suppress(OSError):
             (self._folder / WORLD).unlink(missing_ok=True)
         shutil.rmtree(self._folder / CHECKPOINT, ignore_errors=True)
 
 
 def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> Interrupted:
-    """Read the run to resume. name: its id, or `last` for the newest run that began an effect; changes: changed
-    values of its request.
+    """Read the run to resume. name: id of the run, or `last` for the newest run that began an effect; changes:
+    values that replace those of its request.
 
     Raises ConfigurationError for a run that cannot be resumed, StorageError if its files are damaged.
     """

@@ -1,7 +1,8 @@
-"""Replays the decisions of a recorded run with the present program and finds the first deviation.
+"""Replay the decisions of a recorded run with the present program and find the first deviation.
 
-The runner, effects and skills are the same; the ports answer from the transcript. Every request and command of the
-executive, and every line of the journal, must be bit for bit as recorded. The first difference ends the replay.
+The replay uses the same runner, effects and skills as a run, but its ports answer from the transcript. Every
+request and command of the executive, and every line of the journal, must be bit for bit as recorded. The first
+difference ends the replay.
 """
 
 from __future__ import annotations
@@ -40,15 +41,16 @@ from robots.errors import ConfigurationError, FailureKind, StorageError
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]
 
 UNREPEATED = frozenset({"wall", "traceback", "not_kept"})
-"""Payload keys that are not compared: they depend on the wall clock, the source lines or the disk."""
+"""Payload keys of the journal that are not compared, because they depend on the wall clock, the source lines or
+the disk."""
 
 
 @dataclass(frozen=True)
 class Deviation:
     """First difference between the replay and the recorded run. cell_time_s: time of the cell's clock [s].
 
-    place: line of the journal or exchange of the transcript; state, effect: those at that moment (effect None:
-    between two effects); then, now: the recorded and the present action, in words.
+    place: line of the journal or exchange of the transcript; state, effect: state and effect at that moment
+    (effect None: between two effects); then, now: the recorded and the present action, in words.
     """
 
     cell_time_s: float
@@ -61,11 +63,11 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of a replay. deviation: None if everything compared is the same.
+    """Result of a replay. deviation: None if everything that was compared is the same.
 
     cell_time_s: cell time up to which the run was compared [s]; broken_off: the reason why the comparison ends
-    before the run's end without a deviation, else None. effects, set_points, pictures, exchanges: how many of each
-    were compared and found the same. wall_time_s: duration of the replay [s].
+    before the run's end without a deviation, else None. effects, set_points, pictures, exchanges: number of each
+    that were compared and found the same. wall_time_s: duration of the replay [s].
     """
 
     deviation: Deviation | None
@@ -89,8 +91,8 @@ def decide_again(
     tell: Callable[[str], None] = lambda text: None,
     progress: Callable[[int, int, str], None] = lambda done, total, remark: None,
 ) -> Verdict:
-    """Replay a run that has ended, from its beginning. entries: its lines in the journal. tell, progress: as in
-    `cell.hardware.assembly.assemble`.
+    """Replay a run that has ended, from its beginning. entries: the run's lines in the journal. tell, progress: as
+    in `cell.hardware.assembly.assemble`.
 
     Raises ConfigurationError if the run cannot be set up as it was, StorageError if its transcript or a picture is
     missing or damaged.
@@ -135,8 +137,9 @@ def decide_again(
 def first_difference(
     then: Sequence[Entry], now: Sequence[Entry], whole: bool = True
 ) -> tuple[int, Deviation] | None:
-    """The first line in which two journals of a run differ: its index and the difference, or None. whole: whether
-    both journals reach the run's end. If not, lines that only one of them has are not compared."""
+    """Return the index of the first line in which two journals of a run differ, and the difference; None if there
+    is none. whole: whether both journals reach the run's end. If not, lines that only one of the journals has are
+    not compared."""
     effect = None
     for i, (a, b) in enumerate(zip_longest(then, now) if whole else zip(then, now, strict=False)):
         if a is not None and b is not None and _essence(a) == _essence(b):
@@ -151,13 +154,14 @@ def first_difference(
 
 
 def changed_versions(then: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Packages whose version has changed since a run was made: name -> (then, now)."""
+    """Return the packages whose version has changed since a run was made: name -> (then, now)."""
     now = {name: _version(name) for name in then}
     return {name: (old, now[name]) for name, old in then.items() if now[name] != old}
 
 
 class _ReplayState:
-    """The replay's present state and effect, and its end: `end` by the state machine, `halt` by the ports."""
+    """Observes the replay: its present state and effect. end: set if the state machine ended the replay; halt: set
+    if the ports ended it because the transcript has no answer."""
 
     def __init__(self) -> None:
         self.state, self.effect = State.IDLE.value, ""
@@ -177,8 +181,8 @@ class _ReplayState:
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """How a run began. lines: lines of its journal before the state machine's first line; context, first: the
-    runner's first context and event."""
+    """The beginning of a run. lines: lines of its journal before the state machine's first line; context, first:
+    the runner's first context and event."""
 
     lines: tuple[Entry, ...]
     context: RunContext
@@ -186,7 +190,8 @@ class _Beginning:
 
     @classmethod
     def of(cls, run: RunRecord, entries: Sequence[Entry]) -> Self:
-        """Raises StorageError or ConfigurationError if the run's initial checkpoint cannot be read."""
+        """Read how a run began. Raises StorageError or ConfigurationError if the run's initial checkpoint cannot
+        be read."""
         lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
         checkpoint = initial_checkpoint(run.directory)
         if lines and checkpoint is None:
@@ -207,7 +212,8 @@ def _replay(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> tuple[list[Entry], _ReplayState]:
-    """Run the present program on the recorded answers. Returns the lines of its own journal, and how it ended."""
+    """Run the present program on the recorded answers. Returns the lines of the replay's own journal, and how the
+    replay ended."""
     replay = _ReplayState()
     with Journal.open(journal_path(request.logs)) as journal:
         run = journal.begin_run(garment=request.garment, seed=request.seed, driver=request.driver)
@@ -231,20 +237,20 @@ def _workcell(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> Iterator[tuple[Workcell, CommandQueue]]:
-    """The workcell of the run, with ports that answer from the transcript."""
+    """Assemble the workcell of the run, with ports that answer from the transcript."""
     commands, robot = answers.commands(), load_robot(request.settings)
     with ThreadPoolExecutor(1, "skill") as workers:
         try:
             cell = assemble(request, robot, answers.ports(), Recorder.silent(), commands, workers, tell, progress)
             yield replace(cell, watched_stop=answers.watched_stop()), commands
         finally:
-            answers.abandoned = True  # ends a skill that still computes
+            answers.abandoned = True  # this ends a skill that is still computing
 
 
 def _why_incomplete(
     replay: _ReplayState, answers: RecordedAnswers, beyond_journal: bool
 ) -> tuple[Deviation | None, str | None]:
-    """The reason why a replay ended before the run's end: a deviation, or a text that states why no more can be
+    """Return why a replay ended before the run's end: a deviation, or a text that states why no more can be
     compared.
 
     beyond_journal: the replay has more journal lines than the run.
@@ -282,7 +288,7 @@ def _essence(entry: Entry) -> tuple[Any, ...]:
 
 
 def _repeatable(value: Any) -> Any:
-    """The value without the keys that are not compared."""
+    """Return the value without the keys that are not compared."""
     if isinstance(value, Mapping):
         return {k: _repeatable(v) for k, v in value.items() if k not in UNREPEATED}
     return value
@@ -310,7 +316,7 @@ def _line(entry: Entry | None, figures: Mapping[str, Any], differ: Sequence[str]
 
 
 def _figures(entry: Entry | None) -> dict[str, Any]:
-    """The time and figures of a line, flattened: nested keys are joined by dots."""
+    """Return the time and figures of a journal line as a flat mapping: nested keys are joined by dots."""
     if entry is None:
         return {}
     flat = dict(_flattened("", _repeatable(entry.payload)))

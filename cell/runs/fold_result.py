@@ -1,4 +1,4 @@
-"""Builds the result of a run after the machine has ended."""
+"""Build the result of a run after the state machine has ended."""
 
 from __future__ import annotations
 
@@ -62,12 +62,13 @@ def fold_result(
 
 
 def failure_to_dict(failure: Failure) -> dict[str, str]:
-    """A failure as a mapping, in the form that results use."""
+    """Return a failure as a mapping, in the form that results use."""
     return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
 
 
 def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
-    """One entry per planned fold. An unfinished fold also has the figures that it has reached."""
+    """Yield one entry per planned fold. The entry of an unfinished fold also has the figures that the fold has
+    reached."""
     notes, done = context.notes(), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         note = notes.get(step.name)
@@ -89,8 +90,8 @@ def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
 
 
 def _accepted(note: StepNote | None, done: bool) -> bool | None:
-    """Whether the inspection accepted the fold. None: it was not inspected, or the run ended before it was
-    done."""
+    """Whether the inspection accepted the fold. None: the fold was not inspected, or the run ended before the fold
+    was done."""
     if note is None or note.inspected is None or (note.accepted and not done):
         return None
     return note.accepted

@@ -1,7 +1,7 @@
-"""Performs one run, from a request to a result: open the cell, run the machine, score, report, close.
+"""Perform one run, from a request to a result: open the cell, run the state machine, score, report, close.
 
 However the run ends, its end is written to the journal, the recording is closed and the result is written. Ctrl-C
-and a termination signal trigger the stop circuit, and the machine ends in a terminal state.
+and a termination signal trigger the stop circuit, and the state machine ends in a terminal state.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ if TYPE_CHECKING:
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
-"""Called with the cell and the command queue before the first effect. May return other ports for the executive."""
+"""Called with the cell and the command queue before the first effect. May return other ports, which the executive
+then uses."""
 
 
 def fold_once(
@@ -69,8 +70,8 @@ def fold_once(
     observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> FoldResult:
-    """Perform one run, or resume an interrupted one. on_open, observers (in addition to the run's own observers):
-    for tests and HIL scripts.
+    """Perform one run, or resume an interrupted one. on_open, observers: used by tests and HIL scripts; the
+    observers are added to those of the run.
 
     Raises ConfigurationError and StorageError before anything moves. If the journal cannot be written later, the
     run ends in a fault with the arms held.
@@ -81,7 +82,7 @@ def fold_once(
     if needs_operator and request.terminal and not request.page:
         check_terminal(sys.stdin)
     with owned_cell(request.logs) as (interrupts, journal), _listener(request) as listener:
-        if interrupted:  # checked under the lock: no other process can resume it from here on
+        if interrupted:  # checked while the lock is held: no other process can resume it now
             check_resumable(journal, interrupted.run)
         packages = (*VERSIONED, "mujoco") if request.world == "mujoco" else VERSIONED
         with begun_run(journal, request.garment, request.seed, request.driver, request.settings, packages) as run:
@@ -93,7 +94,7 @@ def fold_once(
 
 
 def _end_in_journal(run: RunJournal, result: FoldResult) -> FoldResult:
-    """Write the result to the journal. If that fails the result becomes a fault."""
+    """Write the result to the journal. If this fails, the result becomes a fault."""
     try:
         run.end(result.result, result.as_json())
     except StorageError as e:
@@ -106,7 +107,7 @@ def _end_in_journal(run: RunJournal, result: FoldResult) -> FoldResult:
 
 
 def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult:
-    """Write result.json and report. Files that cannot be written are listed in the returned result."""
+    """Write result.json and the report. Files that cannot be written are listed in the returned result."""
     result = ended.result
     try:
         write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
@@ -121,7 +122,7 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """A run that has ended: its result and the input of the report."""
+    """A run that has ended: its result and the data for the report."""
 
     end: RunEnd
     result: FoldResult
@@ -131,8 +132,8 @@ class _Ended:
 
 
 def _listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
-    """The listener of the operator's page, or None. It is opened first, so that a port in use fails before the run
-    begins."""
+    """Return the listener of the operator's page, or None. It is opened first, so that a port that is in use is
+    noticed before the run begins."""
     if not request.page:
         return nullcontext()
     from cell.operator.console.server import open_listener
@@ -241,7 +242,7 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
 
     try:
         visual = baxter_visual()
-    except StorageError:  # the converted meshes cannot be cached: run with a view without the robot
+    except StorageError:  # the converted meshes cannot be stored: the view shows no robot
         visual = None
     path, table = run.directory / "run.rrd", request.settings.table
     recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
@@ -263,7 +264,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
 
 
 def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) -> Any:
-    """The recorder and scorer of a simulated cell's true state, or None."""
+    """Return the recorder and scorer of a simulated cell's true state, or None."""
     if not request.record_truth or cell.simulated is None:
         return None
     from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
@@ -272,7 +273,7 @@ def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) ->
 
 
 def _score(truth_recorder: Any) -> dict[str, Any] | None:
-    """The score, or None if the true state is not recorded or no longer available."""
+    """Return the score, or None if the true state is not recorded or no longer available."""
     try:
         return truth_recorder.score() if truth_recorder else None
     except CellError as e:

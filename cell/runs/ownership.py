@@ -25,8 +25,9 @@ VERSIONED = (
 
 @contextmanager
 def owned_cell(logs: Path) -> Iterator[tuple[Interrupts, Journal]]:
-    """Reserve the cell of this log folder. Yields the signal handling, to be used with `Interrupts.stop`, and the
-    open journal. Raises ConfigurationError if the cell is in use, StorageError if the journal cannot be opened."""
+    """Reserve the cell that belongs to this log folder. Yields the signal handling, to be used with
+    `Interrupts.stop`, and the open journal. Raises ConfigurationError if the cell is in use, StorageError if the
+    journal cannot be opened."""
     with (
         taking_signals() as interrupts,
         OwnerLock(logs / "cell.lock"),
@@ -44,8 +45,9 @@ def begun_run(
     settings: CellSettings,
     packages: Sequence[str] = VERSIONED,
 ) -> Iterator[RunJournal]:
-    """Begin a run in the journal. A CellError before the run's first line (the cell does not respond) ends the run
-    as not begun, with the reason. After any other exception the run stays open and counts as interrupted."""
+    """Begin a run in the journal. If a CellError occurs before the run's first line (for example because the cell
+    does not respond), the run ends as not begun, with the reason. After any other exception the run has no end and
+    counts as interrupted."""
     run = journal.begin_run(
         garment=garment,
         seed=seed,

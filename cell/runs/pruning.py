@@ -19,13 +19,14 @@ from robots.errors import StorageError
 __all__ = ["RECORDINGS", "PrunableRun", "prunable_runs", "prune"]
 
 RECORDINGS = ("run.rrd", "run.transcript", FRAMES, CHECKPOINT, BEGAN_WITH, WORLD)
-"""Removable files of a run: recording, transcript, pictures, checkpoint, saved world, and initial checkpoint
-(which only the transcript needs). Report, result, settings and the journal stay."""
+"""Files and folders of a run that may be removed: recording, transcript, pictures, checkpoint, saved world, and
+initial checkpoint (which only the transcript needs). Report, result, settings and the journal stay."""
 
 
 @dataclass(frozen=True)
 class PrunableRun:
-    """A run whose recordings may be removed. paths: their files and folders; bytes: their total size."""
+    """A run whose recordings may be removed. paths: the files and folders of its recordings; bytes: their total
+    size."""
 
     run: RunRecord
     paths: tuple[Path, ...]
@@ -33,8 +34,9 @@ class PrunableRun:
 
 
 def prunable_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[PrunableRun, ...]:
-    """The runs with recordings in the folder and its campaigns, oldest first. The newest `keep` runs and running
-    runs are excluded, and without `unfinished` also the runs that can be resumed.
+    """Return the runs in the folder and its campaigns whose recordings may be removed, oldest first. The newest
+    `keep` runs and running runs are excluded. Runs that can be resumed are also excluded unless `unfinished` is
+    true.
 
     Raises StorageError, or ConfigurationError for a bad journal.
     """
@@ -60,9 +62,9 @@ def prune(run: PrunableRun) -> None:
 
 
 def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool]]:
-    """Every run: (start [s since 1970], record, whether its recordings are needed). Within a journal the start
-    never decreases, even if the clock was set back."""
-    # campaigns have a journal for each run: CAMPAIGN/GARMENT-seedN or CAMPAIGN/VARIANT/GARMENT-seedN
+    """Yield every run: (start [s since 1970], record, whether its recordings are needed). The yielded start never
+    decreases within a journal, even if the clock was set back."""
+    # each run of a campaign has its own journal, in CAMPAIGN/GARMENT-seedN or CAMPAIGN/VARIANT/GARMENT-seedN
     for journal_file in (path for depth in range(4) for path in sorted(logs.glob("*/" * depth + JOURNAL_FILE))):
         if journal_file.is_file():
             with Journal.open(journal_file, readonly=True) as journal:

@@ -1,4 +1,4 @@
-"""The event and the context with which an interrupted run is resumed."""
+"""Determine the event and the context with which an interrupted run is resumed."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ __all__ = ["reentered", "reentry_event"]
 
 
 def reentry_event(states: Sequence[State], context: RunContext) -> Event:
-    """The event with which to resume a run that passed through `states` and left `context`."""
+    """Return the event with which a run is resumed. states: the states through which the run passed; context: its
+    saved context."""
     events = [REENTRIES[state] for state in states if state in REENTRIES]
-    # without such a state, this run resumed another one and came no further
+    # without such a state, this run resumed another one and was itself interrupted before reaching one
     event = events[-1] if events else context.reentry or Event.START_OVER
-    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # fold inspected, next one not begun
+    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # fold inspected, next not begun
         return Event.LOOK_AGAIN
     return event
 
 
 def reentered(context: RunContext, event: Event) -> RunContext:
-    """The context to resume with: without grasps, waiting time and failure."""
+    """Return the context to resume with. Grasps, waiting time and failure are removed from it."""
     if event is Event.START_OVER:
         return RunContext(reentry=event)
     fold = replace(context.fold, held={}, biases={})
-    if fold.attempt:  # carried is also true if the release was begun but not ended
+    if fold.attempt:  # carried is also true if the release has begun but not ended
         fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
     return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)

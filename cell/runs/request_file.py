@@ -1,7 +1,7 @@
-"""The request of a run, saved in the run's folder so that the run can be resumed and decided again.
+"""Save the request of a run in the run's folder, so that the run can be resumed and decided again.
 
 `cell.yaml` holds the exact settings. `request.json` holds the rest, with the hashes of the calibration files that
-the settings name. A garment given as a file is copied beside them.
+the settings name. A garment that was given as a file is copied beside them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
     kept["calibrations"] = _hashes(request.settings)
     if request.garment != "auto" and request.garment not in list_garments():
         source = garment_path(request.garment)
-        kept["garment"] = f"{GARMENT}/{source.name}"  # its stem is the garment's name
+        kept["garment"] = f"{GARMENT}/{source.name}"  # the file's stem is the garment's name
         try:
             (folder / GARMENT).mkdir()
             write_whole(folder / GARMENT / source.name, source.read_bytes())
@@ -45,8 +45,8 @@ def keep_request(folder: Path, request: FoldRequest) -> None:
 
 
 def load_request(folder: Path, logs: Path, restored: Path | None = None, **changes: Any) -> FoldRequest:
-    """The request of the run in `folder`, with `changes`. restored: settings file to read instead of the saved
-    one; its calibrations are not checked.
+    """Read the request of the run in `folder`, with `changes`. restored: settings file to read instead of the
+    saved one; the calibrations that it names are not checked.
 
     Raises ConfigurationError if the request cannot be read, or if the settings or a calibration have changed.
     """
@@ -78,7 +78,7 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
 
 
 def _hashes(settings: CellSettings) -> dict[str, str]:
-    """Path -> hash of the calibration files that the settings name. Raises StorageError."""
+    """Return path -> hash for the calibration files that the settings name. Raises StorageError."""
     try:
         return {str(path): sha256(path.read_bytes()).hexdigest() for path in settings.calibrations.values()}
     except OSError as e:

@@ -1,4 +1,4 @@
-"""Decides from the journal and the run's folder whether a run can be resumed."""
+"""Decide from the journal and the run's folder whether a run can be resumed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from robots.errors import ConfigurationError
 __all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]
 
 RESUMED_FROM = "resumed_from"
-"""Name of the journal event of a run that resumes another one."""
+"""Name of the journal event that marks a run as the continuation of another run."""
 CALIBRATION = "calibrate-"
-"""Prefix of the journal's garment field for calibrations."""
+"""Prefix in the journal's garment field that marks a calibration."""
 
 
 def resumable(journal: Journal, name: str) -> bool:
-    """Whether `foldcell resume` accepts the run, provided that its files are undamaged."""
+    """Whether `foldcell resume` accepts the run, if the run's files are undamaged."""
     try:
         check_resumable(journal, name)
     except ConfigurationError:
@@ -25,13 +25,14 @@ def resumable(journal: Journal, name: str) -> bool:
 
 
 def last_begun(journal: Journal) -> str:
-    """Id of the newest run that began to act, or of the newest run if none did."""
+    """Return the id of the newest run that began to act, or of the newest run if none did."""
     runs = journal.runs()
     return next((run.id for run in reversed(runs) if journal.began_to_act(run.id)), journal.run("last").id)
 
 
 def check_resumable(journal: Journal, name: str) -> None:
-    """Raises ConfigurationError, with the reason, if the run cannot be resumed. name: its id."""
+    """Check that a run can be resumed. Raises ConfigurationError with the reason if it cannot. name: id of the
+    run."""
     runs = journal.runs()
     index = next(n for n, r in enumerate(runs) if r.id == name)
     record, later = runs[index], runs[index + 1 :]

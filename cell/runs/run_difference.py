@@ -1,4 +1,4 @@
-"""Differences between two runs: settings, versions, decisions and figures."""
+"""Find the differences between two runs: settings, versions, decisions and figures."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from cell.runs.request_file import SETTINGS
 __all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
 
 TIMES = ("wall_time_s", "run_dir", "stage_times_s")
-"""Figures that differ between any two runs, or that other figures contain."""
+"""Figures that are not compared, because they differ between any two runs or are contained in other figures."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A value that differs; None where one run does not have it."""
+    """A value that differs between two runs. first, second: the value in each run; None if the run does not have
+    it."""
 
     name: str
     first: Any
@@ -43,8 +44,9 @@ class Decision:
 
 @dataclass(frozen=True)
 class RunDifference:
-    """alike: number of decisions before the first that differs. then: the two decisions that differ, None for a
-    run that has ended there; None: all decisions are the same."""
+    """Differences between two runs. alike: number of decisions before the first that differs. then: the two
+    decisions that differ, where None in the pair stands for a run that has already ended; None instead of the
+    pair: all decisions are the same."""
 
     settings: tuple[Difference, ...]
     versions: tuple[Difference, ...]
@@ -77,7 +79,7 @@ def _decision(intent: Intent) -> Decision:
 
 
 def _settings(record: RunRecord) -> dict[str, Any]:
-    """The settings by dotted key. The driver, the garment and the seed count as settings."""
+    """Return the settings by dotted key. Driver, garment and seed count as settings."""
     from cell.config.yaml_file import read_yaml
 
     path = record.directory / SETTINGS
@@ -91,7 +93,7 @@ def _figures(record: RunRecord) -> dict[str, Any]:
 
 
 def _flat(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values. Items of a list are numbered from 0, or named if they have a name."""
+    """Yield dotted keys and values. Items of a list are numbered from 0, or named if they have a name."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))

@@ -1,8 +1,8 @@
-"""The inputs of a run that may change after the run, copied to its folder: user library, calibrations, and the
+"""Copy the inputs of a run that may change later into the run's folder: user library, calibrations, and the
 initial checkpoint of a run that resumes another one.
 
-Inputs that come with the program (shipped library, garments, models) are not copied: deciding a run again shows
-whether another version of them leads to the same decisions.
+Inputs that come with the program (shipped library, garments, models) are not copied. Deciding a run again
+therefore shows whether another version of them leads to the same decisions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ GROUPS = ("table", "camera", "grasp")
 
 def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext | None = None) -> None:
     """Copy the inputs into the run's folder when the run begins. checkpoint: context from which this run resumes
-    another one. Raises StorageError."""
+    another one, else None. Raises StorageError."""
     if checkpoint is not None:
         write_checkpoint(folder / BEGAN_WITH, checkpoint, FrameStore(folder / FRAMES))
     _copy_library(request.logs, folder)
@@ -43,8 +43,8 @@ def keep_run_inputs(folder: Path, request: FoldRequest, checkpoint: RunContext |
 
 
 def restored_request(folder: Path, logs: Path) -> FoldRequest:
-    """The request of the run in `folder`, with the input files of that time, for a new run in the empty folder
-    `logs`.
+    """Prepare a run with the inputs that the run in `folder` had. Its logs go to the empty folder `logs`. Returns
+    its request.
 
     Raises ConfigurationError if the request cannot be read, or if its settings, garment or calibration are no
     longer valid, and StorageError if a file cannot be written.
@@ -63,7 +63,7 @@ def restored_request(folder: Path, logs: Path) -> FoldRequest:
 
 
 def initial_checkpoint(folder: Path) -> RunContext | None:
-    """The initial context of the run in `folder`; None if the run began from START.
+    """Return the initial context of the run in `folder`; None if the run did not resume another one.
 
     Raises StorageError if the checkpoint is damaged, ConfigurationError if another version of the program wrote
     it.
@@ -74,7 +74,8 @@ def initial_checkpoint(folder: Path) -> RunContext | None:
 
 
 def _copy_library(source: Path, target: Path) -> None:
-    """Copy the user's library from one folder to another. An unreadable one is skipped, as in the run itself."""
+    """Copy the user's library from one folder to another. An unreadable library is skipped, as in the run
+    itself."""
     try:
         content = user_library_path(source).read_bytes()
     except OSError:

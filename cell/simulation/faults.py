@@ -55,9 +55,10 @@ class Fault:
     """One fault and its conditions. Raises ConfigurationError for conditions that do not apply to its kind.
 
     side: the arm; None: the first arm that meets the conditions. at: earliest cell time [s]. grasp: number of the
-    closing of that side's pads on cloth, from 1. fold: number of the fold, from 0; a fold ends when a lifted
-    garment is released. size [m], duration [s]: see FaultKind; None: the default of the kind. Without such a
-    default, the fault lasts until the end of the run.
+    grasp in which the fault happens, from 1; each closing of that side's pads on cloth is a grasp. fold: number of
+    the fold in which it happens, from 0; a fold ends when a lifted garment is released. size [m], duration [s]:
+    see FaultKind; None: the default of the kind. If the kind has no default duration, the fault then lasts until
+    the end of the run.
     """
 
     kind: FaultKind
@@ -92,12 +93,12 @@ class Fault:
 
     @property
     def extent(self) -> float:
-        """`size`, or the kind's default [m]."""
+        """Return `size`, or the kind's default [m]."""
         return self.size if self.size is not None else _DEFAULT_SIZE.get(self.kind, 0.0)
 
     @property
     def lasts(self) -> float:
-        """`duration`, or the kind's default [s]."""
+        """Return `duration`, or the kind's default [s]."""
         return self.duration if self.duration is not None else _DEFAULT_DURATION.get(self.kind, float("inf"))
 
 

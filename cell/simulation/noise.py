@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Range:
-    """A value that each world draws uniformly between `low` and `high`."""
+    """The range of a value. Each world draws its value uniformly between `low` and `high`."""
 
     low: float
     high: float

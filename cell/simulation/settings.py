@@ -10,7 +10,7 @@ from skills.vocabulary import Table
 __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
 
 DEFAULT_TABLE = Table(height=-0.10, x=(0.20, 1.10), y=(-0.75, 0.75))
-"""Top 0.82 m above the floor, within the reach of both arms and the camera's view."""
+"""The default table. Its top is 0.82 m above the floor, within the reach of both arms and the camera's view."""
 
 WORLDS = ("xpbd", "mujoco")
 LOOKS = ("contrast", "table_hue")
@@ -22,10 +22,11 @@ class SimulationSettings:
 
     garment: a name, a path, or 'auto' (drawn by the seed). surface: the table's surface, which selects the
     garment's friction. realtime: pace the world by the wall clock. world: solver of the cloth, foldcell's own
-    ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: a hue in 'contrast' with the table, or the
-    'table_hue'. robot_noise, camera_noise, garment_noise: off for an ideal cell. render: if off, the camera raises
-    a fault. as_built: table height and camera intrinsics differ from the drawing, and there is a calibration
-    board. q_start: (14,) configuration of the arms at the start [rad]; None: the park configuration.
+    ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: 'contrast' for a hue that differs from the table's,
+    'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell. render: if
+    off, the camera raises a fault. as_built: table height and camera intrinsics differ from the drawing, and there
+    is a calibration board. q_start: (14,) configuration of the arms at the start [rad]; None: the park
+    configuration.
     """
 
     garment: str = "medium_towel"

@@ -61,7 +61,7 @@ class Checkpoint:
     _world: _World
 
     def save(self) -> bytes:
-        """The state of robot, hands, cloth, noise and time (some hundred kB)."""
+        """Return the state of robot, hands, cloth, noise and time (a few hundred kB)."""
         return self._world.checkpoint()
 
     def restore(self, saved: bytes) -> None:

@@ -48,8 +48,8 @@ STEPS_A_FRAME = STEP_RATE // FRAME_RATE
 WATCH_RATE = 12
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
-"""While a hand holds cloth, the lowest part of its fingers, up to this height above the tips, does not push cloth,
-because the held cloth is there [m]."""
+"""While a hand holds cloth, the part of its fingers below this height above the tips does not push cloth, because
+the held cloth is there [m]."""
 NEAR = 0.08
 """A hand that is higher than this above the garment cannot touch it [m]."""
 THICKEST = 0.025
@@ -230,7 +230,8 @@ class World:
     # hands and cloth
 
     def _touch(self, side: Side) -> tuple[Array, Array, contact.Touch]:
-        """Tool position (3,), after the table's lift, and rotation (3, 3), table frame; contact of the tips."""
+        """Return the tool position (3,) after the table has lifted the hand, the rotation (3, 3), both in the
+        table frame, and the contact of the tips."""
         position, rotation = self._body.tool_pose(side)
         position[2] -= self.settings.table.height
         tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
@@ -267,7 +268,7 @@ class World:
         return report.layers * garment.material.thickness
 
     def _frame(self, t: float) -> None:
-        """One cloth frame, in which the tools move from their last poses to the present ones."""
+        """Advance the cloth by one frame, in which the tools move from their last poses to the present ones."""
         if not self.garment.laid:
             return
         hands = self._hands.values()
@@ -284,7 +285,7 @@ class World:
         self._after_frame(t)
 
     def _hand_capsules(self, side: Side) -> tuple[Array, Array] | None:
-        """Both ends (3, 3) of the capsules of fingers and gripper body; None if far above the garment."""
+        """Return both ends (3, 3) of the capsules of fingers and gripper body; None if far above the garment."""
         hand = self._hands[side]
         if hand.position[2] > self.garment.highest() + NEAR:
             hand.free = True
@@ -305,8 +306,8 @@ class World:
         return np.vstack((low, body_low)), np.vstack((high, body_high))
 
     def _capsule_path(self, before: list[tuple[Array, Array] | None]) -> tuple[Array, Array, Array] | None:
-        """Both ends (2, k, 3) [m], at the start and the end of the frame, and radius (k,) [m] of the capsules near
-        the garment."""
+        """Return both ends (2, k, 3) [m], at the start and the end of the frame, and radius (k,) [m] of the
+        capsules near the garment."""
         moved = [
             (old or hand.capsules, hand.capsules)
             for old, hand in zip(before, self._hands.values(), strict=True)
@@ -360,12 +361,12 @@ class World:
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
     def capture(self) -> CameraFrame:
-        """A still picture of several exposures, which take cell time."""
+        """Take a still picture of several exposures, which take cell time."""
         self.sleep_until(self._time + EXPOSURES * EVERY_S)
         return self._picture(EXPOSURES)
 
     def glimpse(self) -> CameraFrame:
-        """One exposure, without waiting."""
+        """Take one exposure, without waiting."""
         return self._picture(1)
 
     def _picture(self, exposures: int) -> CameraFrame:
@@ -404,7 +405,7 @@ class World:
     # checkpoints
 
     def checkpoint(self) -> bytes:
-        """The state of the world, with the arms at rest and without injected faults."""
+        """Return the state of the world. A restored world has its arms at rest and no injected faults."""
         arrays, robot = self.robot.snapshot()
         plain = {
             "steps": self._steps, "time": self._time, "fold": self._fold, "lifted": self._lifted, "robot": robot,
@@ -472,7 +473,7 @@ class World:
 
 
 def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
-    """The given garment, or for 'auto' a random shipped garment that this world can simulate."""
+    """Return the given garment, or for 'auto' a random shipped garment that this world can simulate."""
     draw = rng.random()
     if settings.garment != "auto":
         return load_garment(settings.garment, settings.surface)
@@ -483,7 +484,7 @@ def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
 
 
 def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:
-    """(4, 4) true pose of the camera in the frame of the head link."""
+    """Draw the true pose (4, 4) of the camera in the frame of the head link."""
     shift = rng.standard_normal(3) * noise.pose_position
     turn = rng.standard_normal(3) * noise.pose_angle
     T = np.array(T_HEAD_CAMERA)

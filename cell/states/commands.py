@@ -16,7 +16,7 @@ from robots.errors import Failure, FailureKind
 __all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
-"""Commands that answer one question. They are dropped when the next question is asked."""
+"""Commands that answer a question. When the next question is asked, earlier answers are dropped."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
 ABORTED = Failure(
     FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
@@ -40,7 +40,7 @@ class CommandQueue:
         self._queue: deque[QueuedCommand] = deque()
         self._lock = Condition()
         self.deserted = False
-        """Whether the operator has left: no further commands will come."""
+        """Whether the operator has left. Then no further commands will come."""
 
     def put(self, command: Event) -> QueuedCommand:
         """Add a command. Raises ValueError for an event that is not an operator's command."""
@@ -70,7 +70,8 @@ class CommandQueue:
         return None
 
     def drop(self, void: Set[Event]) -> None:
-        """Remove the commands `void`: a command given before a question does not answer it."""
+        """Remove the waiting commands in `void`, because a command that was given before a question does not
+        answer it."""
         with self._lock:
             self._queue = deque(queued for queued in self._queue if queued.command not in void)
 

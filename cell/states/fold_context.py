@@ -22,19 +22,20 @@ __all__ = ["FoldContext"]
 
 @dataclass(frozen=True, eq=False)
 class FoldContext:
-    """The present fold. index: of its step; trajectory: the chosen arcs; attempt: the latest planned attempt."""
+    """The present fold. index: index of its step; trajectory: the chosen arcs; attempt: the latest planned
+    attempt."""
 
     index: int = 0
     trajectory: GraspTrajectory | None = None
     attempt: Attempt | None = None
     grasps: int = 0
-    """Number of approaches to the grasps."""
+    """How often the hands approached the grasps of this fold."""
     adjustments: tuple[Adjustment, ...] = ()
-    """Adjustments made by recoveries, in order."""
+    """Adjustments that recoveries have made, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
     """Hand postures of earlier attempts. Another search (OTHER_SEARCH) excludes them."""
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
-    """Tactile bias of each hand in use, tared above the garment."""
+    """Tactile bias of each hand in use, measured above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
 
@@ -47,8 +48,8 @@ class FoldContext:
         return self.adjustments.count(adjustment)
 
     def note(self) -> StepNote | None:
-        """The fold's record for the report; None before the fold was predicted. Values of a missing inspection are
-        NaN or empty."""
+        """Return the fold's record for the report, or None before the fold was planned. If the fold was not
+        inspected, the figures of the inspection are NaN or empty."""
         attempt = self.attempt
         if attempt is None:
             return None

@@ -18,10 +18,13 @@ EXIT_CODES = {"folded": 0, "not_folded": 2, "fault": 3}
 
 @dataclass(frozen=True)
 class FoldRequest:
-    """garment: a name, a file, or 'auto'. approve: an operator approves each fold and is asked after failures.
+    """The request for a run.
+
+    garment: a name, a file, or 'auto'. approve: an operator approves each fold and is asked after failures.
     terminal: letters typed in the terminal are commands. page: serve the operator's page, with the live view, on
-    page_port (0: a free port). quiet: no progress lines. record: keep recording and report. record_truth: record
-    and score the true state of a simulated cell, which does not change the run's decisions."""
+    page_port (0: a free port). quiet: no progress lines. record: write recording, transcript and report.
+    record_truth: record and score the true state of a simulated cell, which does not change the run's decisions.
+    """
 
     garment: str
     seed: int
@@ -43,9 +46,12 @@ class FoldRequest:
 
 @dataclass(frozen=True)
 class FoldResult:
-    """How a run ended: the fields of `fold --json`. state: last state of the machine; signal: the signal that
-    interrupted the run. world: cloth model of the simulated garment, None on hardware. robot_time_s: excludes
-    waiting for an operator; stage_times_s: cell time spent in each state, including such waiting."""
+    """The result of a run: the fields of `fold --json`.
+
+    state: last state of the machine; signal: the signal that interrupted the run. world: cloth model of the
+    simulated garment, None on hardware. robot_time_s: cell time of the run without waiting for an operator;
+    stage_times_s: cell time spent in each state, including such waiting.
+    """
 
     garment: str
     seed: int
@@ -64,7 +70,8 @@ class FoldResult:
     signal: int | None = None
     recording: Mapping[str, Any] = field(default_factory=dict)
     resumed_from: str | None = None
-    """The run that this one resumed: `steps` has the folds of both runs, the times are of this run only."""
+    """The run that was resumed by this one, else None. If there is one, `steps` has the folds of both runs, but
+    the times are of this run only."""
     unwritten: tuple[str, ...] = ()
     """Messages about results that could not be written after the run's end."""
 

@@ -32,10 +32,11 @@ class Adjustment(StrEnum):
 
 @dataclass(frozen=True)
 class Recovery:
-    """The event that leaves RECOVERING, the adjustment, and the wait before it [s of cell time].
+    """One recovery. event: the event that leaves RECOVERING; adjust: the change to the next attempt; dwell_s: cell
+    time to wait before the event [s].
 
-    between_folds: not allowed for the last fold, because its result is the run's result. min_overlap: smallest IoU
-    of observed and predicted shape for which the recovery is allowed.
+    between_folds: the recovery is not allowed after the last fold, because the result of the last fold is the
+    result of the run. min_overlap: smallest IoU of observed and predicted shape for which the recovery is allowed.
     """
 
     event: Event
@@ -86,7 +87,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SLIPPED: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape, wrong place: the plan moves too
+    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape at a wrong place: the plan is moved too
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,
@@ -103,11 +104,11 @@ def choose_recovery(
     overlap: float = 1.0,
     several_variants: bool = True,
 ) -> Recovery:
-    """The recovery after failure number `attempt` (from 1) of this kind in this step.
+    """Return the recovery after failure number `attempt` (from 1) of this kind in this step.
 
     overlap: IoU of observed and predicted shape, if an inspection failed. several_variants: whether the garment
     file has more than one variant of this step. A kind without a row (a stop, a hardware fault, an unexpected
-    garment) is never retried automatically.
+    garment) has no automatic recovery: the operator is asked, or the run gives up.
     """
     row = RECOVERIES.get(kind, ())
     if row and (attempt <= len(row) or row[-1].event is Event.CARRY_ON):

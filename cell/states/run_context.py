@@ -1,7 +1,7 @@
 """The executive's knowledge during a run: one frozen value, replaced by each effect.
 
 This knowledge comes only from the ports, the cell's files and the skills. Each stage adds its own value
-(cell/states/stages.py). Values that belong to one fold are in the fold context. Each fold gets a new one.
+(cell/states/stages.py). Values that belong to one fold are in the fold context, which is replaced for each fold.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class Sight:
     """The camera's pictures so far.
 
     reference: the empty table. refined: the calibration refined from that picture, if it showed the table well
-    enough. frame: the latest picture; previous: the picture before it (a camera that repeats a picture is frozen).
+    enough. frame: the latest picture; previous: the picture before it, to detect a frozen camera, which repeats
+    its picture.
     """
 
     reference: CameraFrame | None = None
@@ -34,7 +35,7 @@ class Sight:
     previous: CameraFrame | None = None
 
     def calibration(self, nominal: CameraCalibration) -> CameraCalibration:
-        """The refined calibration if there is one, else the nominal."""
+        """Return the refined calibration if there is one, else the nominal calibration."""
         return self.refined or nominal
 
 
@@ -54,7 +55,7 @@ class RunContext:
     done: tuple[StepNote, ...] = ()
     """The completed folds."""
     through: bool = False
-    """Whether the plan has ended with skipped folds. Such a run cannot be resumed."""
+    """Whether the run reached the end of the plan but folds were skipped. Such a run cannot be resumed."""
     waited_s: float = 0.0
     """Cell time spent waiting for an operator [s]."""
     reentry: Event | None = None
@@ -70,7 +71,7 @@ class RunContext:
         return sum(1 for index, _ in self.recoveries if index == self.fold.index)
 
     def notes(self) -> dict[str, StepNote]:
-        """Fold name -> note, of the completed folds and the present one. Skipped folds have none."""
+        """Return fold name -> note for the completed folds and the present fold. Skipped folds have no note."""
         notes, present = {note.name: note for note in self.done}, self.fold.note()
         return notes if present is None or present.name in notes else {**notes, present.name: present}
 
@@ -78,7 +79,7 @@ class RunContext:
         return replace(self, fold=replace(self.fold, attempt=attempt))
 
     def with_failure(self, failure: Failure) -> RunContext:
-        """The context with this failure, counted in `attempts`."""
+        """Return the context with this failure, which is also counted in `attempts`."""
         key = (self.fold.index, failure.kind.value)
         return replace(self, failure=failure, attempts={**self.attempts, key: self.attempts.get(key, 0) + 1})
 
@@ -91,4 +92,4 @@ class Result:
     context: RunContext
     record: Mapping[str, object] = field(default_factory=dict)
     within: tuple[tuple[float, str], ...] = ()
-    """Events noted within the effect, already in the journal: (cell time [s], name)."""
+    """Events that happened during the effect: (cell time [s], name). They are already in the journal."""

@@ -33,8 +33,8 @@ class Plan:
     """The folds of the garment, and its believed shape before the present fold.
 
     nominal: the garment as its file describes it; garment: with the material learned from earlier folds. flat: the
-    flat garment, moved by the later drift; the remaining folds are planned from it. mesh: the predictor's mesh of
-    the observed contour; vertices: (n, 3) believed positions in the table frame [m].
+    garment when it lay flat, moved by the drift observed since then; the remaining folds are planned from it.
+    mesh: the predictor's mesh of the observed contour; vertices: (n, 3) believed positions in the table frame [m].
     """
 
     nominal: Garment
@@ -47,8 +47,8 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class PressPlan:
-    """The plan to press a fold. inspection: the one before the pressing; paths: of the hands; motion: of the arms;
-    dabs: number of dabs."""
+    """The plan for pressing a fold. inspection: the inspection before the pressing; paths: the hands' tool paths;
+    motion: the arms' motion; dabs: number of dabs."""
 
     inspection: Inspection
     paths: Mapping[GraspId, ToolPath]
@@ -60,10 +60,10 @@ class PressPlan:
 class Attempt:
     """One attempt at a fold: its plan and its outcome so far.
 
-    step: the step, with the grasps that recoveries have moved; paths: its tool paths; tool_speed: largest tool
+    step: the fold step, after recoveries have moved its grasps; paths: its tool paths; tool_speed: largest tool
     speed with the garment in hand [m/s]. predicted: the garment's shape after the motion that the arms execute;
-    dissimilarity_m: D of that shape from the ideal fold. plan_frames: (k, n, 3) the predicted motion at evenly
-    spaced moments, in the table frame [m], for the report.
+    dissimilarity_m: D of that shape from the ideal fold. plan_frames: (k, n, 3) predicted vertices at evenly
+    spaced moments of the motion, in the table frame [m], for the report.
     """
 
     trajectory: GraspTrajectory
@@ -75,9 +75,10 @@ class Attempt:
     dissimilarity_m: float
     plan_frames: Array
     before: CameraFrame | None = None
-    """The picture before the fold. Comparison with the next one shows the cloth that the fold laid on top."""
+    """The picture before the fold. Its comparison with the picture after the fold shows the cloth that the fold
+    laid on top."""
     pictures: tuple[CameraFrame, ...] = ()
-    """The pictures at the moments of plan_frames."""
+    """Pictures at evenly spaced moments of the fold."""
     carried: bool = False
     """Whether the hands completed the fold."""
     inspection: Inspection | None = None

@@ -17,8 +17,8 @@ CHART = Path(__file__).with_name("state_chart.svg")
 
 
 def marked_chart(present: State | None = None, passed: Collection[State] = ()) -> str:
-    """The chart as SVG. The group of each state has the class `state`, and also `present` for the present state or
-    `passed` for the states in `passed`."""
+    """Return the chart as SVG. The group of each state has the class `state`, and also `present` for the present
+    state or `passed` for the states in `passed`."""
 
     def with_mark(group: re.Match[str]) -> str:
         state = State(group[1])

@@ -22,14 +22,14 @@ class StepNote:
     source: str
     dissimilarity_m: float
     aligned_iou: float
-    """IoU of the observed shape with the prediction rigidly aligned to it."""
+    """IoU of the observed shape with the prediction after a rigid alignment of the two."""
     observed_iou: float
-    """IoU of the observed shape with the prediction as it is."""
+    """IoU of the observed shape with the prediction, without alignment."""
     drift_m: float
     height_m: float
     """Observed height of the stack away from the fold lines [m] (NaN: not visible)."""
     grasps: int
-    """Number of approaches to the grasps."""
+    """How often the hands approached the grasps of this fold."""
     pressed: tuple[Inspection, ...]
     """The inspection before each pressing."""
     inspected: Inspection | None
@@ -40,5 +40,5 @@ class StepNote:
     plan_frames: Array
     pictures: tuple[CameraFrame, ...]
     carrying_s: float = float("nan")
-    """Duration of the arms' last motion with the garment, from the lifted grasps to the release, without pauses
-    [s] (NaN: none was planned)."""
+    """Duration of the arms' last motion with the garment, from the lift to the release, without pauses [s] (NaN:
+    none was planned)."""

@@ -1,11 +1,12 @@
 """The executive on one page: states, events, effects, and the transition table. No code.
 
-A row means: in `state`, on `event`, go to `target` and do `effect`. Every effect ends in exactly one event: DONE
-if it succeeded, FAILED if not (the context contains the failure), or the choice that it made.
+A row means: in `state`, on `event`, go to `target` and perform `effect`. Every effect ends in exactly one event:
+DONE if it succeeded, FAILED if not (the context contains the failure), or the event that the effect chose.
 
 `cell/executive/machine.py` adds five rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
-(MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT), and UNRECORDED -> FAULT (HOLD), because
-nothing moves without a journal. GIVING_UP and MAKING_SAFE have no ABORT and no PAUSE, and CRASH -> FAULT (HOLD).
+(MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT) and UNRECORDED -> FAULT (HOLD). The last row
+exists because nothing may move without a journal. GIVING_UP and MAKING_SAFE are exceptions: they have no ABORT and
+no PAUSE, and their CRASH leads to FAULT (HOLD).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ __all__ = ["HANDS_ON_CLOTH", "REENTRIES", "TERMINAL", "TRANSITIONS", "Effect", "
 
 
 class State(StrEnum):
-    """The states of a run. An operator reads these names."""
+    """The states of a run. The operator sees these names."""
 
     IDLE = "idle"
     PREPARING = "preparing"  # enable, calibrate grippers, park
@@ -40,7 +41,7 @@ class State(StrEnum):
     LOOKING_AFTER = "looking_after"
     INSPECTING = "inspecting"
     AWAITING_PRESSING = "awaiting_pressing"  # the operator approves the pressing
-    PRESSING = "pressing"  # dab a fold that stands high flat, then look again
+    PRESSING = "pressing"  # flatten high places of a fold by dabs, then look again
     CLEARING = "clearing"  # after a failure: open the hands, rise, park
     RECOVERING = "recovering"  # choose what to try next
     ASKING = "asking"  # the operator decides
@@ -64,7 +65,7 @@ class Event(StrEnum):
     PRESS = "press"
     NEXT_FOLD = "next_fold"
     ALL_FOLDED = "all_folded"
-    # re-entry into an interrupted run (REENTRIES); all except LAY also follow a failure
+    # where a resumed run continues (REENTRIES); all except LAY are also recoveries
     START_OVER = "start_over"
     LAY = "lay"
     LOOK_AFTER = "look_after"
@@ -133,7 +134,8 @@ TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 HANDS_ON_CLOTH = frozenset(
     {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
 )
-"""States whose failure leaves the hands near the garment. The hands are cleared before anything else happens."""
+"""States whose failure leaves the hands near the garment. After such a failure, CLEARING first moves the hands
+away."""
 
 TRANSITIONS: tuple[Row, ...] = (
     # see and plan
@@ -239,5 +241,5 @@ REENTRIES: Mapping[State, Event] = {
     ),
 }  # fmt: skip
 """Interrupted state -> event that resumes the run. A run is never resumed in the middle of a motion. States
-without an entry (clearing, asking, paused, making safe, terminal states) give no information about the garment.
-The latest earlier state with an entry is used instead."""
+without an entry (clearing, asking, paused, making safe, terminal states) give no information about the garment. If
+a run was interrupted in one of them, the latest earlier state with an entry is used."""

@@ -1,4 +1,4 @@
-"""Conversion of values to JSON."""
+"""Convert values to JSON."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ __all__ = ["to_json"]
 
 
 def to_json(value: Any) -> Any:
-    """Convert `value` for JSON: dataclasses to mappings, arrays to lists, enums to their value, numbers that are
-    not finite to null, other objects to the name of their type. Never raises: a log entry must not end a run."""
+    """Convert `value` to plain JSON values: dataclasses to mappings, arrays to lists, enums to their values,
+    numbers that are not finite to null, other objects to the name of their type. Never raises, because a log entry
+    must not end a run."""
     if value is None or (isinstance(value, bool | str) and not isinstance(value, Enum)):
         return value
     if isinstance(value, Enum):

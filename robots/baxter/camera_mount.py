@@ -39,8 +39,8 @@ EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
 
 
 def look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> Array:
-    """(4, 4) pose of a camera (OpenCV axes) at `eye` that looks at `target`. Up in the picture is towards base
-    x."""
+    """Return the pose (4, 4) of a camera (OpenCV axes) at `eye` that looks at `target`. The upper edge of its
+    picture is towards base x."""
     z = np.subtract(target, eye)
     z = z / np.linalg.norm(z)
     right = np.cross(z, (1.0, 0.0, 0.0))
@@ -52,7 +52,7 @@ def look_at(eye: tuple[float, float, float], target: tuple[float, float, float])
 
 
 def T_base_head(pan: float) -> Array:
-    """(4, 4) pose of the head link at `pan` [rad]."""
+    """Return the pose (4, 4) of the head link at `pan` [rad], in the base frame."""
     T = np.eye(4)
     T[:2, :2] = [[np.cos(pan), -np.sin(pan)], [np.sin(pan), np.cos(pan)]]
     T[:3, 3] = HEAD_ORIGIN
@@ -60,9 +60,9 @@ def T_base_head(pan: float) -> Array:
 
 
 T_HEAD_CAMERA = frozen(np.linalg.inv(T_base_head(0.0)) @ look_at(EYE, TARGET))
-"""(4, 4) design pose of the camera relative to the head link."""
+"""Design pose (4, 4) of the camera relative to the head link."""
 
 
 def T_base_camera(pan: float = 0.0) -> Array:
-    """(4, 4) nominal pose of the camera in the base frame."""
+    """Return the nominal pose (4, 4) of the camera in the base frame, with the head at `pan` [rad]."""
     return T_base_head(pan) @ T_HEAD_CAMERA

@@ -33,7 +33,7 @@ RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 1
 
 
 def baxter_visual() -> RobotVisual:
-    """Baxter's visual model. Raises StorageError if its meshes cannot be cached."""
+    """Return Baxter's visual model. Raises StorageError if its meshes cannot be cached."""
     return RobotVisual(
         urdf=visual_glb_urdf(),
         joint_names=JOINT_NAMES,
@@ -44,7 +44,7 @@ def baxter_visual() -> RobotVisual:
 
 
 def visual_glb_urdf() -> Path:
-    """Path of a cached URDF of Baxter whose visuals are GLB files (absolute paths).
+    """Return the path of a cached URDF of Baxter whose visuals are GLB files (absolute paths).
 
     Raises StorageError if the cache cannot be written.
     """
@@ -91,7 +91,7 @@ def convert(path: Path) -> bytes:
 
 
 def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:
-    """The plastic closest to the colour in the file."""
+    """Return one of Baxter's plastics, chosen by the colour that the file gives to `part`."""
     given = getattr(getattr(part.visual, "material", None), "baseColorFactor", None)
     rgb = np.array((90, 90, 90) if given is None else given, dtype=int)[:3]
     if rgb[0] > 2 * rgb[1] + 20:

@@ -1,7 +1,7 @@
 """Baxter: kinematics, collision geometry and limits, from the URDF of the example-robot-data wheel.
 
-The URDF's frames `left_gripper` and `right_gripper` are used as tool frames without a rotation: origin between the
-fingertips, z out of the hand, y along the fingers' prismatic joints.
+The URDF's frames `left_gripper` and `right_gripper` are the tool frames, without an additional rotation: origin
+between the fingertips, z out of the hand, y along the fingers' prismatic joints.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ FLOOR = -0.924
 
 URDF_VELOCITY = np.array([1.5, 1.5, 1.5, 1.5, 4.0, 4.0, 4.0] * 2)
 POSITION_MARGIN = 0.02
-"""Distance of planned motions from the hard stops [rad]."""
+"""Distance between the position limits of planned motions and the hard stops [rad]."""
 
 PARK_LEFT = np.array([0.31, -0.75, -0.98, 1.73, 0.85, 1.60, 0.72])
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-"""Factors from the left arm's joints to the mirrored right arm's: rotations about z and link axes change sign."""
+"""Factors that convert the joint angles of the left arm to those of the mirrored right arm. Rotations about z and
+about the link axes change sign."""
 
 Q_PARK = np.concatenate([PARK_LEFT, PARK_LEFT * MIRROR])
 """Parked arms (14,) [rad]. The hands are beside the near corners of the table, 0.2 m above it, at least 20 mm
@@ -51,7 +52,7 @@ outside the camera's view (tested), and about 1.1 s from the start and end of a 
 
 
 def package_root() -> Path:
-    """The folder that contains the package `example-robot-data` of the URDF's `package://` URIs."""
+    """Return the folder that contains the package `example-robot-data` of the URDF's `package://` URIs."""
     try:
         wheel = distribution("example-robot-data")
     except PackageNotFoundError as error:
@@ -62,7 +63,7 @@ def package_root() -> Path:
 
 
 def baxter_urdf_path() -> Path:
-    """The wheel's URDF. Its meshes are `package://` URIs."""
+    """Return the path of the wheel's URDF. It refers to its meshes by `package://` URIs."""
     return package_root() / "example-robot-data/robots/baxter_description/urdf/baxter.urdf"
 
 
@@ -72,7 +73,8 @@ def baxter_srdf_path() -> Path:
 
 @lru_cache(maxsize=1)
 def load_model() -> RobotModel:
-    """Baxter with both electric grippers. The wheel's files are read once per process (about 0.1 s)."""
+    """Return the model of Baxter with both electric grippers. The wheel's files are read once per process (about
+    0.1 s)."""
     model = pin.buildModelFromUrdf(str(baxter_urdf_path()))
     index = np.array([model.joints[model.getJointId(name)].idx_q for name in JOINT_NAMES])
     q_rest = pin.neutral(model)
@@ -112,8 +114,9 @@ def _limits(
     jerk: float,
     wrist: float = 2.0,
 ) -> JointLimits:
-    """velocity: fraction of the URDF's limit. acceleration [rad/s2], jerk [rad/s3]: for shoulder and elbow. wrist:
-    factor for the wrist joints. margin: reduction of the position range at both ends [rad]."""
+    """Return limits of the 14 joints. velocity: fraction of the URDF's limit. acceleration [rad/s2], jerk
+    [rad/s3]: for shoulder and elbow. wrist: factor for the acceleration and jerk of the wrist joints. margin:
+    reduction of the position range at both ends [rad]."""
     share = np.array([1.0, 1.0, 1.0, 1.0, wrist, wrist, wrist] * 2)
     return JointLimits(
         lower=frozen(model.lowerPositionLimit[index] + margin),
@@ -132,7 +135,8 @@ def _fingertips(side: Side) -> tuple[str, ...]:
 
 
 def _collision_model(model: pin.Model) -> pin.GeometryModel:
-    """Geometry with all pairs that the SRDF does not exclude. Meshes (torso, pedestal) become convex hulls."""
+    """Return the collision geometry with all pairs that the SRDF does not exclude. Meshes (torso, pedestal) become
+    convex hulls."""
     geometry = pin.buildGeomFromUrdf(
         model, str(baxter_urdf_path()), pin.GeometryType.COLLISION, package_dirs=[str(package_root())]
     )

@@ -24,11 +24,11 @@ URDF = "baxter.urdf"
 
 
 def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
-    """Path of the URDF in the cache folder `name`. `write` creates it if it is missing.
+    """Return the path of the URDF in the cache folder `name`. `write` creates the URDF if it is missing.
 
-    made_with: text that identifies the parameters of the conversion. Each text has a separate folder.
-    write(build, folder): writes `URDF` and its meshes into `build`, with paths that refer to `folder`. Raises
-    StorageError if the cache cannot be written.
+    made_with: text that identifies the parameters of the conversion. Each text has a separate folder. write(build,
+    folder): writes `URDF` and its meshes into `build`, with paths that refer to `folder`. Raises StorageError if
+    the cache cannot be written.
     """
     digest = hashlib.sha256(baxter_urdf_path().read_bytes() + made_with.encode()).hexdigest()[:12]
     folder = Path(platformdirs.user_cache_dir("foldcell")) / f"{name}-{digest}"

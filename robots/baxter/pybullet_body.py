@@ -1,8 +1,8 @@
 """Baxter as a position-controlled body in a PyBullet world.
 
-Self-collision is on, except for the pairs that the SRDF disables and for links of the same rigid group. With these
-pairs, PyBullet would push neighbouring links apart and make the arms unstable. Fingers do not collide with
-anything, because another simulation computes the cloth that they touch.
+Self-collision is on, except for the pairs of links that the SRDF disables and for links of the same rigid group.
+If these pairs could collide, PyBullet would push neighbouring links apart and make the arms unstable. Fingers do
+not collide with anything, because another simulation computes the cloth that they touch.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ with suppress_output():  # PyBullet prints its build date
 __all__ = ["MAX_OPENING", "PAD_THICKNESS", "BaxterBody", "base_pose", "joint_map", "pb"]
 
 ARM_EFFORT = 150.0
-"""Motor torque of the arm joints [Nm]. The URDF has 50 Nm, which ignores the springs at S1 that support the upper
-arm. With 50 Nm the arm sags by 0.23 rad."""
+"""Motor torque of the arm joints [Nm]. The URDF has 50 Nm, without the springs at S1 that support the upper arm.
+With 50 Nm the arm would sag by 0.23 rad."""
 FINGER_STROKE = 0.0208
 """Stroke of one finger [m]."""
 MAX_OPENING = 2 * FINGER_STROKE
 PAD_THICKNESS = 0.008
 """Thickness of each tactile pad [m]. The pads fill the gap of 16 mm between the URDF's closed bare fingertips."""
 POSITION_GAIN, VELOCITY_GAIN = 0.2, 1.0
-"""Gains of PyBullet's motor. With them the largest error is 0.9 mrad at 0.3 rad/s and 240 Hz."""
+"""Gains of PyBullet's motor. With these gains the largest error is 0.9 mrad at 0.3 rad/s and 240 Hz."""
 
 
 def joint_map(body: int, client: int) -> dict[str, int]:
-    """PyBullet indices of the moving joints by name."""
+    """Return the PyBullet indices of the moving joints by name."""
     count = pb.getNumJoints(body, physicsClientId=client)
     infos = [pb.getJointInfo(body, i, physicsClientId=client) for i in range(count)]
     return {info[1].decode(): info[0] for info in infos if info[2] != pb.JOINT_FIXED}
 
 
 def base_pose(body: int, link: int, client: int) -> tuple[Array, Array]:
-    """Position (3,) and rotation (3, 3) of a link's frame in the world."""
+    """Return position (3,) and rotation (3, 3) of a link's frame in the world."""
     state = pb.getLinkState(body, link, computeForwardKinematics=1, physicsClientId=client)
     return np.array(state[4]), np.array(pb.getMatrixFromQuaternion(state[5])).reshape(3, 3)
 
@@ -70,7 +70,7 @@ class BaxterBody:
         return {"base": -1, **links}
 
     def _rigid_group(self, link: int) -> int:
-        """The moving link to which `link` is fixed."""
+        """Return the moving link to which `link` is fixed."""
         while link >= 0:
             info = pb.getJointInfo(self._body, link, physicsClientId=self._client)
             if info[2] != pb.JOINT_FIXED:
@@ -129,17 +129,18 @@ class BaxterBody:
         return [*q.tolist(), head_pan, *fingers]
 
     def read(self) -> tuple[Array, Array, Array, float]:
-        """True q, qd, effort (14,) [rad], [rad/s], [Nm] and head_pan [rad], without sensor errors."""
+        """Return the true q, qd, effort (14,) [rad], [rad/s], [Nm] and head_pan [rad], without sensor errors."""
         states = pb.getJointStates(self._body, [*self._arms, self._head], physicsClientId=self._client)
         q, qd, _, effort = zip(*states, strict=True)
         return np.array(q[:14]), np.array(qd[:14]), np.array(effort[:14]), float(q[14])
 
     def tool_pose(self, side: Side) -> tuple[Array, Array]:
-        """T_base_tool as position (3,) [m] and rotation (3, 3). robots.ports defines the tool's axes."""
+        """Return T_base_tool as position (3,) [m] and rotation (3, 3). robots.ports defines the tool's axes."""
         return base_pose(self._body, self._tool[side], self._client)
 
     def touches(self, other: int | None = None) -> tuple[tuple[str, str], ...]:
-        """Pairs of names of links in contact with each other, or with body `other` (the second name is '')."""
+        """Return the pairs of names of links in contact with each other, or with body `other` (the second name is
+        '')."""
         target = self._body if other is None else other
         found = pb.getContactPoints(self._body, target, physicsClientId=self._client) or ()
         name = {index: name for name, index in self._links.items()}

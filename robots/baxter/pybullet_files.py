@@ -30,18 +30,19 @@ RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56,
 
 
 def moving_urdf() -> Path:
-    """URDF with collision shapes and inertias, without visuals. Raises StorageError if the cache is not
+    """Return the URDF with collision shapes and inertias, without visuals. Raises StorageError if the cache is not
     writable."""
     return cached_urdf("baxter-bullet-moving", MADE_WITH, _write_moving)
 
 
 def seen_urdf() -> Path:
-    """URDF with simplified visuals, without collision shapes. Raises StorageError if the cache is not writable."""
+    """Return the URDF with simplified visuals, without collision shapes. Raises StorageError if the cache is not
+    writable."""
     return cached_urdf("baxter-bullet-seen", MADE_WITH, _write_seen)
 
 
 def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
-    """Pairs of links that the SRDF excludes from collision checks."""
+    """Return the pairs of links that the SRDF excludes from collision checks."""
     root = ET.parse(baxter_srdf_path()).getroot()
     return frozenset(
         frozenset((pair.attrib["link1"], pair.attrib["link2"])) for pair in root.iter("disable_collisions")
@@ -49,7 +50,7 @@ def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
 
 
 def _urdf_without(*tags: str) -> ET.Element:
-    """The wheel's URDF without the elements `tags` of its links."""
+    """Return the wheel's URDF without the elements `tags` of its links."""
     root = ET.parse(baxter_urdf_path()).getroot()
     for link in root.iter("link"):
         for tag in tags:
@@ -76,7 +77,7 @@ def _write_seen(build: Path, folder: Path) -> None:
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if mesh is None:  # sensor markers and dummies
+            if mesh is None:  # leave out sensor markers and dummies
                 link.remove(visual)
                 continue
             source = package_root() / mesh.attrib["filename"].removeprefix("package://")

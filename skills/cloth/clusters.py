@@ -1,14 +1,19 @@
 """Clusters of up to LEAF triangles, the units of the broad phase: their arrays, and the function that splits a
 cloth into them.
 
-When a cluster is searched, each of its corners gets a straight course, given by the position and the velocity at
-that time. The cluster is searched again when a corner leaves its course, when the course has run out, or when a
-corner has just woken. The neighbouring clusters then keep their courses, although they share corners with it: a
-pair of primitives is valid as long as the courses of the two clusters that own them are valid. Clusters at rest
-are not searched, so cloth at rest costs nothing.
+A row is a group of LANES (16) triangles, edges, vertices or boxes that one vector instruction processes together,
+and a lane is a place in a row: in an array (rows, k, LANES), a[r, :, i] contains the k numbers of the item in lane
+i of row r. The triangles, edges and vertices of each cluster begin in new rows, so lanes at the end of its last
+row can be unused; a bit mask of a row has bit i for lane i.
 
-The geometry is stored in single precision in rows of LANES numbers, which a few vector instructions process. A
-tree of bounding boxes would need fewer tests but more time.
+When a cluster is searched for pairs, each of its corners (the vertices of its triangles) gets a straight course,
+given by its position and velocity at the time of the search. The cluster is searched again when a corner leaves
+its course, when the course has run out, or when a corner has just woken. The neighbouring clusters then keep their
+courses, although they share vertices with it: a pair of primitives is valid as long as the courses of the two
+clusters that own them are valid. Clusters at rest are not searched, so cloth at rest costs nothing.
+
+The geometry is stored in single precision. A tree of bounding boxes would need fewer tests but more time than the
+tests of whole rows.
 """
 
 from __future__ import annotations
@@ -28,45 +33,51 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
 
-LEAF = LANES  # most triangles of a cluster: one row
-FAR = 1e6  # [m] position of the unused lanes of a row; for triangles, see `Clusters`
-# sine of an angle: two border sides face each other if the line between their middles leaves both sides outwards
-# at a larger angle
+LEAF = LANES  # largest number of triangles in a cluster: they fill one row
+FAR = 1e6  # [m] coordinates in unused lanes, which are thus near nothing; for triangles, see `Clusters`
+# Two border sides face each other if the line between their middles leaves both sides outwards, at angles whose
+# sines are larger than this.
 FACING = 0.1
 
 
 class Clusters(NamedTuple):
-    """Topology. corner: (corners,) the vertices of each cluster's triangles, from corner_start[k] to
-    corner_start[k + 1] for cluster k. Their number is LANES or 2 LANES; the last vertex is repeated to fill it.
-    Clusters with a common vertex have separate corners for it, each with a separate course. tri: (m, LANES)
-    triangles of each cluster, -1 in unused lanes. edge: (rows, LANES) its edges, in rows edge_start[k] to
-    edge_start[k + 1] for cluster k; vertex, vertex_start: its vertices in the same layout. tri_at (m, 3, LANES),
-    edge_at (rows, 2, LANES), vertex_at (rows, LANES): the corners of these triangles, edges and vertices,
-    arbitrary in unused lanes. face: (m, 4, LANES) each triangle and its three vertices. of_tri, of_edge,
-    of_vertex: the one cluster that owns each primitive, so that a pair is found once. ring, ring_start: the
-    triangles in each cluster and beside it, as cluster x LANES + lane. beside, beside_start: the clusters of the
-    same layer that share a vertex with a cluster, itself included. smooth, smooth_start: those clusters of
-    `beside` that cannot touch it as long as all normals of both lean in one direction.
+    """Arrays of the m clusters of a mesh. The module's docstring explains rows and lanes. An array `name` beside a
+    `name_start` contains one list per cluster: the list of cluster k is name[name_start[k] : name_start[k + 1]].
+    Unused lanes of indices are -1.
 
-    Bounds of the corners, predicted for the middle of the horizon, as middle, extent and speed: in the frame that
-    moves with this speed, the corners stay within the extent during the whole horizon. box: (groups, 9, LANES)
-    bounds of each cluster along the axes. group: (groups, 9) bounds of LANES clusters along the axes. slab: (m, 6)
-    mean normal of a cluster and bounds along it. normal: (m, 6) bounds of the normals of the triangles in `ring`,
-    up to date in stale clusters and their neighbours.
+    Topology. corner: (corners,) the vertices of each cluster's triangles. Each list has LANES or 2 LANES entries;
+    the last vertex is repeated to fill it. Clusters with a common vertex have separate corners for it, each with a
+    separate course. tri: (m, LANES) the triangles of each cluster. edge, vertex: (rows, LANES) the edges and the
+    vertices that each cluster owns. tri_at (m, 3, LANES), edge_at (rows, 2, LANES), vertex_at (rows, LANES):
+    indices of the corners of these triangles, edges and vertices, arbitrary in unused lanes. face: (m, 4, LANES)
+    each triangle and its three vertices. of_tri, of_edge, of_vertex: for each primitive, the one cluster that owns
+    it; because it has one owner, a pair is found once. ring: the triangles in each cluster and beside it, each as
+    cluster x LANES + lane. beside: the clusters of the same layer that share a vertex with a cluster, itself
+    included. smooth: those clusters of `beside` that cannot touch the cluster as long as all normals of both lean
+    in one direction.
 
-    Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) box, normal, offset, velocity of the
-    middle, largest difference of the corners' velocities from it, slack; unused lanes have the box of arbitrary
-    corners and a zero normal. edge_geo: (rows, 13, LANES) start, vector to the end, squared length, velocity of
-    the middle, difference of the ends' velocities from it, slack, inverse squared length. vertex_geo: (rows, 7,
-    LANES) position, velocity, slack. stale: (m,) True for clusters to be searched; fitted: (m,) True where the
-    geometry was just updated; hit: (m + LANES,) scratch.
+    Bounds of the corners, each stored as middle, extent (half the size) and speed. The bounds are predicted for
+    the middle of the horizon: in the frame that moves with this speed, the corners stay within the extent during
+    the whole horizon. box: (groups, 9, LANES) bounds of each cluster along the axes; cluster k is in lane k %
+    LANES of row k // LANES. group: (groups, 9) common bounds of the LANES clusters in a row of `box`. slab: (m, 6)
+    mean normal of a cluster and bounds along it. normal: (m, 6) least and largest components of the normals of the
+    triangles in `ring`, up to date in stale clusters and their neighbours.
+
+    Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) of each triangle: box, normal,
+    offset of its plane, velocity of the middle, largest difference of the corners' velocities from it, slack.
+    Unused lanes have the box of arbitrary corners and a zero normal. edge_geo: (rows, 13, LANES) of each ridge:
+    start, vector to the end, squared length, velocity of the middle, difference of the ends' velocities from it,
+    slack, inverse squared length. vertex_geo: (rows, 7, LANES) of each vertex: position, velocity, slack. stale:
+    (m,) True for clusters to be searched. fitted: (m,) True where the geometry was just updated. hit: (m + LANES,)
+    scratch.
 
     Ridges. at_edge: (e,) position of each edge in `edge`, as row x LANES + lane. edge_beside: (rows, 2, LANES) the
-    two triangles beside each edge, as cluster x LANES + lane, 0 if there are not two. One bit per edge, (rows,):
-    rim, edges without two triangles in one layer; bent, rim edges and bent edges; ridge, the edges of `bent` and
-    those that stay ridges in this search (ridges.py); ridge_before, the ridges for which edge_geo was computed.
-    edge_geo contains the ridges only, packed from the first row of each cluster on. ridges: (m,) number of ridges
-    in each cluster; ridge_edge: (rows, 3, LANES) their edges and end vertices.
+    two triangles beside each edge, each as cluster x LANES + lane, 0 if there are not two in one layer. Four bit
+    masks, (rows,), have one bit per edge. rim: edges without two triangles in one layer. bent: these edges and the
+    edges at a bend. ridge: the edges of `bent` and those that stay ridges in this search (ridges.py).
+    ridge_before: the ridges for which edge_geo was computed. edge_geo contains only the ridges, packed from the
+    first row of each cluster on. ridges: (m,) number of ridges in each cluster. ridge_edge: (rows, 3, LANES) their
+    edges and end vertices, packed in the same way.
     """
 
     corner: NDArray[np.int32]
@@ -111,8 +122,8 @@ class Clusters(NamedTuple):
 
 
 def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
-    """Split each layer repeatedly across its longer side, and split clusters that are not connected. edge: (e, 2),
-    in the order in which pairs number the edges."""
+    """Split each layer of a mesh into clusters: halve it repeatedly across its longer side, and then split
+    clusters that are not connected. edge: (e, 2) the edges, in the order by which pairs number them."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
     clusters: list[NDArray[np.intp]] = []
 
@@ -195,14 +206,15 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
 
 
 def _with_corners(owned: NDArray[np.int32], corners: NDArray[np.integer]) -> NDArray[np.int32]:
-    """(rows, 1 + k, LANES): each index in `owned`, followed by its row of `corners` (n, k); -1 in unused lanes."""
+    """Return (rows, 1 + k, LANES): each index in `owned`, followed by its row of `corners` (n, k); -1 in unused
+    lanes."""
     vertices = np.where(owned[..., None] < 0, -1, corners[owned])
     numbers = np.concatenate([owned[:, None], vertices.transpose(0, 2, 1)], axis=1)
     return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
 def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """Position of each index from 0 to n - 1 in `owned`, as row x LANES + lane."""
+    """Return (n,): the position of each index from 0 to n - 1 in `owned`, as row x LANES + lane."""
     at = np.zeros(n, np.int32)
     at[owned[owned >= 0]] = np.flatnonzero(owned.ravel() >= 0)
     return at
@@ -211,8 +223,9 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 def _beside_edges(
     mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The two triangles beside each edge of `owned`, (rows, 2, LANES) as cluster x LANES + lane; and one bit per
-    edge, (rows,), set for edges without two triangles in one layer."""
+    """Return for each edge of `owned` its two triangles, (rows, 2, LANES), each as cluster x LANES + lane, or 0 if
+    the edge does not have two in one layer. Also return a bit mask per row, (rows,): bit i is set if the edge in
+    lane i does not have two triangles in one layer."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     sides: list[list[int]] = [[] for _ in edge]
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -234,13 +247,14 @@ def _beside_edges(
 def _corners(
     mesh: ClothMesh, clusters: list[NDArray[np.intp]]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Callable[..., NDArray[np.int32]]]:
-    """The corners, the first corner of each cluster, and a function (clusters, vertices) -> corners."""
+    """Return the corners, the index of each cluster's first corner, and a function (clusters, vertices) ->
+    corners."""
     n = len(mesh.rest)
     lists = [np.unique(mesh.triangles[tris]) for tris in clusters]
     padded = [np.pad(v, (0, -len(v) % LANES), mode="edge") for v in lists]
     corner, start = _rows(padded)
     most = max(map(len, padded))
-    if most > 2 * LANES:  # cluster_bounds.py reads two rows
+    if most > 2 * LANES:  # cluster_bounds.py reads at most two rows per cluster
         raise InternalError("a cluster of too many corners", corners=most)
     number = np.full((len(clusters), n), -1, np.int32)
     for k, v in enumerate(lists):
@@ -249,7 +263,7 @@ def _corners(
 
 
 def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The lists concatenated, and their starts."""
+    """Concatenate the lists. Returns the numbers and the index at which each list begins."""
     start = np.concatenate([[0], np.cumsum([len(k) for k in lists])]).astype(np.int32)
     return np.concatenate(lists).astype(np.int32), start
 
@@ -257,8 +271,8 @@ def _rows(lists: Sequence[NDArray[np.integer]]) -> tuple[NDArray[np.int32], NDAr
 def _lanes(
     lists: list[NDArray[np.intp]], n: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """The lists in rows of LANES, each list beginning in a new row; the first row of each list; and, for each of n
-    indices, the list that contains it."""
+    """Write the lists into rows of LANES, each list beginning in a new row. Returns the rows (-1 in unused lanes),
+    the first row of each list, and for each of n indices the list that contains it."""
     start = np.concatenate([[0], np.cumsum([-(-len(k) // LANES) for k in lists])]).astype(np.int32)
     rows, of = np.full((start[-1], LANES), -1, np.int32), np.zeros(n, np.int32)
     for k, members in enumerate(lists):
@@ -270,8 +284,8 @@ def _lanes(
 def _shares(
     mesh: ClothMesh, edge: NDArray[np.int32], clusters: list[NDArray[np.intp]]
 ) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
-    """Vertices and edges owned by each cluster. Each has one owner among the clusters that touch it. An edge is
-    given to the cluster with the fewest edges so far."""
+    """Return the vertices and the edges that each cluster owns. A vertex or edge has one owner among the clusters
+    that contain it: a vertex the first of these clusters, an edge the one with the fewest edges so far."""
     number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     vertex_free = np.ones(len(mesh.rest), bool)
     vertices: list[NDArray[np.intp]] = []
@@ -291,7 +305,7 @@ def _shares(
 
 
 def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The triangles of each cluster, and the triangles of its layer that share an edge with one of them."""
+    """Return for each cluster its triangles and the triangles of its layer that share an edge with one of them."""
     layer = mesh.triangle_layer
     faces: dict[tuple[int, int, int], list[int]] = {}
     for t, tri in enumerate(mesh.triangles.tolist()):
@@ -307,7 +321,7 @@ def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np
 
 
 def _beside(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """For each cluster, the clusters of its layer that share a vertex with it, itself included."""
+    """Return for each cluster the clusters of its layer that share a vertex with it, itself included."""
     at: dict[tuple[int, int], set[int]] = {}
     keys = [
         {(int(mesh.triangle_layer[tris[0]]), v) for v in mesh.triangles[tris].ravel().tolist()}
@@ -322,9 +336,9 @@ def _beside(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[n
 def _smooth_beside(
     mesh: ClothMesh, clusters: list[NDArray[np.intp]], beside: list[NDArray[np.intp]]
 ) -> list[NDArray[np.intp]]:
-    """For each cluster, those clusters of `beside` whose borders do not face its borders. In a notch, as between
-    the legs of pants, cloth meets cloth edge to edge, however flat it is. A border side counts for every cluster
-    that contains one of its ends."""
+    """Return for each cluster those clusters of `beside` whose borders do not face its borders (FACING). Borders
+    face each other in a notch, as between the legs of pants: there, cloth can meet cloth edge to edge even if it
+    is flat. A border side counts for every cluster that contains one of its ends."""
     end, middle, outward, layer = _borders(mesh)
     rims = []
     for tris in clusters:
@@ -344,8 +358,8 @@ def _smooth_beside(
 
 
 def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int32]]:
-    """The sides of triangles where a layer ends: their ends (k, 2), their middles and outward normals (k, 2, in
-    material coordinates), and the layer (k,)."""
+    """Find the sides of triangles at which a layer ends. Returns their end vertices (k, 2), their middles and
+    outward normals (k, 2, in material coordinates), and their layers (k,)."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     layer, opposite = np.repeat(mesh.triangle_layer, 3), np.roll(mesh.triangles, -2, axis=1).ravel()
     side = np.column_stack([np.sort(ends, axis=1), layer])
@@ -360,7 +374,7 @@ def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[
 
 
 def _in_pieces(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The clusters, split into connected parts: a cluster may lie on both sides of a notch."""
+    """Split the clusters into connected parts. A cluster may have parts on both sides of a notch."""
     t = len(mesh.triangles)
     of = np.zeros(t, np.int64)
     for k, tris in enumerate(clusters):
@@ -372,8 +386,8 @@ def _in_pieces(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArra
 
 
 def _of_few_corners(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """The clusters; those with more corners than two rows of LANES hold are halved. This happens where most
-    triangles share only one corner with another triangle."""
+    """Halve the clusters that have more corners than two rows of LANES hold. This happens where most triangles
+    share only one corner with another triangle."""
     fit = [len(np.unique(mesh.triangles[tris])) <= 2 * LANES for tris in clusters]
     halves = [
         (tris,) if fits else (tris[: LEAF // 2], tris[LEAF // 2 :])

@@ -49,10 +49,12 @@ __all__ = [
 ]  # fmt: skip
 
 GRAVITY = 9.81  # [m/s2]
-SWEEP = 0.5  # compliance of one sweep, in units of h^2 sum(w |grad C|^2): measured by the hang test
-FLOOR = 0.02  # lower bound of the compliance, in the same unit
-STIFFER = 4.0  # stiffness ratio, slider's spring to hinge: slips from 1 / STIFFER of the residual curvature
-TOGETHER = 4.0  # factor on sum(w grad^2): all twelve hinges of a vertex may slip together (stable from 3)
+SWEEP = 0.5  # compliance that one sweep adds, in units of h^2 sum(w |grad C|^2), measured by the hang test
+FLOOR = 0.02  # lower bound of the corrected compliance, in the same unit
+# Stiffness ratio of the slider's spring to the hinge. The slider slips if the spring's curvature exceeds
+# 1 / STIFFER of the residual curvature.
+STIFFER = 4.0
+TOGETHER = 4.0  # factor on sum(w grad^2), since all twelve hinges of a vertex may slip together (stable from 3)
 MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
 LOST = 1e-18  # [m2] squared length below which an edge has no direction
 FLAT = 1e-12  # [m2] a smaller triangle has no normal
@@ -62,9 +64,9 @@ class Elastic(NamedTuple):
     """Constraints of one mesh and material in shuffled order; edges are solved in colour batches
     (`colour_batches`).
 
-    edge: (e, 2); rim: (e,) True for edges of hems and seams; length: (e,) [m]; compliance: (e,) [m/N], corrected
-    for the sweep; stiffness: (e,) [N/m]. hinge: (h, 4); weight: (h, 4) the cotangent stencil K; bend: (h,)
-    compliance (A0 + A1) / B [1/(N m)].
+    edge: (e, 2) vertices; rim: (e,) True for edges of hems and seams; length: (e,) rest length [m]; compliance:
+    (e,) [m/N], corrected for the sweep (see above); stiffness: (e,) [N/m]. hinge: (h, 4) vertices; weight: (h, 4)
+    the cotangent stencil K; bend: (h,) compliance (A0 + A1) / B [1/(N m)].
     """
 
     edge: NDArray[np.int32]
@@ -79,10 +81,11 @@ class Elastic(NamedTuple):
 
 class BendingFriction(NamedTuple):
     """Bending friction of the hinges, in the order of the hinges; all arrays are empty without friction. near: (h,
-    4) the other hinges of both triangles, h where there is none. soft: (h,) compliance of the slider's spring
-    against the turn, divided by the squared substep [1/(kg m2)]. share: (h,) factor that converts g^2 to the
-    squared curvature of the spring times area, where g is the moment of the spring times the squared substep.
-    limit: (h,) largest sum of these loads over the hinge and its neighbours for which the slider does not slip."""
+    4) the other hinges of both triangles of a hinge; the index h means that there is none. soft: (h,) compliance
+    of the slider's spring against the turn, divided by the squared substep [1/(kg m2)]. share: (h,) factor that
+    converts g^2 to the load of the spring, where g is the moment of the spring times the squared substep and the
+    load is the squared curvature of the spring times area. limit: (h,) the slider does not slip up to this sum of
+    the loads of the hinge and its neighbours."""
 
     near: NDArray[np.int32]
     soft: Array
@@ -91,13 +94,14 @@ class BendingFriction(NamedTuple):
 
 
 def membrane_modulus(material: Material, reference_drop: float) -> float:
-    """Young modulus of the membrane [N/m] with which a strip of length L = `reference_drop` [m], hung by its end,
-    elongates by `stretch_fraction` s under its own weight: Y = areal_mass g L / (2 s)."""
+    """Return the Young modulus of the membrane [N/m] with which a strip of length L = `reference_drop` [m], hung
+    by its end, elongates by the fraction s = `stretch_fraction` under its own weight: Y = areal_mass g L / (2
+    s)."""
     return material.areal_mass * GRAVITY * reference_drop / (2.0 * material.stretch_fraction)
 
 
 def flexural_rigidity(material: Material) -> float:
-    """B = areal_mass g c^3 [N m], c the bending length (Peirce 1930, ASTM D1388)."""
+    """Return B = areal_mass g c^3 [N m], where c is the bending length (Peirce 1930, ASTM D1388)."""
     return material.areal_mass * GRAVITY * material.bending_length**3
 
 
@@ -110,7 +114,7 @@ def build_elastic(
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
 ) -> Elastic:
-    """Constraints for a substep of `step` [s]. anisotropy: stiffness ratio of material y to material x;
+    """Build the constraints for a substep of `step` [s]. anisotropy: stiffness ratio of material y to material x;
     seam_factor: stiffness ratio of edges on the outline (hems, seams) to other edges."""
     edge, length = mesh.edges, mesh.edge_length
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
@@ -128,8 +132,8 @@ def build_elastic(
 def build_bending_friction(
     mesh: ClothMesh, material: Material, step: float, residual_curvature: float
 ) -> BendingFriction:
-    """Bending friction for a substep of `step` [s]. Released cloth keeps up to `residual_curvature` [1/m], HB /
-    B."""
+    """Build the bending friction for a substep of `step` [s]. Released cloth keeps a curvature of up to
+    `residual_curvature` [1/m], which is HB / B."""
     if residual_curvature == 0.0:
         return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
@@ -145,7 +149,8 @@ def build_bending_friction(
 
 
 def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
-    """(h, 4) the other hinges of both triangles of each hinge, h where there is none. triangles: (h, 2)."""
+    """Return (h, 4): the other hinges of both triangles of each hinge; the index h means that there is none.
+    triangles: (h, 2) the triangles of each hinge."""
     h = len(triangles)
     order = np.argsort(triangles.ravel(), kind="stable")
     owner = triangles.ravel()[order]
@@ -157,7 +162,7 @@ def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
 
 
 def turns(hinge: NDArray[np.int32], x: Array) -> Array:
-    """(h,) 2 sin(angle / 2) of each hinge, signed as in `measure_turns`."""
+    """Return (h,) 2 sin(angle / 2) of each hinge, signed as in `measure_turns`."""
     a, b, c, d = (x[hinge[:, k]] for k in range(4))
     p, q = np.cross(b - a, c - a), np.cross(d - a, b - a)
     cos = (p * q).sum(axis=1) / np.maximum(np.linalg.norm(p, axis=1) * np.linalg.norm(q, axis=1), FLAT**2)
@@ -173,9 +178,9 @@ def stretch_excess(
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
 ) -> float:
-    """Estimated excess of the cloth's hanging length over the material's, as a fraction of the length, for a
-    substep of `step` [s]. An edge cannot be stiffer than one sweep allows. The estimate agrees with the hang test
-    within a third."""
+    """Estimate how much longer than the material the cloth hangs, as a fraction of the length, for a substep of
+    `step` [s]. The reason is that an edge cannot be stiffer than one sweep allows. The estimate agrees with the
+    hang test within a third."""
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
     inverse_mass = 1.0 / (material.areal_mass * mesh.vertex_area)
     sweep = step**2 * inverse_mass[mesh.edges].sum(axis=1)
@@ -185,7 +190,7 @@ def stretch_excess(
 def _stiffness(
     mesh: ClothMesh, material: Material, reference_drop: float, anisotropy: float, seam_factor: float
 ) -> Array:
-    """(e,) stretch stiffness of the edges [N/m], in the order of the mesh."""
+    """Return (e,): stretch stiffness of the edges [N/m], in the order of the mesh."""
     edge, length = mesh.edges, mesh.edge_length
     along = (mesh.rest[edge[:, 1]] - mesh.rest[edge[:, 0]]) / length[:, None]
     directional = np.sqrt(anisotropy) ** (along[:, 1] ** 2 - along[:, 0] ** 2)
@@ -196,15 +201,16 @@ def _stiffness(
 
 
 def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
-    """(e,) factors that make the edges equally stiff in all directions, and in sum as stiff as the membrane of the
-    `area` [m2]. This holds in the mean over a uniformly strained mesh. along: (e, 2) directions of the edges;
-    edge_area: (e,) total area of the triangles beside each edge [m2].
+    """Return (e,) factors that make the edges equally stiff in all directions, and in sum as stiff as the membrane
+    of the `area` [m2]. This holds in the mean over a uniformly strained mesh. along: (e, 2) directions of the
+    edges; edge_area: (e,) total area of the triangles beside each edge [m2].
 
     No triangulation has equally many edges in all directions; coarse meshes are up to a tenth stiffer in one
     direction than in another. Springs are isotropic when the second and fourth harmonics of their stiffness over
     direction vanish. (These four harmonics and the sum are the five components of the stiffness tensor, whose
     Cauchy symmetry gives the Poisson ratio of 1/3.) A factor composed of the five harmonics fulfils all five
-    conditions. On a mesh with edges in only three directions, it fulfils the condition on the sum alone."""
+    conditions. On a mesh with edges in only three directions, it fulfils the condition on the sum alone.
+    """
     angle = np.arctan2(along[:, 1], along[:, 0])
     harmonics = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))])
     moments = harmonics.T @ (edge_area[:, None] * harmonics)
@@ -214,14 +220,16 @@ def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
 
 
 def shuffled(n: int) -> NDArray[np.int64]:
-    """A fixed random order of n items. A sweep in the order of the mesh would pull the cloth in one direction."""
+    """Return a fixed random order of n items. A sweep in the order of the mesh would pull the cloth in one
+    direction."""
     return np.random.default_rng(7).permutation(n)
 
 
 def colour_batches(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sort the edges (e, 2) into batches without a common vertex (a greedy graph colouring). -> order (e,), and
-    where each batch begins and the last one ends. The edges of a batch can be solved together. Edges with a common
-    vertex keep their order, so a sweep gives the same result as solving the edges one by one."""
+    """Sort the edges (e, 2) into batches without a common vertex (a greedy graph colouring). Returns the order
+    (e,), and the start of each batch followed by the end of the last one. The edges of a batch can be solved
+    together. Edges with a common vertex keep their order, so a sweep gives the same result as solving the edges
+    one by one."""
     colour, free = [], [0] * (int(edge.max(initial=-1)) + 1)  # free: first colour that is free at each vertex
     for i, j in edge.tolist():
         colour.append(max(free[i], free[j]))
@@ -230,7 +238,7 @@ def colour_batches(edge: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[
 
 
 def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
-    """K of Bergou et al. 2006 (h, 4) and A0 + A1 (h,) of every hinge."""
+    """Return K of Bergou et al. 2006, (h, 4), and A0 + A1 [m2], (h,), of every hinge."""
     x0, x1, x2, x3 = (mesh.rest[mesh.hinges[:, k]] for k in range(4))
     e0, e1, e2, e3, e4 = x1 - x0, x2 - x0, x3 - x0, x2 - x1, x3 - x1
 
@@ -267,14 +275,15 @@ def _store_four(x, i, p, share, d):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
-    """One sweep over the packed edges: four edges of a batch (`colour_batches`) together, the rest of the batch
-    one by one. batch_start: where each batch begins and the last one ends; inverse_square: inverse squared rest
-    lengths [1/m2]; wi, wj: share of each end, w / (w_i + w_j + compliance / h^2).
+    """Do one sweep over the packed edges (sleep.py): four edges of a batch (`colour_batches`) together, the
+    remaining edges of the batch one by one. batch_start: the start of each batch, then the end of the last one;
+    inverse_square: inverse squared rest lengths [1/m2]; wi, wj: share of each end, w / (w_i + w_j + compliance /
+    h^2).
 
-    The correction 1 - 1 / sqrt(r), r the squared length over the squared rest length, is replaced by its Pade
-    approximant at r = 1, 2 (r - 1) / (3 r + 1). The relative error is 2e-4 at a strain of 3 % and 2e-3 at 10 %. An
-    exact square root would take as long as the rest of the sweep. The approximant also stays finite for an edge of
-    zero length.
+    The correction is 1 - 1 / sqrt(r), where r is the squared length over the squared rest length. It is replaced
+    by its Pade approximant at r = 1, 2 (r - 1) / (3 r + 1). The relative error is 2e-4 at a strain of 3 % and 2e-3
+    at 10 %. An exact square root would take as long as the rest of the sweep. The approximant also stays finite
+    for an edge of zero length.
     """
     k, single, four, one, two = np.uint64(0), np.uint64(1), np.uint64(FOUR), splat_f64x4(1.0), splat_f64x4(2.0)
     for row in range(single, np.uint64(len(batch_start))):
@@ -301,7 +310,7 @@ def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_hinges(n, hinge, weight, part, x):
-    """One sweep over the first n packed hinges; part: w K / (sum w K^2 + compliance / h^2) of each vertex."""
+    """Do one sweep over the first n packed hinges. part: w K / (sum w K^2 + compliance / h^2) of each vertex."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         # read all before writing: the four vertices differ
@@ -317,12 +326,13 @@ def solve_hinges(n, hinge, weight, part, x):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
-    """Turn 2 sin(angle / 2) of the hinges which[:n], and its gradient at their vertices.
+    """Measure the turn, 2 sin(angle / 2), of the hinges which[:n], and its gradient at their vertices.
 
     The turn times the length of the hinge's edge equals |K x| of the elastic hinge, but the turn has a sign, and
-    its gradient neither shifts nor rotates the cloth. axis[k]: the gradients at c and d, which are the normals of
-    the triangles divided by their heights. foot[k]: the feet of these heights on a-b; they divide the opposite of
-    the gradients between a and b. inverse: 1 / (TOGETHER sum w grad^2 + soft).
+    its gradient neither shifts nor rotates the cloth. Vertices a and b are the ends of the edge, c and d the
+    opposite vertices. axis[k]: the gradients at c and d, which are the normals of the triangles divided by their
+    heights. foot[k]: the feet of these heights, as positions along a-b; they determine how the opposite of the
+    gradients is divided between a and b. inverse: 1 / (TOGETHER sum w grad^2 + soft).
     """
     for k in range(n):
         e = which[k]
@@ -359,8 +369,8 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
 def bending_friction_moments(
     n, which, hinge, near, share, limit, axis, foot, turn, inverse, slip, held, x, moment
 ):
-    """Friction moments of the hinges which[:n] by their last measurement (`measure_turns`), into moment (n,),
-    times h^2.
+    """Compute the friction moments, times h^2, of the hinges which[:n] into moment (n,). They are based on the
+    last measurement (`measure_turns`).
 
     A spring pulls each turn towards slip[e]. It slips when the springs around it together bear more than `limit`:
     the load is summed over both triangles of the hinge. held: (h + 1,) the latest load of each spring. With a
@@ -394,9 +404,10 @@ def bending_friction_moments(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
-    """`solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment and then solved.
-    Friction and elasticity thus balance where cloth stays bent. In separate sweeps, each would react to the
-    displacements of the other, and the bending damping would treat these displacements as motion."""
+    """Do the sweep of `solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment
+    and then solved. Friction and elasticity thus balance where cloth stays bent. In separate sweeps, each of them
+    would react to the displacements of the other, and the bending damping would treat these displacements as
+    motion."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]

@@ -1,5 +1,6 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Cloth between the pads: material points that follow the tools and slip out when they are pulled too hard."""
+"""Moves the cloth between the pads: material points follow the tools and slip out when they are pulled too
+hard."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ def hold(
     points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
     rotation1, a, pose
 ):  # fmt: skip
-    """Move the pinched points towards their places in the tools. a: interpolates from the first poses (0) to the
-    second poses (1); position (2, 3), rotation (2, 3, 3). since: time from the beginning of the frame [s]. pose:
-    (4, 3) scratch."""
+    """Move the pinched points towards their places in the tools. The poses of both hands are interpolated: a = 0
+    gives position0 (2, 3) and rotation0 (2, 3, 3), a = 1 gives position1 and rotation1. since: time from the
+    beginning of the frame [s]. pose: (4, 3) scratch."""
     for hand in range(2):
         if points[hand] == 0:
             continue
@@ -31,8 +32,9 @@ def hold(
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
     """Hold the `count` points of one hand. Several layers are held as a stack with fixed distances. The stack
-    turns freely about the held line, like a hinge: the pads transmit no moment about it. The angle of the stack is
-    computed from the present positions of the cloth."""
+    turns freely, like a hinge, about the held line, which is parallel to the tool's x axis at the mean height of
+    the stack: the pads transmit no moment about it. The angle of the stack is computed from the present positions
+    of the cloth."""
     # mean height of the stack, and the moments of its layers about the line
     mean = 0.0
     end, n = 0, 0
@@ -76,7 +78,7 @@ def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, heigh
 
 @njit(nogil=True)
 def release_overloaded(holds):
-    """Drop the cloth of each pinch whose force exceeds its limit."""
+    """Release the cloth of each hand whose pinch force exceeds its limit."""
     for hand in range(2):
         f2 = 0.0
         for m in range(3):

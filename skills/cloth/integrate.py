@@ -29,7 +29,7 @@ def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def extrapolate(count, awake, g, x, xp, u):
-    """u = x + g (x - xp). In terms of u, a damped constraint has the form of an undamped one."""
+    """Compute u = x + g (x - xp). In terms of u, a damped constraint has the form of an undamped one."""
     for c in range(count):
         i = awake[c]
         place = load(x, i)
@@ -38,7 +38,7 @@ def extrapolate(count, awake, g, x, xp, u):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def undo_extrapolation(count, awake, g, x, xp, u):
-    """The inverse of `extrapolate`: x from u and xp."""
+    """Compute x from u and xp, the inverse of `extrapolate`."""
     scale = 1.0 / (1.0 + g)
     for c in range(count):
         i = awake[c]
@@ -55,7 +55,7 @@ def restore_positions(first, end, awake, x, xp):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def update_velocities(count, awake, h, x, xp, v):
-    """v = (x - xp) / h."""
+    """Compute the velocities v = (x - xp) / h."""
     inv_h = 1.0 / h
     for c in range(count):
         i = awake[c]

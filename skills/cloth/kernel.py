@@ -6,10 +6,10 @@ input gives bit-identical results. The caller owns the arrays of the state. The 
 when a list of pairs is too small; entering it again continues as if it had not returned.
 
 Functions that are called in every substep take single arrays as arguments. A tuple of arrays would be passed as
-hundreds of numbers per call: nine such calls per substep took a sixth of the time of a towel's simulation. Reading
-an array from a tuple, slicing it and taking a view of it each update a reference count atomically, twice. Code
-that runs often therefore does none of these. Its indices are unsigned, since signed indices are first tested for
-counting from the end.
+hundreds of numbers per call: nine such calls per substep took a sixth of the time of a towel's simulation. Code
+that runs often does not read an array from a tuple, slice it or take a view of it: each of these updates a
+reference count atomically, twice. Its indices are unsigned, because a signed index is first tested for being
+negative, which would mean counting from the end.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ COMPILED = (
 
 
 def _fingerprint() -> str:
-    """Hash of the sources compiled into the loop: numba's cache only notices changes in the file of the cached
+    """Return a hash of the sources of the loop, since numba's cache only notices changes in the file of the cached
     function."""
     digest = hashlib.sha256()
     for name in COMPILED:
@@ -102,13 +102,14 @@ def _compile(sources: str) -> Callable[..., int]:
     def run_frames(
         body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
     ):
-        """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of `frames`; -> DONE or PAIRS_FULL.
+        """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of the last of `frames` frames. Returns DONE or
+        PAIRS_FULL.
 
         tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses of both hands at the frame boundaries;
-        cap_p0, cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,).
+        cap_p0, cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,) their radii.
         """
         count = state.counts
-        # reading an attribute of a tuple increments a reference count atomically: read each once
+        # reading an attribute of a tuple increments a reference count atomically, so each is read only once
         x, xp, v, u, wa, awake = state.x, state.xp, state.v, state.u, state.wa, state.awake_list
         edge, batch_start, inverse_square = state.edge, state.batch_start, state.inverse_square
         wi, wj, rate = state.wi, state.wj, state.rate

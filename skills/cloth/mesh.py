@@ -23,15 +23,16 @@ __all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
 Index = NDArray[np.int32]
 
 CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place
-SLIGHT_TURN = np.deg2rad(0.5)  # enough for a corner between two long sides, as in a drawn outline
+SLIGHT_TURN = np.deg2rad(0.5)  # between two long sides, as in a drawn outline, this turn is enough for a corner
 GRID_TURN = np.deg2rad(11.0)  # angle of the hexagonal grid to material x: no row is parallel to a hem
-JITTER = 0.12  # displacement of grid points, in edge lengths
-SEED = 20110520  # of the jitter: a mesh is a function of its arguments
+JITTER = 0.12  # largest random displacement of grid points along each axis, in edge lengths
+SEED = 20110520  # seed of the jitter, fixed so that a mesh depends only on the arguments
 
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """Quality of the triangles: smallest angle [rad], shortest and longest edge [m], and the counts."""
+    """Quality of the triangles: smallest angle [rad], shortest and longest edge [m], and the numbers of vertices
+    and triangles."""
 
     min_angle: float
     shortest_edge: float
@@ -44,9 +45,10 @@ class MeshQuality:
 class ClothMesh:
     """A garment's mesh in material coordinates: the position of each vertex in the flat garment.
 
-    rest: (n, 2) [m]. layer: (n,), 0 on the table, 1 above it; vertices of the welded border count as 0. triangles:
-    (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1. triangle_layer: (m,). seam: (k, 2) border
-    edges along which the layers are welded (empty for one layer).
+    rest: (n, 2) vertices [m]. layer: (n,) layer of each vertex, 0 on the table, 1 above it; vertices of the welded
+    border count as 0. triangles: (m, 3) int32, counter-clockwise in layer 0 and clockwise in layer 1.
+    triangle_layer: (m,) layer of each triangle. seam: (k, 2) border edges along which the layers are welded (empty
+    for one layer).
     """
 
     rest: Array
@@ -57,30 +59,30 @@ class ClothMesh:
 
     @cached_property
     def area(self) -> Array:
-        """(m,) [m2] at rest."""
+        """(m,) areas of the triangles at rest [m2]."""
         a, b, c = (self.rest[self.triangles[:, k]] for k in range(3))
         return frozen(0.5 * np.abs(_cross(b - a, c - a)))
 
     @cached_property
     def vertex_area(self) -> Array:
-        """(n,) [m2]: a third of the area of the triangles at each vertex."""
+        """(n,) area of each vertex [m2]: a third of the areas of the triangles at the vertex."""
         out = np.zeros(len(self.rest))
         np.add.at(out, self.triangles.ravel(), np.repeat(self.area / 3.0, 3))
         return frozen(out)
 
     @cached_property
     def edges(self) -> Index:
-        """(e, 2), each once, lower index first."""
+        """(e, 2) vertices of each edge, lower index first; each edge occurs once."""
         return frozen(np.unique(np.sort(_half_edges(self.triangles), axis=1), axis=0).astype(np.int32))
 
     @cached_property
     def edge_length(self) -> Array:
-        """(e,) [m] at rest."""
+        """(e,) lengths of the edges at rest [m]."""
         return frozen(np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1))
 
     @cached_property
     def edge_area(self) -> Array:
-        """(e,) [m2]: sum of the areas of the triangles at each edge."""
+        """(e,) sum of the areas of the triangles at each edge [m2]."""
         key = {tuple(e): i for i, e in enumerate(self.edges.tolist())}
         out = np.zeros(len(self.edges))
         for k, (i, j) in enumerate(np.sort(_half_edges(self.triangles), axis=1).tolist()):
@@ -89,8 +91,9 @@ class ClothMesh:
 
     @cached_property
     def hinges(self) -> Index:
-        """(h, 4): the two vertices of the shared edge, then the two opposite ones. Both triangles are of one
-        layer: a welded border is sharp at rest and does not bend like a sheet."""
+        """(h, 4) vertices of each pair of triangles with a shared edge: the two ends of this edge, then the two
+        opposite vertices. Both triangles are of one layer: a welded border is sharp at rest and does not bend like
+        a sheet."""
         return frozen(self._hinge_rows[:, :4].copy())
 
     @cached_property
@@ -114,7 +117,7 @@ class ClothMesh:
 
     @cached_property
     def on_rim(self) -> NDArray[np.bool_]:
-        """(e,) edges at which a layer ends: hems and seams, all edges without a hinge."""
+        """(e,) True for edges at which a layer ends: hems and seams, that is all edges without a hinge."""
         n = np.int64(len(self.rest))
         return frozen(~np.isin(self.edges @ [n, 1], np.sort(self.hinges[:, :2], axis=1) @ [n, 1]))
 
@@ -142,7 +145,7 @@ class ClothMesh:
         )
 
     def lay_flat(self, thickness: float) -> Array:
-        """(n, 3): positions of the garment laid flat on the table, its layers `thickness` [m] apart."""
+        """Return (n, 3): positions of the garment laid flat on the table, its layers `thickness` [m] apart."""
         z = thickness * (0.5 + self.layer)
         return np.column_stack([self.rest, z])
 
@@ -192,7 +195,8 @@ def _half_edges(tri: Index) -> Index:
 
 
 def _check(contour: Array, edge_length: float, layers: int) -> Array:
-    """The contour, counter-clockwise, open, simplified. Raises ConfigurationError with the values."""
+    """Return the contour simplified, counter-clockwise and open. Raises ConfigurationError with the unsuitable
+    values."""
     c = np.asarray(contour, dtype=float)
     if not (np.isfinite(edge_length) and 1e-3 <= edge_length <= 0.5):
         raise ConfigurationError("edge_length is out of range", "0.001 to 0.5 m", edge_length=edge_length)
@@ -221,7 +225,7 @@ def _check(contour: Array, edge_length: float, layers: int) -> Array:
 
 
 def _resample(outline: Array, edge_length: float) -> Array:
-    """The outline with about one point per edge length; corners keep their place."""
+    """Return the outline with about one point per edge length; corners keep their place."""
     back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
     sides = np.minimum(np.linalg.norm(back, axis=1), np.linalg.norm(ahead, axis=1))
@@ -246,7 +250,7 @@ def _resample(outline: Array, edge_length: float) -> Array:
 
 
 def _interior(polygon: shapely.Polygon, edge_length: float, rotate: float) -> Array:
-    """Points of a rotated, jittered hexagonal grid, well inside."""
+    """Return the points of a rotated, jittered hexagonal grid that are well inside the polygon."""
     x0, y0, x1, y1 = polygon.bounds
     centre, reach = np.array([x0 + x1, y0 + y1]) / 2.0, np.hypot(x1 - x0, y1 - y0) / 2.0 + edge_length
     k = int(np.ceil(reach / (edge_length * 0.85))) + 1
@@ -276,7 +280,7 @@ def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
 
 
 def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, edge_length: float) -> Array:
-    """Interior points, moved half way to the mean of their neighbours; points too near the border are removed."""
+    """Move the interior points half way to the mean of their neighbours, and remove points too near the border."""
     total, count = np.zeros_like(points), np.zeros(len(points))
     half = _half_edges(tri)
     for a, b in ((0, 1), (1, 0)):
@@ -292,7 +296,7 @@ def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, e
 
 
 def _missing_border(tri: Index, n_border: int) -> Index:
-    """Border segments i -> i + 1 that are not an edge of a triangle."""
+    """Return the indices i of border segments i -> i + 1 that are not an edge of a triangle."""
     have = {tuple(e) for e in np.sort(_half_edges(tri), axis=1).tolist()}
     return np.array(
         [i for i in range(n_border) if tuple(sorted((i, (i + 1) % n_border))) not in have], dtype=np.int32

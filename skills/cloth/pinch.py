@@ -4,7 +4,7 @@ turn.
 The pads close along the tool's y axis over `stroke` and draw cloth from anywhere in the stroke to the middle,
 where they hold it along the tool's x axis over `width`. They take every layer between the fingertips (the tool
 centre point) and the upper end of the pads, `depth` above the fingertips. A hand that is lowered less takes fewer
-layers. No layer is selected by name.
+layers. There is no other selection of layers.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ PRESSED = 0.8  # share of the distance between layers that remains between the p
 
 @dataclass(frozen=True)
 class PadGeometry:
-    """width along the tool's x, stroke (opening before closing) along its y, depth along -z [m].
+    """Geometry and friction of the two pads: width along the tool's x, stroke (opening before closing) along its
+    y, depth along -z [m].
 
-    friction: Coulomb coefficient of pad on cloth; the two pads bear 2 * friction * grip force before the
-    cloth slips out. samples: held points along the width. compliance of one held point [m/N].
+    friction: Coulomb coefficient of pad on cloth; the two pads bear 2 * friction * grip force before the cloth
+    slips out. samples: number of held points per layer along the width. compliance: of one held point [m/N].
     """
 
     width: float = 0.020
@@ -41,8 +42,9 @@ class PadGeometry:
 
 @dataclass(frozen=True)
 class PinchReport:
-    """held_points: number of held points, 0 if the pads closed on nothing; layers: largest number of layers at one
-    place along the width; consumed: largest length of cloth drawn to the middle of the pads [m]."""
+    """Result of a pinch. held_points: number of held points, 0 if the pads closed on nothing; layers: largest
+    number of layers at one place along the width; consumed: largest length of cloth drawn to the middle of the
+    pads [m]."""
 
     held_points: int
     layers: int
@@ -51,8 +53,9 @@ class PinchReport:
 
 @dataclass(frozen=True, eq=False)
 class PinchedPoints:
-    """vertex, bary: (m, 3) points of the mesh; offset: (m, 3) their positions in the tool frame when the pads met
-    them [m]; layers: largest number of held layers at one place along the width."""
+    """Points of the cloth between the pads. vertex, bary: (m, 3) vertices of the triangle around each point, and
+    its barycentric coordinates; offset: (m, 3) positions of the points in the tool frame when the pads met them
+    [m]; layers: largest number of held layers at one place along the width."""
 
     vertex: NDArray[np.int32]
     bary: Array
@@ -61,8 +64,8 @@ class PinchedPoints:
 
     @property
     def height(self) -> Array:
-        """(m,) tool z at which the points are held [m]. The pads press the layers onto each other, so that the
-        stack turns about the held line."""
+        """(m,) tool z at which the points are held [m]. It differs from the z of `offset`, because the pads press
+        the layers onto each other. The stack can then turn about the held line (held_cloth.py)."""
         middle = float(self.offset[:, 2].mean()) if len(self.offset) else 0.0
         return middle + PRESSED * (self.offset[:, 2] - middle)
 
@@ -75,7 +78,7 @@ class PinchedPoints:
 def find_pinched(
     mesh: ClothMesh, positions: Array, position: Array, rotation: Array, pads: PadGeometry, thickness: float
 ) -> PinchedPoints:
-    """Material points between the pads of a tool at `position` (3,), `rotation` (3, 3) R_table_tool."""
+    """Find the material points between the pads of a tool at `position` (3,), `rotation` (3, 3) R_table_tool."""
     q = (positions - position) @ rotation
     lo, hi = q[mesh.triangles].min(axis=1), q[mesh.triangles].max(axis=1)
     half = np.array([0.5 * pads.width, 0.5 * pads.stroke])
@@ -96,7 +99,8 @@ def find_pinched(
 def _along_stroke(
     mesh: ClothMesh, q: Array, near: NDArray[np.intp], x: float, reach: float, depth: float, below: float
 ) -> list[tuple[int, Array, Array]]:
-    """In the plane tool x = `x`, the point of each layer nearest to the middle: (triangle, bary, offset)."""
+    """Find, in the plane tool x = `x`, the point of each layer that is nearest to the middle of the stroke.
+    Returns (triangle, bary, offset) for each layer."""
     candidates = []
     for t in near:
         p = q[mesh.triangles[t]]

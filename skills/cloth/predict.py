@@ -21,10 +21,10 @@ HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
 
 @dataclass(frozen=True, eq=False)
 class FoldPrediction:
-    """vertices: (n, 3) after the fold has settled, table frame. max_pinch_force: largest force on each hand, each
-    value a mean over a frame [N]. pinches: the pinch of each hand. dropped: hands that lost their cloth before the
-    end. residual_motion: largest displacement of a vertex over the last 0.1 s [m]. keyframes: (k, n, 3) positions
-    at k times, evenly spaced over the motion."""
+    """Result of a simulated fold. vertices: (n, 3) positions after the fold has settled, table frame [m].
+    max_pinch_force: largest force on each hand; each value is a mean over a frame [N]. pinches: the report of each
+    hand's pinch. dropped: hands that lost their cloth before the end. residual_motion: largest displacement of a
+    vertex over the last 0.1 s [m]. keyframes: (k, n, 3) positions at k times, evenly spaced over the motion."""
 
     vertices: Array
     max_pinch_force: Mapping[GraspId, float]
@@ -46,7 +46,7 @@ def predict_fold(
     keyframes: int = 0,
     grip_force: float = 20.0,
 ) -> FoldPrediction:
-    """Fold a garment that lies at rest at `positions` (n, 3) along the tools' paths.
+    """Simulate the fold of a garment that lies at rest at `positions` (n, 3), along the tools' paths.
 
     Each gripper closes at the start of its path and opens at the end; the cloth then has release_s + settle_s [s]
     to come to rest. A pure function that runs without the global interpreter lock for nearly all of its time.
@@ -97,8 +97,8 @@ def predict_fold(
 
 
 def _sample(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
-    """Poses of both hands at the frame boundaries: positions (frames + 1, 2, 3) and rotations (frames + 1, 2, 3,
-    3)."""
+    """Return the poses of both hands at the frame boundaries: positions (frames + 1, 2, 3), rotations (frames + 1,
+    2, 3, 3)."""
     t = np.arange(frames + 1) * frame
     p = np.zeros((frames + 1, len(HANDS), 3))
     r = np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, len(HANDS), 1, 1))

@@ -14,10 +14,10 @@ from skills.vocabulary import Material
 
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
-STRETCH_TOLERANCE = 1e-3  # of the length
+STRETCH_TOLERANCE = 1e-3  # default of stretch_tolerance, as a fraction of the length
 ESTIMATE_SHARE = 0.3  # largest accepted estimate of the error, as a share of the tolerance
 MOST_RESIDUAL = 1000.0  # [1/m] largest residual_curvature
-LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # per frame; contacts need the lower bound
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # bounds of the chosen substeps per frame; contacts need at least the first
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ class SolverSettings:
 
     @property
     def frame(self) -> float:
-        """[s]"""
+        """Duration of a frame [s]."""
         return 1.0 / self.frame_rate
 
 
 def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -> None:
-    """Raises ConfigurationError for a material, settings or mesh that cannot be simulated."""
+    """Raise ConfigurationError for a material, settings or mesh that cannot be simulated."""
     bounds = {
         "areal_mass": (0.01, 5.0),
         "stretch_fraction": (1e-4, 0.5),
@@ -105,7 +105,7 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
 
 
 def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
-    """Number of substeps per frame, and the remaining error of the stretch (see SolverSettings)."""
+    """Return the number of substeps per frame, and the remaining error of the stretch (see SolverSettings)."""
 
     def error(n: int) -> float:
         step = settings.frame / n

@@ -3,10 +3,10 @@
 awake ones.
 
 A vertex that falls asleep must not move the vertices that stay awake. In each substep, all moving vertices first
-fall by g h^2, and the sweeps lift them again. If a sleeping vertex stayed in place meanwhile, it would carry up to
-half the weight of its neighbours, and the creases beside newly sleeping vertices would start to swing. Therefore
-the fringe, which is the sleeping vertices within FRINGE rings of awake ones, takes part in the elastic sweeps; its
-positions are restored afterwards.
+fall by g h^2, and the sweeps lift them again. If a sleeping vertex stayed in place during the sweeps, it would
+carry up to half the weight of its neighbours, and the creases beside newly sleeping vertices would start to swing.
+Therefore the fringe, which is the sleeping vertices within FRINGE rings of awake ones, takes part in the elastic
+sweeps; its positions are restored afterwards.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from skills.cloth.simd.f64x4 import gather_f64x4
 from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
-STILL = 2.5e-4  # [m] per frame: vertices that moved less are not predicted to move
-SWINGS = 3  # x sleep_frames: a vertex that stays in place for so long swings and does not topple
-FRINGE = 2  # rings
+STILL = 2.5e-4  # [m] vertices that moved less than this in a frame are not predicted to move
+SWINGS = 3  # x sleep_frames: a vertex that stayed near its place for longer only swings and does not topple
+FRINGE = 2  # number of rings of neighbours
 NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 
 
 @njit(nogil=True)
 def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
-    """Vertices that moved stay awake. They wake two rings of neighbours and the vertices that they touch. Quiet
-    vertices fall asleep."""
+    """Decide at the beginning of frame f which vertices are awake. Vertices that moved stay awake. They wake two
+    rings of neighbours and the vertices that they touch. Quiet vertices fall asleep."""
     count = state.counts
     stirred, near = state.stirred, state.near
     stirred[:] = False
@@ -78,7 +78,7 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
 
 @njit(nogil=True)
 def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
-    """Mark the awake vertices that are not quiet in `stirred`, and move their reference points to them. A vertex
+    """Mark in `stirred` the awake vertices that are not quiet, and move their reference points to them. A vertex
     is not quiet if it left its reference point, or if it gains speed (its step in this frame is longer than the
     mean step), however slow it is. A vertex that has stayed near its reference point for a long time only swings:
     it counts as quiet even if it gains speed."""
@@ -131,7 +131,7 @@ def _grow(start, ring, near, rings):
     for i in range(np.uint64(len(near))):
         marked[end] = i
         end += np.uint64(near[i])
-    for _ in range(rings):  # only around the vertices marked last: the others have no unmarked neighbours
+    for _ in range(rings):  # only around the vertices marked last, since the others have no unmarked neighbours
         last = end
         for c in range(begin, last):
             own = np.uint64(marked[c])
@@ -145,8 +145,8 @@ def _grow(start, ring, near, rings):
 
 @njit(nogil=True)
 def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
-    """Wake the vertices marked in `near`, and put to sleep those that were quiet for `sleep_frames`. -> whether
-    any vertex woke or fell asleep, and whether any vertex woke."""
+    """Wake the vertices marked in `near`, and put to sleep those that were quiet for `sleep_frames`. Returns
+    whether any vertex woke or fell asleep, and whether any vertex woke."""
     changed = woke = False
     for i in range(len(x)):
         if near[i]:
@@ -169,9 +169,9 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awa
 
 @njit(nogil=True)
 def pack(body, state):
-    """List the awake vertices, followed by their fringe, and the constraints that contain any of these vertices,
-    with the shares of their ends. Vertices of the fringe count with their mass like awake ones: the motion of a
-    vertex must not change when its neighbour falls asleep."""
+    """List the awake vertices, followed by their fringe. Also list the constraints that contain any of these
+    vertices, with the shares of their ends (the packed edges and hinges). Vertices of the fringe count with their
+    mass like awake ones: the motion of a vertex must not change when its neighbour falls asleep."""
     count, free, near, w = state.counts, state.free, state.near, body.w
     awake, awake_list = state.awake, state.awake_list
     near[:] = awake
@@ -207,7 +207,7 @@ def _pack_edges(
     edge, batch_start, inverse, inverse_square, damping, free, to_edge, to_batch_start, to_inverse_square, to_wi,
     to_wj, to_rate
 ):  # fmt: skip
-    """List the edges that have a free end, in their colour batches. -> their number."""
+    """List the edges that have a free end, in their colour batches. Returns their number."""
     single, n, which = np.uint64(1), np.uint64(0), np.empty(len(edge), np.uint32)
     for row in range(single, np.uint64(len(batch_start))):
         for e in range(np.uint64(batch_start[row - single]), np.uint64(batch_start[row])):  # branch-free
@@ -225,7 +225,7 @@ def _pack_edges(
 
 @njit(nogil=True)
 def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_part):
-    """List the hinges that have a free vertex; which: their indices. -> their number."""
+    """List the hinges that have a free vertex; which: their indices. Returns their number."""
     n = np.uint64(0)
     for e in range(np.uint64(len(hinge))):
         some = free[hinge[e, 0]] + free[hinge[e, 1]] + free[hinge[e, 2]] + free[hinge[e, 3]]
@@ -242,7 +242,7 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
 
 @njit(nogil=True)
 def _watch(corner, start, awake, moving, watched):
-    """List the clusters with a corner that is awake or predicted to move. -> their number."""
+    """List the clusters with a corner that is awake or predicted to move. Returns their number."""
     n = 0
     for k in range(len(moving)):
         some = moving[k]

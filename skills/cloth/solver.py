@@ -48,15 +48,15 @@ from skills.vocabulary import Material
 __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
 
 MOST_PAIRS = 120
-"""Most candidate pairs per vertex; folded stacks have about 10. With more pairs than this the cloth has lost its
-shape, and the lists would grow until the memory is full."""
+"""Largest number of candidate pairs per vertex; folded stacks have about 10. Cloth with more pairs than this has
+lost its shape, and the lists would grow until the memory is full."""
 
 
 @dataclass(frozen=True, eq=False)
 class ToolMotion:
-    """Motion of one tool during a call of `advance`: poses in the table frame at the start and the end.
+    """Motion of one tool during a call of `advance`: its poses in the table frame at the start and the end.
 
-    hand: 0 or 1. position: (3,) of the tool centre point; rotation: (3, 3) R_table_tool.
+    hand: 0 or 1. position0, position1: (3,) tool centre point [m]; rotation0, rotation1: (3, 3) R_table_tool.
     """
 
     hand: int
@@ -68,7 +68,8 @@ class ToolMotion:
 
 @dataclass(frozen=True, eq=False)
 class CapsuleMotion:
-    """Fingers and wrists that push the cloth: k capsules with their ends at the start and the end of the call.
+    """Motion of fingers and wrists that push the cloth: k capsules with their ends at the start and the end of a
+    call of `advance`.
 
     p0_start, p1_start, p0_end, p1_end: (k, 3) [m], table frame; radius: (k,) [m].
     """
@@ -80,7 +81,7 @@ class CapsuleMotion:
     radius: Array
 
 
-RELEASE_SPEED = 0.1  # [m/s]
+RELEASE_SPEED = 0.1  # [m/s] largest speed of held points when the pads open
 SLEEP_SHARE = 1.0 / 12.0
 """Upper bound of the sleep distance, as a share of the mean edge length."""
 IN_PLANE = 0.2
@@ -91,14 +92,14 @@ hinges amplify each other (measured on edges of 4 to 15 mm)."""
 
 class ClothSimulation:
     """Simulation of one garment. Raises ConfigurationError for a material that cannot be simulated, InternalError
-    when positions are lost.
+    when the simulation has become unstable.
 
     positions: (n, 3) initial positions, without velocity (default: laid flat). at_rest: the positions are an
     equilibrium. All of the cloth then sleeps until something moves, and bending friction, if any, holds the
-    present bends. Without at_rest, bending friction assumes that the cloth was flat before. fixed: (n,) vertices
-    that never move (the upper hem of hung cloth). substeps: number of substeps per frame, given or chosen;
-    stretch_error: estimated relative excess of the cloth's hanging length over the material's. Two threads must
-    not use the same simulation at the same time; they may use two simulations.
+    present bends. Without at_rest, bending friction assumes that the cloth was flat before. fixed: (n,) True for
+    vertices that never move (the upper hem of hung cloth). substeps: number of substeps per frame, given or
+    chosen; stretch_error: estimated relative excess of the cloth's hanging length over the material's. Two threads
+    must not use the same simulation at the same time; they may use two simulations.
     """
 
     def __init__(
@@ -139,12 +140,12 @@ class ClothSimulation:
 
     @property
     def positions(self) -> Array:
-        """(n, 3) [m], table frame (a copy)."""
+        """(n, 3) present positions [m], table frame (a copy)."""
         return self._state.x[:, :3].copy()
 
     @property
     def velocities(self) -> Array:
-        """(n, 3) [m/s] (a copy)."""
+        """(n, 3) present velocities [m/s], table frame (a copy)."""
         return self._state.v[:, :3].copy()
 
     @property
@@ -154,7 +155,7 @@ class ClothSimulation:
 
     @property
     def inverse_mass(self) -> Array:
-        """(n,) [1/kg]"""
+        """(n,) inverse masses of the vertices [1/kg] (a copy)."""
         return self._body.w.copy()
 
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
@@ -198,7 +199,7 @@ class ClothSimulation:
     def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
         """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
 
-        The cloth between them is held from now on and follows the tool given to `advance`.
+        From now on, the pads hold the cloth between them, which follows the tool motions given to `advance`.
         """
         self.release(hand)
         p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
@@ -234,11 +235,11 @@ class ClothSimulation:
         self._holds.limit[hand] = 2.0 * self.pads.friction * force
 
     def held(self, hand: int) -> bool:
-        """Whether `hand` still has cloth between its pads."""
+        """Return whether `hand` still has cloth between its pads."""
         return bool((self._holds.hand == hand).any())
 
     def pinch_force(self, hand: int) -> Array:
-        """(3,) [N] mean force of the cloth on the hand over the last frame, table frame."""
+        """Return (3,): mean force of the cloth on the hand over the last frame [N], table frame."""
         return self._holds.force[hand].copy()
 
     def advance(
@@ -297,7 +298,7 @@ class ClothSimulation:
             )
 
     def checkpoint(self) -> dict[str, Array]:
-        """The complete state as named arrays; `restore` continues from it bit for bit."""
+        """Return the complete state as named arrays; `restore` continues from it bit for bit."""
         out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
         out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
         out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
@@ -411,7 +412,7 @@ def _solver_parameters(
 
 
 def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:
-    """(len(at), 3, 3): spherical interpolation between two rotations."""
+    """Return (len(at), 3, 3): spherical interpolation between two rotations."""
     if np.array_equal(rotation0, rotation1):
         return np.repeat(np.asarray(rotation0, dtype=float)[None], len(at), axis=0)
     return Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([rotation0, rotation1])))(at).as_matrix()

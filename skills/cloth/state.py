@@ -14,27 +14,30 @@ from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
 
 HANDS = 2
-MAX_HELD = 128
-LINE = LINE_BYTES // 4  # singles in a cache line
+MAX_HELD = 128  # largest number of held points
+LINE = LINE_BYTES // 4  # number of float32 numbers in a cache line
 
-# indices of State.counts
-VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)  # lengths of the lists; MOVABLE: awake vertices and fringe
+# Indices of State.counts. First the lengths of lists: vertex-triangle pairs, edge-edge pairs, contacts, packed
+# edges, packed hinges, awake vertices.
+VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)
 # SEARCHED, FITTED, PACKED: flags, 1 where the data are up to date. FRAME, SUBSTEP: position of the loop; NOW:
-# substeps so far; NEXT: substep of the next narrow phase. SEARCHES: number of searches. ACTIVE_VT: number of
-# vertex-triangle contacts. WATCHED: length of State.watched. PACE: substeps for which the contacts of the next
-# narrow phase are used. BEGUN: 1 if sleep was updated in this frame
+# number of substeps so far; NEXT: substep of the next narrow phase. SEARCHES: number of searches. ACTIVE_VT:
+# number of vertex-triangle contacts. WATCHED: length of State.watched. MOVABLE: number of awake vertices and of
+# vertices in their fringe. PACE: number of substeps for which the contacts of the next narrow phase are used.
+# BEGUN: 1 if sleep was updated in this frame.
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
 PACE, BEGUN = 17, 18
 
 
 class Body(NamedTuple):
-    """The constant data: inverse masses, constraints, triangles, neighbours (ring: CSR; ring_edge: the edges to
-    the neighbours).
+    """The constant data: inverse masses, constraints, triangles, neighbours. ring, ring_start: the neighbours of
+    each vertex, as lists one after the other (CSR); ring_edge: the edges to the neighbours.
 
-    edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3). rim: (e,) True for edges
-    of hems and seams. spring: (e, 2) the edges in colour batches (elasticity.py); batch_start: where each batch
-    begins and the last one ends. In the order of spring: inverse_square: (e,) inverse squared rest lengths [1/m2],
-    edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,). hinge_inverse: (h,) the same for hinges,
+    edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3) edges of each triangle.
+    rim: (e,) True for edges of hems and seams. spring: (e, 2) the edges in colour batches (elasticity.py);
+    batch_start: the start of each batch, then the end of the last one. In the order of spring: inverse_square:
+    (e,) inverse squared rest lengths [1/m2], edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,)
+    share of the relative speed that `damp_edges` removes. hinge_inverse: (h,) the same as edge_inverse for hinges,
     with w K^2 in place of w and with the bending damping.
     """
 
@@ -60,8 +63,8 @@ class Body(NamedTuple):
 
 
 class SolverParameters(NamedTuple):
-    """Numbers that stay the same during a run. h: substep [s]; phase: substeps from one narrow phase to the next;
-    flat: cosine of the angle from which an edge is a ridge (ridges.py)."""
+    """Numbers that stay the same during a run. h: substep [s]; phase: substeps from one narrow phase to the next
+    (contacts.py); flat: cosine of the angle from which an edge is a ridge (ridges.py)."""
 
     h: float
     substeps: int
@@ -95,19 +98,20 @@ class State(NamedTuple):
     low: vertices that the table may hold, with their lowest height `floor` and friction coefficient
     `table_friction`.
 
-    Filled by `pack` (sleep.py), valid up to their lengths in counts: edge, in colour batches; batch_start: where
-    each batch begins and the last one ends (batches may be empty); inverse_square, rate: of these edges; wi, wj:
-    shares of their ends; hinge, weight; which: indices of these hinges; part: shares of their vertices.
+    Filled by `pack` (sleep.py), valid up to their lengths in counts: edge: the packed edges, in colour batches;
+    batch_start: the start of each batch, then the end of the last one (batches may be empty); inverse_square,
+    rate: of these edges; wi, wj: shares of their ends; hinge, weight: the packed hinges; which: indices of these
+    hinges; part: shares of their vertices.
 
     base, course: (3, corners) each cluster predicts its corners at base + course * (time since the substep
-    `born`), to within slack; moving: (m,) the course is not zero; expired: (m,) the cluster is included in the
-    next search; ridge_searched: (rows,) bits of its edges that were ridges in its last search (ridges.py).
-    watched: clusters with a corner that is awake or predicted to move.
+    `born`), to within slack; moving: (m,) True if the course is not zero; expired: (m,) True if the cluster is
+    included in the next search; ridge_searched: (rows,) bit masks of the edges that were ridges in the last search
+    of their cluster (ridges.py). watched: clusters with a corner that is awake or predicted to move.
 
     ref: (n, 3) reference point, the position at which the vertex was last found to move; last: (n, 3) position one
     frame ago; quiet: (n,) frames since anything near the vertex moved; kept: (n,) frames since it left its
     reference point; turned: (n,) True if it fell asleep or woke since the last search; still: (n,) True if it
-    hardly moved in the last frame; top_row: (n,) scratch, filled with -1.
+    hardly moved in the last frame; stirred, near: (n,) scratch of sleep.py; top_row: (n,) scratch, filled with -1.
 
     Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls; held: (h + 1,) latest
     load of its spring; axis, foot, turn, friction_inverse, moment: last measurement of the packed hinges
@@ -167,19 +171,19 @@ class Pairs(NamedTuple):
     """Candidate pairs with their remembered sides and impulses, and the contacts of the present narrow phase.
 
     vt, ee: (k, 2) pairs of a vertex and a triangle, and pairs of two edges; side: (k,) remembered side of the
-    vertex, 1 or -1, 0 for none; near, normal: (k,), (k, 4) whether two edges are near, and their remembered
-    normal; vt_due, ee_due: substep from which a pair has to be examined; vt_j, ee_j: (k, 4; see simd/vec3.py)
-    impulse of the pair [kg m]. Of each contact: contact_vertices: (m, 4); contact_weights: (m, 4) their weights;
-    contact_mobilities: (m, 4) weights times inverse masses wa; contact_normals: (m, 4); contact_impulses: (m, 4)
-    recent mean impulse; contact_distances: (m,) distance to keep; contact_masses: (m,) effective mass, the inverse
-    of its inverse mass; contact_pairs: (m,) index of its pair.
+    vertex, 1 or -1, 0 for none; near: (k,) whether two edges are near; normal: (k, 4) their remembered normal;
+    vt_due, ee_due: (k,) substep from which a pair has to be examined; vt_j, ee_j: (k, 4; see simd/vec3.py) impulse
+    of the pair [kg m]. Of each contact: contact_vertices: (m, 4) its vertices; contact_weights: (m, 4) their
+    weights; contact_mobilities: (m, 4) weights times inverse masses wa; contact_normals: (m, 4); contact_impulses:
+    (m, 4) recent mean impulse; contact_distances: (m,) distance to maintain [m]; contact_masses: (m,) effective
+    mass, the inverse of the contact's inverse mass; contact_pairs: (m,) index of its pair.
 
     Scratch: near_c: pairs of a vertex and a triangle that can touch, and free places in the lists of pairs;
-    near_row: (m, LINE) their geometry (vertex_triangle.py). For each such row: rank: how far inside its triangle
-    the vertex is; ring: the next row of the same vertex; second: for the top row of a vertex, the row of the
-    second highest rank; better: the row that replaces it. bearing: rows with an impulse; some: rows or pairs to be
-    examined; new_vt, new_ee: pairs found by a search; key, row: hash table; kept, kept_normal: impulses and
-    normals of old pairs.
+    near_row: (m, LINE) a row with the geometry of each such pair (vertex_triangle.py). For each such row: rank:
+    how far inside its triangle the vertex is; ring: the next row of the same vertex; second: for the top row of a
+    vertex, the row of the second highest rank; better: the row that replaces it. bearing: rows with an impulse;
+    some: rows or pairs to be examined; new_vt, new_ee: pairs found by a search; key, row: hash table; kept,
+    kept_normal: impulses and normals of old pairs.
     """
 
     vt: NDArray[np.int32]
@@ -216,8 +220,9 @@ class Pairs(NamedTuple):
 
 
 class Holds(NamedTuple):
-    """Pinched material points. vertex, bary: (m, 3); offset: (m, 3) in the tool frame when the pads met it;
-    height: (m,) tool z at which it is held; hand: (m,), -1 for unused rows.
+    """Pinched material points. vertex, bary: (m, 3) vertices of the triangle around each point, and its
+    barycentric coordinates; offset: (m, 3) position in the tool frame when the pads met it [m]; height: (m,) tool
+    z at which it is held [m]; hand: (m,) the hand that holds it, -1 for unused rows.
 
     age: (2,) [s] since each hand closed. impulse: (2, 3) sum over a frame; force: (2, 3) [N] mean force on the
     hand over the last frame. limit: (2,) [N] force above which the pinch loses the cloth. points: (2,) number of
@@ -237,7 +242,7 @@ class Holds(NamedTuple):
 
 
 def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters) -> State:
-    """State of n vertices, all awake; the positions are not yet set. bounds: length of batch_start."""
+    """Make the state of n vertices, all awake; the positions are not yet set. bounds: length of batch_start."""
     m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:
@@ -295,7 +300,7 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int
 
 
 def new_pairs(vt: int, ee: int) -> Pairs:
-    """Empty lists with room for `vt` pairs of a vertex and a triangle and `ee` pairs of edges."""
+    """Make empty lists with room for `vt` pairs of a vertex and a triangle and `ee` pairs of edges."""
     m, table = vt + ee, 1 << (2 * (vt + ee)).bit_length()
     return Pairs(
         vt=aligned_zeros((vt, 2), np.int32),
@@ -333,7 +338,7 @@ def new_pairs(vt: int, ee: int) -> Pairs:
 
 
 def new_holds() -> Holds:
-    """Holds without held points."""
+    """Make holds without held points."""
     return Holds(
         np.zeros((MAX_HELD, 3), np.int32),
         np.zeros((MAX_HELD, 3)),

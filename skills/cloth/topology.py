@@ -18,14 +18,14 @@ from skills.cloth.simd.aligned_arrays import aligned
 
 __all__ = ["Topology", "topology_of"]
 
-MESHES = 16  # size of the cache
+MESHES = 16  # number of meshes whose topology is cached
 
 
 class Topology(NamedTuple):
-    """Edges are numbered in the shuffled order that pairs refer to. tri_edge: (t, 3) edges of the triangles;
-    edge_tri: (e, 2) triangles beside an edge, -1 where there is none. ring, ring_edge: neighbours of vertex i and
-    the edges to them, from ring_start[i] to ring_start[i + 1]. batch_order, batch_start: the edges in colour
-    batches, and where each batch begins (`colour_batches`)."""
+    """Neighbourhoods and clusters of a mesh. Edges are numbered in the shuffled order that pairs refer to.
+    tri_edge: (t, 3) edges of the triangles; edge_tri: (e, 2) triangles beside an edge, -1 where there is none.
+    ring, ring_edge: neighbours of vertex i and the edges to them, from ring_start[i] to ring_start[i + 1].
+    batch_order, batch_start: the edges in colour batches, and where each batch begins (`colour_batches`)."""
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
@@ -38,7 +38,7 @@ class Topology(NamedTuple):
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """The topology of a mesh, with a separate copy of the clusters, into which the simulation writes."""
+    """Return the topology of a mesh, with a separate copy of the clusters, into which the simulation writes."""
     known = _build(mesh)
     return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 
@@ -50,7 +50,7 @@ def _build(mesh: ClothMesh) -> Topology:
     order = np.argsort(keys)
 
     def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
-        """Indices of the edges between vertices i and j."""
+        """Return the indices of the edges between vertices i and j."""
         at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
         return order[at].astype(np.int32)
 

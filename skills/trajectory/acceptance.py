@@ -1,4 +1,8 @@
-"""Acceptance test of a predicted fold, the same for optimised and looked-up arcs."""
+"""Acceptance test of a predicted fold, the same for optimised and looked-up arcs.
+
+D is the dissimilarity of a predicted fold from its target (objective.py), and the first guess is the paper's
+initial arc (bezier.py).
+"""
 
 from __future__ import annotations
 
@@ -10,28 +14,28 @@ from skills.vocabulary import Array, Failure, FailureKind
 __all__ = ["NEARLY", "acceptance_limit", "gains_as_promised", "judge_prediction"]
 
 POOR_SHARE = 0.05
-"""Largest accepted D, as a share of the garment's diagonal."""
+"""Largest accepted D of a fold, as a share of the garment's diagonal."""
 
 PROMISE_SLACK = 0.005
 """Largest accepted excess of D of looked-up arcs over the D of their optimisation [m]. In a hundred simulated runs
-of the towels, the excess of the executed path was 4 mm at most, because the garment lay where the earlier folds
+of the towels, the executed path exceeded that D by 4 mm at most, because the garment lay where the earlier folds
 had left it."""
 
 
 NEARLY = 0.001
-"""Tolerance of a promised D [m]: smaller differences are noise of the mesh."""
+"""Tolerance for a promised D [m]: smaller differences are noise of the mesh."""
 
 GAIN_KEPT, LUCK = 0.8, 0.0005
-"""Share of the promised gain over the first guess that looked-up arcs have to reach in the present fold; noise of
-D [m]."""
+"""GAIN_KEPT: share of the promised gain over the first guess that looked-up arcs have to reach in the present
+fold. LUCK: noise of D [m]."""
 
 LEAST_GAIN = 0.002
-"""Arcs with a smaller promised gain over the first guess [m of D] need not gain anything; they only must not be
-worse than the first guess."""
+"""If the promised gain of arcs over the first guess is smaller than this [m of D], they need not gain anything;
+they only must not be worse than the first guess."""
 
 
 def acceptance_limit(rest: Array, promised: float | None = None) -> float:
-    """The largest accepted D [m] for a garment with rest coordinates (n, 2).
+    """Return the largest accepted D [m] for a garment with rest coordinates (n, 2).
 
     promised: the D [m] of looked-up arcs in their optimisation; if it is None, the limit depends on the garment
     alone. The diagonal is the largest distance between two points of the garment, whatever its orientation.
@@ -41,8 +45,8 @@ def acceptance_limit(rest: Array, promised: float | None = None) -> float:
 
 
 def gains_as_promised(d: float, initial: float, promised: float, promised_initial: float) -> bool:
-    """Whether arcs with D `d` gain as much over the first guess, which has D `initial`, as they did in their
-    optimisation.
+    """Return whether arcs with D `d` gain as much over the first guess, which has D `initial`, as they did in
+    their optimisation.
 
     All four arguments are values of D [m]; a gain is a share of the first guess's D. If the garment lies less well
     than in the optimisation, D of the arcs and of the first guess both increase; this does not break the promise.
@@ -53,7 +57,7 @@ def gains_as_promised(d: float, initial: float, promised: float, promised_initia
 
 
 def judge_prediction(step: str, dissimilarity: float, limit: float) -> Failure | None:
-    """None if a fold with a predicted mean deviation `dissimilarity` [m] from the ideal one is accepted."""
+    """Return None if a fold with a predicted D `dissimilarity` [m] is accepted, else the failure."""
     if dissimilarity <= limit:
         return None
     return Failure(

@@ -1,4 +1,4 @@
-"""Bezier curves: the paths of the held points (Farin 1988; the paper, section IV-A)."""
+"""Bezier curves, the paths of the held points (Farin 1988; section IV-A of the paper that README.md names)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def bernstein(order: int, u: Array) -> Array:
-    """B_k^n(u): (m,) in [0, 1] -> (m, order + 1)."""
+    """Return the Bernstein polynomials B_k^n(u), (m, n + 1), of order n at parameters u (m,) from 0 to 1."""
     u = np.atleast_1d(np.asarray(u, dtype=float))[:, None]
     k = np.arange(order + 1)
     return np.array([comb(order, i) for i in k]) * u**k * (1.0 - u) ** (order - k)
 
 
 def evaluate(control: Array, u: Array) -> Array:
-    """Points (m, d) of the curve with control points (n + 1, d) at parameters u (m,)."""
+    """Return the points (m, d) of the curve with control points (n + 1, d) at parameters u (m,)."""
     return bernstein(len(control) - 1, u) @ control
 
 
 def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
-    """De Casteljau subdivision at u: the control points (n + 1, d) of both pieces."""
+    """Split a curve at u by de Casteljau subdivision. Returns the control points (n + 1, d) of both pieces."""
     first, last, points = [control[0]], [control[-1]], np.asarray(control, dtype=float)
     while len(points) > 1:
         points = (1.0 - u) * points[:-1] + u * points[1:]
@@ -36,7 +36,7 @@ def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
 
 
 def length(control: Array, tolerance: float = 1e-6) -> float:
-    """Arc length [m] by recursive subdivision until chord and control polygon of every piece agree.
+    """Compute the arc length [m] by recursive subdivision, until chord and control polygon of every piece agree.
 
     tolerance: error of the whole length, relative to the length of the control polygon. Each subdivision halves
     the tolerance of a piece.
@@ -57,7 +57,8 @@ def _length(control: Array, allowed: float) -> float:
 
 
 def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
-    """Parameters u (m,) and the length of the curve up to each (m,), for inversion by interpolation."""
+    """Return parameters u (m,) and the length of the curve up to each (m,); interpolation then gives u for a
+    length."""
     u = np.linspace(0.0, 1.0, samples + 1)
     # Two-point Gauss on each interval: exact for the speed of a straight cubic, error of 1e-9 for other curves.
     step, centre = 1.0 / samples, (u[1:] + u[:-1]) / 2
@@ -69,13 +70,14 @@ def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
 
 
 def initial_controls(start: Array, end: Array, h: float = 1.0 / 3.0, order: int = 3) -> Array:
-    """The paper's first guess: evenly spaced control points, the inner ones raised by h |P0 - Pn|."""
+    """Return the control points of the paper's first guess: evenly spaced, the inner ones raised by h |P0 -
+    Pn|."""
     return two_parameter_controls(start, end, h, 0.0, order)
 
 
 def two_parameter_controls(start: Array, end: Array, height: float, skew: float, order: int = 3) -> Array:
-    """Control points of an arc with `height` and `skew`, both in units of |P0 - Pn|: the inner points are raised
-    by `height` and shifted towards the end by `skew`."""
+    """Return the control points of an arc with `height` and `skew`, both in units of |P0 - Pn|: the inner points
+    are raised by `height` and shifted towards the end by `skew`."""
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     chord = end - start
     distance = float(np.linalg.norm(chord))

@@ -1,5 +1,5 @@
-"""The fold's frame: origin at the grasp, first axis horizontal towards the target, third axis up, the fold's
-distance as unit.
+"""The coordinate frame of a fold: origin at the grasp, first axis horizontal towards the target, third axis up,
+the fold's distance as unit.
 
 In this frame the arcs of a small and a large towel have the same coordinates.
 """
@@ -17,7 +17,8 @@ __all__ = ["FoldFrame", "frames_of", "grasp_ends"]
 
 @dataclass(frozen=True, eq=False)
 class FoldFrame:
-    """start, end: (3,) ends of the arc, table frame [m]. Axes: horizontal forward, horizontal left, up."""
+    """Frame of one grasp's arc. start, end: (3,) ends of the arc, table frame [m]. Axes: horizontal forward,
+    horizontal left, up."""
 
     start: Array
     end: Array
@@ -28,30 +29,30 @@ class FoldFrame:
 
     @property
     def axes(self) -> Array:
-        """(3, 3), one unit axis in each row."""
+        """(3, 3) the axes in the table frame, one unit vector in each row."""
         forward = (self.end - self.start) * (1.0, 1.0, 0.0)
         forward = forward / np.linalg.norm(forward)
         up = np.array([0.0, 0.0, 1.0])
         return np.stack([forward, np.cross(up, forward), up])
 
     def normalise(self, control: Array) -> Array:
-        """Control points (n + 1, 3) -> inner points (n - 1, 3) in this frame, dimensionless."""
+        """Convert control points (n + 1, 3) to inner points (n - 1, 3) in this frame, dimensionless."""
         return (control[1:-1] - self.start) @ self.axes.T / self.distance
 
     def denormalise(self, inner: Array) -> Array:
-        """The inverse: inner points (n - 1, 3) -> control points (n + 1, 3) from start to end."""
+        """Convert inner points (n - 1, 3) back to control points (n + 1, 3) from start to end."""
         points = self.start + self.distance * np.asarray(inner) @ self.axes
         return np.vstack([self.start, points, self.end])
 
 
 def grasp_ends(step: FoldStep, grasp_id: GraspId, thickness: float) -> tuple[Array, Array]:
-    """Start (3,) and end (3,) of a grasp's arc: the fingertips under the lowest grasped layer, and the release
-    point."""
+    """Return start (3,) and end (3,) of a grasp's arc: the fingertips under the lowest grasped layer, and the
+    release point."""
     grasp = step.grasps[grasp_id]
     below = grasp.height - grasp.layers * thickness
     return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[grasp_id])
 
 
 def frames_of(step: FoldStep, thickness: float) -> dict[GraspId, FoldFrame]:
-    """The frame of every grasp of a step; thickness of one layer [m]."""
+    """Return the frame of every grasp of a step. thickness: of one layer [m]."""
     return {grasp_id: FoldFrame(*grasp_ends(step, grasp_id, thickness)) for grasp_id in step.grasps}

@@ -23,8 +23,9 @@ ResidualMany = Callable[[Sequence[Array]], Sequence[Array]]
 class SecantOptions:
     """delta: difference step, in the unit of the variables. tau: initial damping, relative to diag(B'B).
 
-    Termination: gradient (max norm), step (relative to |x|), improvement of the cost (relative to the cost, two
-    steps in a row), evaluations.
+    The search ends when one of these values is below its tolerance: the gradient (max norm), the step (relative to
+    |x|), or the improvement of the cost (relative to the cost, in two steps in a row). It also ends after
+    max_evaluations evaluations of the residual.
     """
 
     delta: float = 1e-1
@@ -37,8 +38,8 @@ class SecantOptions:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """x (n,), residual (m,), cost |residual|^2 / 2, number of residual evaluations, and the reason of
-    termination."""
+    """Result of the search. x: (n,) the best point; residual: (m,) at x; cost: |residual|^2 / 2; evaluations:
+    number of residual evaluations; reason: the criterion that ended the search."""
 
     x: Array
     residual: Array
@@ -54,11 +55,11 @@ def secant_levenberg_marquardt(
     many: ResidualMany | None = None,
     f0: Array | None = None,
 ) -> LeastSquares:
-    """Minimise |residual(x)|^2 / 2 from x0 (n,), residual: (n,) -> (m,), or a scalar.
+    """Minimise |residual(x)|^2 / 2 from x0 (n,). residual: a function (n,) -> (m,) or scalar.
 
     The Jacobian is computed once by forward differences (`many` may evaluate these in parallel) and then updated
     by Broyden's rank-one formula, with an extra difference along a coordinate that the steps neglect. f0: the
-    residual at x0 if known. Returns the best point seen, even if the step control rejected it.
+    residual at x0 if it is known. Returns the best point seen, even if the step control rejected it.
     """
     run = _Run(residual, many, options)
     x = np.array(x0, dtype=float)
@@ -101,7 +102,7 @@ def secant_levenberg_marquardt(
 
 
 def _broyden(B: Array, h: Array, df: Array) -> Array:
-    """The nearest matrix to B that maps h to df (equation 3.32)."""
+    """Return the matrix nearest to B that maps h to df (equation 3.32)."""
     return B + np.outer(df - B @ h, h) / (h @ h)
 
 

@@ -1,5 +1,5 @@
-"""Library of optimised arcs: stored normalised and with their provenance, looked up and scaled to the present
-fold."""
+"""Library of optimised arcs, which are stored normalised and with their provenance, and are looked up and scaled
+to the present fold."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ __all__ = [
 SCHEMA = "foldcell.library/1"
 
 SIZE_RATIO = 1.30
-"""Look-up limit: largest ratio of each side of the garment to the entry's, or of the entry's side to the
-garment's."""
+"""Look-up limit of the size: largest ratio (longer to shorter) between a side of the garment and the same side of
+the entry's garment."""
 
 MATERIAL_RATIOS = {
     "friction_static": 1.35,
@@ -42,20 +42,21 @@ MATERIAL_RATIOS = {
     "areal_mass": 1.6,
     "friction_layers": 1.5,
 }
-"""Look-up limits of the fabric, as largest ratios in either direction: slightly less than optimised arcs tolerated
-in simulations."""
+"""Look-up limits of the fabric: largest ratio (larger to smaller) between the garment's value and the entry's
+value. The limits are slightly narrower than the range that optimised arcs tolerated in simulations."""
 
 SANE = 3.0
-"""Inner control points lie within this many fold distances of the grasp; an entry with farther points is
-refused."""
+"""Largest plausible distance of the inner control points from the grasp along each axis, in units of the fold's
+distance; an entry with farther points is refused."""
 
 
 @dataclass(frozen=True, eq=False)
 class LibraryEntry:
-    """One optimised fold. inner: (n - 1, 3) inner control points in the fold's frame.
+    """One optimised fold. inner: (n - 1, 3) inner control points of each grasp's arc, in the fold's frame.
 
     size_m: extent of the flat garment along x and y as laid [m]; dissimilarity and dissimilarity_initial: D of
-    this arc and of the paper's first guess [m], on a mesh with edges of edge_length [m]; version: of the program.
+    this arc and of the paper's first guess [m], on a mesh with edges of edge_length [m]; simulations: number of
+    simulations of the optimisation; max_tool_speed [m/s]; version: of the program.
     """
 
     category: str
@@ -76,17 +77,17 @@ class LibraryEntry:
 
 @dataclass(frozen=True)
 class Library:
-    """Entries in order of preference: among equally near entries the first is used."""
+    """Entries in order of preference: if several entries are equally near, the first of them is used."""
 
     entries: tuple[LibraryEntry, ...] = ()
 
     def with_entry(self, entry: LibraryEntry) -> Library:
-        """This library with `entry` placed first. It replaces the entry for the same fold, garment, material and
-        size."""
+        """Return this library with `entry` placed first. It replaces the entry for the same fold, garment,
+        material and size."""
         return Library((entry, *(e for e in self.entries if _identity(e) != _identity(entry))))
 
     def merged(self, other: Library) -> Library:
-        """Both libraries; this one's entries come first."""
+        """Return both libraries as one; this one's entries come first."""
         return Library((*self.entries, *other.entries))
 
 
@@ -113,7 +114,7 @@ def entry_from(
     max_tool_speed: float,
     version: str,
 ) -> LibraryEntry:
-    """The library entry of an optimised fold."""
+    """Make the library entry of an optimised fold."""
     frames = frames_of(step, material.thickness)
     inner = {s: frozen(frames[s].normalise(c)) for s, c in trajectory.control_points.items()}
     return LibraryEntry(
@@ -131,9 +132,11 @@ def lookup(
     variant: str | None = None,
     arms: int | None = None,
 ) -> LibraryEntry | None:
-    """The entry for this category and step that is nearest in size and fabric, None if none is within the limits.
+    """Return the entry for this category and step that is nearest in size and fabric, or None if none is within
+    the limits.
 
-    arms: number of arms of the step; entries with another number are skipped.
+    variant: if given, entries of other variants are skipped. arms: number of arms of the step; entries with
+    another number are skipped.
     """
     nearest: tuple[float, LibraryEntry] | None = None
     for entry in library.entries:
@@ -150,12 +153,11 @@ def lookup(
 def trajectory_from(
     entry: LibraryEntry, step: FoldStep, thickness: float, max_tool_speed: float | None = None
 ) -> GraspTrajectory | None:
-    """The entry's arcs transferred to the grasps and targets of the present step, scaled by the distance of the
-    fold.
+    """Transfer the entry's arcs to the grasps and targets of the present step, scaled by the distance of the fold.
 
-    thickness of one layer [m]. In the result, D of the arcs and D of the first guess are copied from the entry; D
-    of the present fold has to be simulated. A single grasp's arc is mirrored for the other grasp. None if the
-    entry and the step differ in their number of grasps.
+    thickness: of one layer [m]. In the result, D of the arcs and D of the first guess are copied from the entry; D
+    of the present fold has to be simulated. If the entry and the step have one grasp each, but of different hands,
+    the arc is mirrored. Returns None if the entry and the step differ in their number of grasps.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)
@@ -174,13 +176,13 @@ def trajectory_from(
 
 
 def to_json(library: Library) -> str:
-    """The library as JSON; each entry has the hash of its content."""
+    """Return the library as JSON; each entry has the hash of its content."""
     rows = [{"sha256": _digest(body), **body} for body in map(_body, library.entries)]
     return json.dumps({"schema": SCHEMA, "entries": rows}, indent=1) + "\n"
 
 
 def from_json(text: str) -> tuple[Library, tuple[Refusal, ...]]:
-    """The valid entries and the refusals: a corrupt or foreign entry is never used."""
+    """Return the valid entries and the refusals. A corrupt or foreign entry is never used."""
     try:
         data = json.loads(text)
     except (ValueError, RecursionError) as error:  # RecursionError: nested too deep
@@ -207,8 +209,8 @@ def _identity(entry: LibraryEntry) -> tuple[object, ...]:
 
 
 def _distance(entry: LibraryEntry, material: Material, size_m: tuple[float, float]) -> float | None:
-    """Sum of the squared log ratios, each divided by the logarithm of its limit first; None if a ratio exceeds its
-    limit."""
+    """Return the distance of an entry from a garment, or None if a ratio exceeds its limit. The distance is the
+    sum of the squared log ratios, each log ratio divided by the logarithm of its limit before squaring."""
     ratios = [(a / b, SIZE_RATIO) for a, b in zip(entry.size_m, size_m, strict=True)]
     ratios += [(getattr(entry.material, f) / getattr(material, f), r) for f, r in MATERIAL_RATIOS.items()]
     away = [abs(np.log(ratio)) / np.log(limit) for ratio, limit in ratios]

@@ -1,4 +1,4 @@
-"""The same fold problem on a finer mesh, to detect results that depend on the mesh."""
+"""Transfers a fold problem to a finer mesh, to detect results that depend on the mesh."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["carried", "refined"]
 
 
 def refined(problem: FoldProblem, share: float) -> FoldProblem:
-    """`problem` on a mesh with edges `share` times as long and the garment in the same shape."""
+    """Return `problem` on a mesh with edges `share` times as long, with the garment in the same shape."""
     mesh = problem.mesh
     edge = float(
         np.sqrt(4.0 / np.sqrt(3.0) * np.median(mesh.area))
-    )  # of an equilateral triangle of the median area
+    )  # edge of an equilateral triangle of the median area
     outline = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles[mesh.triangle_layer == 0]]))
     contour = shapely.get_coordinates(outline.exterior)[:-1]
     if not outline.exterior.is_ccw:
@@ -30,7 +30,8 @@ def refined(problem: FoldProblem, share: float) -> FoldProblem:
 
 
 def carried(mesh: TrajectoryMesh, positions: Array, rest: Array, layer: NDArray) -> Array:
-    """(m, 3) positions of material points, rest (m, 2) and layer (m,), on a mesh at `positions` (n, 3).
+    """Return (m, 3): the positions of material points on a mesh whose vertices are at `positions` (n, 3). The
+    points are given by rest (m, 2) and layer (m,).
 
     A point outside the mesh, as on a resampled border, is extrapolated from the nearest triangle.
     """

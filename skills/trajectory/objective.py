@@ -1,4 +1,5 @@
-"""The paper's objective: path length plus a weighted dissimilarity of the folded shape to its target."""
+"""The objective of the paper (Li et al., see README.md): path length plus a weighted dissimilarity of the folded
+shape to its target."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ ALPHA = 1e3
 
 
 def triangle_areas(vertices: Array, triangles: NDArray[np.int32]) -> Array:
-    """(m,) areas [m2] of triangles (m, 3) over vertices (n, 2) or (n, 3)."""
+    """Return the areas [m2], (m,), of triangles (m, 3) over vertices (n, 2) or (n, 3)."""
     a, b, c = np.moveaxis(_in_space(vertices)[triangles], 1, 0)
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
@@ -22,11 +23,12 @@ def triangle_areas(vertices: Array, triangles: NDArray[np.int32]) -> Array:
 def dissimilarity(
     target: Array, simulated: Array, triangles: NDArray[np.int32], area: Array | None = None
 ) -> float:
-    """D [m]: mean distance between corresponding barycentres, weighted by area, over all sheets of the mesh.
+    """Return D [m]: the mean distance between corresponding barycentres of triangles, weighted by area, over all
+    sheets of the mesh.
 
-    target, simulated: (n, 3); triangles: (m, 3). area: (m,) areas of the triangles [m2]; default: their areas in
-    the target, as in the paper. Pass the rest areas if triangles lie across a fold line, since folding shrinks
-    these triangles.
+    target, simulated: (n, 3) vertices [m]; triangles: (m, 3). area: (m,) areas of the triangles [m2]; default:
+    their areas in the target, as in the paper. Pass the rest areas if triangles lie across a fold line, since
+    folding shrinks these triangles.
     """
     weights = triangle_areas(target, triangles) if area is None else area
     apart = (target[triangles] - simulated[triangles]).mean(axis=1)
@@ -34,7 +36,7 @@ def dissimilarity(
 
 
 def cost(lengths: Array, d: float, alpha: float = ALPHA) -> float:
-    """C(x) = l + alpha D [m]; the lengths of several arcs add up."""
+    """Return C(x) = l + alpha D [m], where l is the sum of the lengths of the arcs."""
     return float(np.sum(lengths) + alpha * d)
 
 

@@ -1,4 +1,5 @@
-"""Optimisation of a fold's arcs for the paper's objective, by the paper's method and by better methods."""
+"""Optimisation of a fold's arcs for the paper's objective (objective.py), by the paper's method and by better
+methods."""
 
 from __future__ import annotations
 
@@ -31,31 +32,32 @@ from skills.vocabulary import (
 __all__ = ["METHODS", "ClothPredictor", "optimise_fold", "tool_paths"]
 
 Progress = Callable[[int, int, float], None]
-"""Called after each simulation with: simulations done, budget, best D so far [m]."""
+"""Function called after each simulation with: simulations done, budget, best D so far [m]."""
 
 Watch = Callable[[int, Candidate, Candidate], None]
-"""Called after each candidate with: simulations done, the candidate, the best so far."""
+"""Function called after each candidate with: simulations done, the candidate, the best candidate so far."""
 
 PAPER_H = 1.0 / 3.0
 HEIGHTS = (PAPER_H, 0.5, 0.7)
 SKEWS = (0.0, 0.15, -0.15)
-"""The grid of the two-parameter method, in units of the fold's distance; the paper's initial arc comes first."""
+"""Heights and skews of the two-parameter method's grid, in units of the fold's distance. The first point of the
+grid is the paper's initial arc."""
 
 PROBES = ((1 / 3, 0.6, 2 / 3, 0.6), (0.0, 0.3, 1.0, 0.3))
-"""Arcs that test whether the choice of the arc matters at all, each given by the position along the fold and the
-height of the first and of the second inner point. One arc is high. The other arc rises and descends steeply and
-lays the cloth down from the crease to the edge, which no height and skew achieve. Where much can be gained, at
-least one of the two gains some of it. Where a folded stack opens again by itself, as under a second fold, all arcs
-give the same result."""
+"""Two arcs that test whether the choice of the arc matters at all. Each is given by the position along the fold
+and the height of the first and of the second inner point, in units of the fold's distance. The first arc is high.
+The second arc rises and descends steeply and lays the cloth down from the crease to the edge, which no height and
+skew achieve. Where much can be gained, at least one of the two gains some of it. Where a folded stack opens again
+by itself, as under a second fold, all arcs give the same result."""
 FORMS = (
     ((0.483, 0.5, 0.817, 0.5), (-0.15, 0.5, 1.15, 0.3)),
     ((-0.07, 0.52, 0.98, 0.43), (0.183, 0.7, 0.517, 0.7), (0.15, 0.3, 0.85, 0.5)),
 )
-"""Further arcs for folds in which the choice of the arc matters; the second group is simulated only if no arc is
-good yet. Each arc was the best or the second best for the first fold of some garment."""
+"""Further arcs, given like PROBES, for folds in which the choice of the arc matters. The second group is simulated
+only if no arc is good yet. Each arc was the best or the second best for the first fold of some garment."""
 
 POLISH_DELTA = 0.05
-"""Difference step of the polish [m]: the simulated cost is rough below about 5 mm."""
+"""Difference step of the polish [m], chosen because the simulated cost is rough below about 5 mm."""
 
 ROUNDING = 1e-9
 """Arcs whose control points differ by less count as equal [m]."""
@@ -65,36 +67,36 @@ LEAST_POLISH = 3
 the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
-"""The paper's delta = 1e-1 has no unit: 10 cm in metres, 1 mm in the centimetres of its simulator. Both are
-tried."""
+"""Difference steps of the paper's method [m]. The paper's delta = 1e-1 has no unit: it is 10 cm if the unit is the
+metre, and 1 mm if it is the centimetre, the unit of the paper's simulator. Both are tried."""
 
 LOWEST, HIGHEST = 0.3, 1.2
 BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
-"""Bounds of the height of the inner control points and of their position along the fold, in units of the fold's
-distance. A low arc is short and, in a simulation with the correct friction, as good as any other arc; in the cell
-it drags the garment. The first half of the points stay below OVERLAP along the fold, the other points above 1 -
-OVERLAP, so that arcs lead forward."""
+"""Bounds of the inner control points, in units of the fold's distance: of their height (LOWEST, HIGHEST) and of
+their position along the fold (BACK, BEYOND). A low arc is short and, in a simulation with the correct friction, as
+good as any other arc; in the cell it drags the garment. The first half of the points stay below OVERLAP along the
+fold, the other points above 1 - OVERLAP, so that arcs lead forward."""
 
 FINALISTS = 3
-"""Most arcs that are simulated again to choose the most robust one; fewer with a small budget. For five garments,
-a fourth arc was never chosen."""
+"""Largest number of arcs that are simulated again to choose the most robust one; with a small budget it is less.
+For five garments, a fourth arc was never chosen."""
 
 GOOD = 0.002
-"""D of the plain arc [m] up to which the search for a better arc is omitted: a gain could not be distinguished
-from noise."""
+"""If D of the plain arc (PLAIN_H) is at most this [m], the search for a better arc is omitted: a gain could not be
+distinguished from noise."""
 
 GAIN = 0.15
-"""Least share of D by which a probe must improve on the first arcs for the search to continue. The measured share
-is 0.2 to 0.8 in first folds for which a better arc exists, and at most 0.12 where no arc is better on a finer
-mesh."""
+"""The search continues after the probes only if a probe has a D that is lower than the best D of the first arcs by
+at least this share. The measured share is 0.2 to 0.8 in first folds for which a better arc exists, and at most
+0.12 where no arc is better on a finer mesh."""
 
 ALIKE = 0.0001
-"""If the plain arc is good, it is chosen unless the best arc gains at least this in D [m]."""
+"""If the plain arc is good (GOOD), it is chosen unless D of the best arc is lower by at least this [m]."""
 
 LUCK_SHARE = 0.1
-"""If no arc gains anything, the plain arc is chosen unless the first guess is better by more than this share of D.
-With this rule, the half fold of a medium towel (D of 1.8 mm against 2.1 mm) and the quarter fold after it end
-better in the simulated cell."""
+"""If no probe gains enough (GAIN), the plain arc is chosen unless the first guess is better by at least this share
+of D (or by MARGIN, if that is less). With this rule, the half fold of a medium towel (D of 1.8 mm against 2.1 mm)
+and the quarter fold after it end better in the simulated cell."""
 
 PLAIN_H = 0.45
 """Height of both inner points of the plain arc, in units of the fold's distance. It is a middle value: heights
@@ -120,14 +122,14 @@ def optimise_fold(
     watch: Watch | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Outcome[GraspTrajectory]:
-    """The best arcs, one for each grasp of the step, to fold the mesh from `positions` (n, 3).
+    """Find the best arcs, one for each grasp of the step, to fold the mesh from `positions` (n, 3).
 
     method: 'initial' (h = 1/3, one simulation), 'two_parameter' (height and skew), 'paper' (all inner control
     points, secant Levenberg-Marquardt), 'default' (arcs of several heights, skews and steepnesses, a polish of
-    variables that the arcs share, and the most robust of the best few). budget: simulations (default 1, 25, 120,
-    25; where the arc does not matter 'default' takes 2 to 4). predict: the simulation, default `ClothPredictor()`.
-    max_height: largest height of an arc above the table [m]; lift_height: height of the straight lift before the
-    arc [m].
+    variables that the arcs share, and the most robust of the best few). budget: number of simulations (default 1,
+    25, 120, 25 in this order; where the choice of the arc does not matter, 'default' takes 2 to 4). predict: the
+    simulation, default `ClothPredictor()`. max_height: largest height of an arc above the table [m]; lift_height:
+    height of the straight lift before the arc [m].
 
     start: additional initial arcs (warm start) or, if `promised` is given, arcs from the library. promised: the D
     [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If they keep
@@ -199,7 +201,7 @@ class ClothPredictor:
 
 
 def _looked_up(evaluator: Evaluator, kept: Candidate) -> Outcome[GraspTrajectory]:
-    """The outcome of library arcs that keep their promise."""
+    """Return the outcome of library arcs that keep their promise."""
     trajectory = GraspTrajectory(
         kept.controls, kept.duration, "library", kept.cost, kept.dissimilarity, evaluator.count
     )
@@ -240,7 +242,7 @@ def _initial(problem: FoldProblem) -> Controls:
 
 
 def _capped(problem: FoldProblem, height: float) -> float:
-    """A height of both inner points at which the arc's top (3/4 of it) stays within max_height."""
+    """Return `height` of both inner points, reduced so that the arc's top (3/4 of it) stays within max_height."""
     distance = max(f.distance for f in problem.frames.values())
     return min(height, problem.max_height / (0.75 * distance))
 
@@ -256,7 +258,7 @@ def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_grid(problem: FoldProblem, evaluator: Evaluator) -> tuple[float, float]:
-    """Simulate the grid except its first point, the initial arc. -> the best height and skew."""
+    """Simulate the points of the grid except the first one, the initial arc. Returns the best height and skew."""
     points = [(h, s) for h in HEIGHTS for s in SKEWS][1 : evaluator.left + 1]
     assert evaluator.first is not None
     candidates = evaluator.many([_two_parameter(problem, *p) for p in points])
@@ -270,8 +272,9 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Two probes, arcs of other forms, then a polish of four variables shared by the arcs: position along the fold
-    and height of both inner points. The result is the most robust arc among the best few and the plain one.
+    """Simulate two probes, then arcs of other forms, then polish four variables shared by the arcs: position along
+    the fold and height of both inner points. The result is the most robust arc among the best few and the plain
+    one.
 
     The search ends early if the plain arc is good or if the probes show that no arc is better. A good arc is not
     polished.
@@ -311,8 +314,8 @@ def _keep_plain(evaluator: Evaluator, least: float) -> None:
 
 
 def _shared(problem: FoldProblem, x: Array) -> Controls:
-    """Arcs of all grasps from x (2 (n - 1),): position along the fold and height of each inner point, in units of
-    the fold's distance."""
+    """Return the arcs of all grasps for the shared variables x (2 (n - 1),): position along the fold and height of
+    each inner point, in units of the fold's distance."""
     way, height = x.reshape(-1, 2).T
     early = np.arange(len(way)) < len(way) / 2
     way = np.where(early, np.clip(way, BACK, OVERLAP), np.clip(way, 1 - OVERLAP, BEYOND))
@@ -329,7 +332,7 @@ def _polish(
     controls: Callable[[Array], Controls],
     reserve: int = 0,
 ) -> None:
-    """Secant Levenberg-Marquardt from x0, within the rest of the budget.
+    """Search from x0 by secant Levenberg-Marquardt, within the rest of the budget.
 
     The arcs of x0 are simulated unless this was done before. They may differ from the best arcs so far, since
     these variables cannot represent every set of arcs (such as a warm start with different arcs or sideways
@@ -345,7 +348,7 @@ def _polish(
 
 
 def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
-    """The candidate that was simulated with these arcs, up to rounding."""
+    """Return the candidate that was already simulated with these arcs, up to rounding, or None."""
 
     def same(other: Candidate) -> bool:
         return all(np.allclose(q, other.controls[s], rtol=0.0, atol=ROUNDING) for s, q in controls.items())
@@ -354,7 +357,7 @@ def _seen(evaluator: Evaluator, controls: Controls) -> Candidate | None:
 
 
 def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """The paper's method: all coordinates of all inner control points, starting from h = 1/3, for both
+    """Search by the paper's method: all coordinates of all inner control points, starting from h = 1/3, for both
     interpretations of its delta."""
     assert evaluator.first is not None
     first = evaluator.first
@@ -394,4 +397,4 @@ METHODS: dict[str, tuple[Callable[[FoldProblem, Evaluator], object], int]] = {
     "two_parameter": (_search_two_parameter, 25),
     "initial": (_search_initial, 1),
 }
-"""Name -> search and its default budget of simulations."""
+"""For each method: its search, and its default budget (number of simulations)."""

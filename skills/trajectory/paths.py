@@ -13,8 +13,8 @@ from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, ToolPat
 __all__ = ["LIFT_HEIGHT", "SpeedLaw", "after_lift", "fold_duration", "fold_paths", "lifted", "tool_paths"]
 
 TOOL_ACCELERATION = 0.8
-"""Peak acceleration of the tool along a fold [m/s2]. A jerky motion pulls at the cloth; the paper names this as
-the cause of drift."""
+"""Peak acceleration of the tool along a fold [m/s2]. It is small because a jerky motion pulls at the cloth; the
+paper names this as the cause of drift."""
 
 RATE = 100.0
 """Samples of a tool path per second [Hz]."""
@@ -37,14 +37,15 @@ class SpeedLaw:
 
     @classmethod
     def fastest(cls, length: float, max_speed: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """The fastest law within both limits; a short path never reaches the top speed."""
+        """Return the fastest law within both limits; on a short path, it does not reach `max_speed`."""
         top = min(max_speed, float(np.sqrt(acceleration * length / 1.5)))
         return cls(length, top, 1.5 * top / acceleration)
 
     @classmethod
     def lasting(cls, length: float, duration: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """The law of a given duration with ramps at this acceleration (steeper if the duration requires it)."""
-        # duration = ramp + length / top and ramp = 1.5 top / acceleration: the smaller root is the gentler speed.
+        """Return the law of a given duration with ramps at this acceleration (steeper if the duration requires
+        it)."""
+        # duration = ramp + length / top, with ramp = 1.5 top / acceleration; the smaller root is the gentler speed
         k = 1.5 / acceleration
         root = duration**2 - 4 * k * length
         top = (duration - np.sqrt(root)) / (2 * k) if root > 0 else 2 * length / duration
@@ -68,7 +69,7 @@ class SpeedLaw:
 
 
 def fold_duration(controls: Mapping[GraspId, Array], max_speed: float) -> float:
-    """The least duration [s] of a fold along these arcs; the longest arc determines it."""
+    """Return the least duration [s] of a fold along these arcs; the longest arc determines it."""
     longest = max(arc_lengths(c)[1][-1] for c in controls.values())
     return SpeedLaw.fastest(float(longest), max_speed).duration
 
@@ -80,11 +81,12 @@ def tool_paths(
     pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
 ) -> dict[GraspId, ToolPath]:
-    """The timed tool paths of a trajectory, parametrised by arc length, with common times.
+    """Return the timed tool paths of a trajectory, parametrised by arc length, with common times.
 
-    The motion takes trajectory.duration [s], or longer if `max_speed` [m/s] requires it. The held line keeps the
-    heading of its grasp. pitch: angle of the hand about the held line [rad]: one value for all grasps, one value
-    per grasp, or a profile (k,) evenly spaced in arc length. The path begins at the grasp and ends at the release.
+    The motion takes trajectory.duration [s], or longer if `max_speed` [m/s] requires it. The tool keeps the
+    heading of its grasp. pitch: angle of the hand about the held line (the line of cloth between the pads) [rad]:
+    one value for all grasps, one value per grasp, or a profile (k,) evenly spaced in arc length. rate: samples per
+    second [Hz]. The path begins at the grasp and ends at the release.
     """
     duration = trajectory.duration
     if max_speed is not None:
@@ -100,7 +102,7 @@ def fold_paths(
     pitch: Mapping[GraspId, float | Array] | float = 0.0,
     rate: float = RATE,
 ) -> dict[GraspId, ToolPath]:
-    """`tool_paths` from control points (n + 1, 3) and headings [rad]."""
+    """Return the same as `tool_paths`, from control points (n + 1, 3) and headings [rad]."""
     t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * rate)) + 1))
     share = _share_travelled(controls, duration, t)
     paths = {}
@@ -117,15 +119,15 @@ def fold_paths(
 
 
 def _share_travelled(controls: Mapping[GraspId, Array], duration: float, t: Array) -> Array:
-    """(n,) share of its arc that each tool has covered at times t. All tools use the speed law of the longest arc,
-    stretched to the duration."""
+    """Return (n,): the share of its arc that each tool has covered at times t. All tools use the speed law of the
+    longest arc, stretched to the duration."""
     longest = max(float(arc_lengths(c)[1][-1]) for c in controls.values())
     return SpeedLaw.lasting(longest, duration).distance(t) / longest
 
 
 def lifted(path: ToolPath, height: float) -> ToolPath:
-    """The path of a straight lift by `height` [m], followed by the arc. The lift raises the start of the arc; this
-    offset fades along the arc.
+    """Return the path of a straight lift by `height` [m], followed by the arc of `path`. The lift raises the start
+    of the arc; this offset fades along the arc.
 
     Both the arms and the simulation use this path: a straight lift pulls the cloth taut where it lies, so a fold
     without the lift may end centimetres elsewhere.
@@ -138,7 +140,7 @@ def lifted(path: ToolPath, height: float) -> ToolPath:
 
 
 def after_lift(path: ToolPath, height: float) -> ToolPath:
-    """The path, preceded by a straight lift by `height` [m] that ends at its start."""
+    """Return `path`, preceded by a straight lift by `height` [m] that ends at its start."""
     if height <= 0.0:
         return path
     law = SpeedLaw.fastest(height, LIFT_SPEED)

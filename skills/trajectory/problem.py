@@ -1,4 +1,5 @@
-"""One fold as a function of its arcs: simulation, comparison with the target, cost."""
+"""One fold as a function of its arcs: simulates them, compares the result with the target, and computes the
+cost."""
 
 from __future__ import annotations
 
@@ -44,7 +45,8 @@ class TrajectoryMesh(Protocol):
 
 
 class Predictor(Protocol):
-    """Simulates one fold: vertices (n, 3) after release and settling. Pure and safe to call from threads."""
+    """Simulates one fold and returns the vertices (n, 3) after release and settling. Pure and safe to call from
+    threads."""
 
     def __call__(
         self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
@@ -55,9 +57,10 @@ class Predictor(Protocol):
 class Mishap:
     """Deviation of an executed fold from the planned one.
 
-    pitch: lean of each hand about its held line [rad]; roll: lean of both along it [rad]; along, across: offset of
-    both tools, away from the fold line and along it [m]; friction, bending: factors of the assumed table friction
-    and bending length.
+    pitch: lean of each hand about its held line (the line of cloth between the pads) [rad]; roll: lean of both
+    hands along it [rad]; along, across: offset of both tools away from the fold line (along) and parallel to it
+    (across) [m]; friction, bending: factors by which table friction and bending length differ from the assumed
+    values.
     """
 
     pitch: Mapping[GraspId, float]
@@ -70,7 +73,8 @@ class Mishap:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One simulated set of arcs. dissimilarity: the paper's D [m]; cost: the paper's C."""
+    """One simulated set of arcs. dissimilarity: the paper's D [m]; cost: the paper's C; duration: of the fold
+    along the arcs [s]; failed: True if the simulation failed."""
 
     controls: Controls
     dissimilarity: float
@@ -98,7 +102,7 @@ class FoldProblem:
 
     @cached_property
     def target(self) -> Array:
-        """(n, 3) the ideal shape."""
+        """(n, 3) vertices of the mesh in the ideal shape after the fold [m]."""
         return target_vertices(self.mesh, self.step.lines, self.material)
 
     @cached_property
@@ -114,7 +118,7 @@ class FoldProblem:
         _ = self.target, self.frames, self.headings
 
     def evaluate(self, controls: Controls, mishap: Mishap | None = None) -> Candidate:
-        """Simulate one candidate as the arms execute it, lift and arc, optionally with a mishap.
+        """Simulate one candidate as the arms execute it, that is lift and arc, optionally with a mishap.
 
         If the simulation fails, the candidate is marked as failed; no exception is raised.
         """
@@ -193,8 +197,8 @@ class Evaluator:
         return candidates
 
     def confirm(self, trials: Sequence[tuple[FoldProblem, Candidate, Mishap | None]]) -> list[float]:
-        """D [m] of candidates simulated again, each as planned or with a mishap, on this problem or the same one
-        on another mesh."""
+        """Simulate candidates again, each as planned or with a mishap, on this problem or the same one on another
+        mesh. Returns their D [m]."""
         found = []
         for outcome in self._executor.map(_again, trials):
             found.append(outcome.dissimilarity)

@@ -1,4 +1,4 @@
-"""Selection of the arc that is least sensitive to deviations in execution.
+"""Selects the arc that is least sensitive to deviations in execution.
 
 The lowest of many simulated costs is partly luck, and an arc may need exact conditions to reach it: a high arc
 that swings the cloth over has a D of 5 mm as planned and of 40 mm if the cloth swings a little further. The best
@@ -29,32 +29,32 @@ MISHAPS = (
     Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75, bending=0.85),
     Mishap(_leaning(-LEAN, LEAN), roll=0.5 * LEAN, along=-0.003, friction=1.25),
 )
-"""Two combinations of deviations: leaning hands, tools 3 mm off, a limper cloth on a more slippery table; and a
-combination of opposite deviations."""
+"""Two combinations of deviations: first leaning hands, tools 3 mm off, and a limper cloth on a more slippery
+table; then a combination of roughly opposite deviations."""
 
 FINER = 0.8
-"""Edge length of the mesh for the second simulation, relative to that of the first. For example, an arc for a vest
-with a D of 2.5 mm on the first mesh has 2.2 mm at 0.85, but 4.5 mm at 0.8 and less."""
+"""Edge length of the finer mesh for the second simulation, relative to the first mesh. For example, an arc for a
+vest with a D of 2.5 mm on the first mesh has 2.2 mm at 0.85, but 4.5 mm at 0.8 and less."""
 
 APART = 0.05
-"""Arcs whose inner control points all differ by less than this count as one candidate, in units of the fold's
-distance."""
+"""Two arcs count as one candidate if all coordinates of their inner control points differ by less than this, in
+units of the fold's distance."""
 
 MARGIN = 0.0005
 """Arcs within this margin count as equally good [m of D]: smaller differences are noise."""
 
 
 def simulations(finalists: int) -> int:
-    """Largest number of simulations that `most_robust` makes for `finalists` arcs."""
+    """Return the largest number of simulations that `most_robust` makes for `finalists` arcs."""
     return finalists * (1 + len(MISHAPS)) if finalists > 1 else 0
 
 
 def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
-    """The best of `most` arcs: the best seen, the plain one, and the next best seen.
+    """Choose the best of up to `most` arcs: the best seen, the plain one, and the next best seen.
 
     The arcs are compared by their score, the mean D as planned on both meshes and with each mishap. The plain arc
-    is chosen if both its score and its planned D match those of the best arc, up to noise. A mishap seldom
-    improves a fold, so an arc whose planned D exceeds the score of another arc is not simulated further. No
+    is chosen if both its score and its planned D match those of the best arc, up to noise (MARGIN). A mishap
+    seldom improves a fold, so an arc whose planned D exceeds the score of another arc is not simulated further. No
     simulation is made if there is only one arc.
     """
     field = _finalists(evaluator, plain, most)
@@ -85,7 +85,7 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
 
 
 def _finalists(evaluator: Evaluator, plain: Candidate, most: int) -> list[Candidate]:
-    """The best seen, then the plain one, then the next best, without duplicates."""
+    """Return the best arc seen, then the plain one, then the next best, without duplicates."""
     by_cost = sorted((c for c in evaluator.seen if not c.failed), key=lambda c: c.cost)
     if not by_cost:
         return evaluator.seen[:1]

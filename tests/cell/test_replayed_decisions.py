@@ -156,7 +156,7 @@ def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any
     there = verdict.deviation
     assert there is not None and verdict.exchanges == pictures[0]
     assert (there.state, there.effect) == ("photographing", "photograph_table")
-    assert (there.then, there.now) == ("a picture", "a look at the clock")
+    assert (there.then, there.now) == ("a picture", "a reading of the clock")
     (photograph,) = [e for e in seen.entries if e.kind == "intent" and e.name == "photograph_table"]
     assert there.cell_time_s == photograph.cell_time
 
@@ -224,7 +224,7 @@ def test_a_changed_program_is_reported_at_the_first_decision_it_changes(
     assert main(["replay", "last", "--decide", "--logs", str(seen.request.logs)]) == 2
     text = capsys.readouterr().out
     assert "ANOTHER DECISION at 1.00 s, state preparing, effect prepare" in text
-    assert "then   a set-point for the arms" in text and "now    a look at the clock" in text
+    assert "then   a set-point for the arms" in text and "now    a reading of the clock" in text
 
 
 def test_a_changed_figure_in_the_journal_alone_is_reported(seen: Any) -> None:

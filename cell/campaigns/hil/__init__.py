@@ -1,2 +1,2 @@
-"""Scripted runs of a cell, simulated or real. A script states faults and commands with their times, and the
-expected results."""
+"""Scripted (hardware-in-the-loop) runs of a simulated or real cell. A script states faults and commands with their
+times, and the expected results."""

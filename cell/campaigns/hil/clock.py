@@ -1,4 +1,4 @@
-"""A cell's clock that carries out scheduled actions."""
+"""A clock that carries out scheduled actions while it sleeps."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Schedule(Protocol):
 
 
 class ScheduledClock:
-    """A cell's clock that wakes at each scheduled action and carries it out, also between two set-points of a
-    motion."""
+    """Wraps a cell's clock. Its sleep wakes at each scheduled action and carries it out, also between two
+    set-points of a motion."""
 
     def __init__(self, clock: Clock, schedule: Schedule) -> None:
         self._clock, self._schedule = clock, schedule

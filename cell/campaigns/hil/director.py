@@ -1,9 +1,9 @@
-"""The director carries out a script during a run and records the results.
+"""The director carries out a script during a run and records what happens.
 
-A director is an observer of the state machine and a schedule on the executive's clock. It acts only through the
-usual inputs: commands go into the command queue, a stop into the stop circuit, faults into the simulated world.
-While the cell does not sleep on this clock (for example while an attendant lays the garment), due actions wait
-until the next sleep or the next state.
+A director is an observer of the state machine, and the executive's clock carries out its scheduled actions. It
+acts only through the usual inputs: it puts commands into the command queue, triggers the stop circuit, and adds
+faults to the simulated cell. While the cell does not sleep on this clock (for example while an attendant lays the
+garment), due actions wait until the next sleep or the next state.
 """
 
 from __future__ import annotations
@@ -34,20 +34,21 @@ GIVE_UP, HALT = Action.model_validate({"say": Event.ABORT.value}), Action.model_
 GRACE_S = 60.0
 """Cell time between GIVE_UP and HALT [s]."""
 WALL_FACTOR = 3.0
-"""If the cell's clock stops, the wall clock halts the cell after this multiple of the time limit."""
+"""If the cell's clock stops, the stop is triggered when the wall time exceeds this multiple of the time limit."""
 AT_REST = 0.02
-"""Largest joint distance of parked arms from the rest pose [rad]."""
+"""The arms count as parked if each joint is closer to the rest pose than this [rad]."""
 OPEN = 0.01
-"""Smallest opening of pads that hold nothing [m]."""
+"""The hands count as open if their pads are further apart than this [m]."""
 
 
 @dataclass(frozen=True)
 class Observations:
     """Observations of a run, in addition to its result.
 
-    states, failures: in order of time. parked: whether the arms are at rest and the hands open at the end. missed:
-    actions that were never due, faults that never happened and commands that were never taken. overdue: whether
-    the run was aborted at its time limit. trouble: errors while the script was carried out.
+    states, failures: in order of time. parked: whether the arms are in their rest pose and the hands open at the
+    end. missed: actions that were never due, faults that never happened and commands that were never taken.
+    overdue: whether the run was aborted at its time limit. trouble: errors that occurred while the script was
+    carried out.
     """
 
     states: tuple[State, ...]
@@ -59,7 +60,8 @@ class Observations:
 
 
 class Director:
-    """Carries out one script in one run. Call `begin` before the first effect; then it observes the runner."""
+    """Carries out one script in one run. Call `begin` before the first effect; from then on the director observes
+    the runner."""
 
     def __init__(self, script: Script, rest: Array, tell: Callable[[str], None]) -> None:
         """rest: (14,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
@@ -82,7 +84,7 @@ class Director:
         self._wall_timer: threading.Timer | None = None
 
     def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
-        """Start the script. Returns the ports for the executive, with a clock that carries out the script."""
+        """Start the script. Returns the ports for the executive; their clock carries out the scheduled actions."""
         ports = cell.ports
         self._cell, self._commands, self._began = cell, commands, ports.clock.now()
         self._schedule(lambda action: action.when.time_s)
@@ -95,7 +97,7 @@ class Director:
         return replace(ports, clock=ScheduledClock(ports.clock, self))
 
     def close(self) -> None:
-        """Cancel the wall-clock limit, after the run has ended."""
+        """Cancel the wall-clock limit. Call it after the run has ended."""
         if self._wall_timer is not None:
             self._wall_timer.cancel()
 
@@ -121,7 +123,7 @@ class Director:
 
     def entered(self, t: float, step: Step) -> None:
         left = [(due, action) for due, action in self._due if action.when.state is not None and due > t]
-        self._due = [item for item in self._due if item not in left]  # their state has ended
+        self._due = [item for item in self._due if item not in left]  # the state of these actions has ended
         self._dropped += [action for _, action in left]
         visit = self._states.count(step.target) + 1
         self._states.append(step.target)
@@ -131,7 +133,7 @@ class Director:
             return t - self._began + action.when.after_s if matches else None
 
         self._schedule(moment)
-        # commands wait until the effect has begun, because a command before the question does not answer it
+        # commands wait until the effect has begun: a command that comes before the question does not answer it
         self._carry_out(t, lambda action: action.say is None)
         if step.target in TERMINAL:
             self._without_raising(self._observe_end)
@@ -172,7 +174,7 @@ class Director:
         self._parked = distance < AT_REST and min(openings) > OPEN
         happened = [fault for _, fault in simulated.truth.now().faults] if simulated and self._faults else []
         absent = []
-        for fault, action in self._faults:  # each of several equal faults counts
+        for fault, action in self._faults:  # equal faults are counted one by one
             if fault in happened:
                 happened.remove(fault)
             else:
@@ -183,7 +185,7 @@ class Director:
         self._missed = tuple(action for action in missed if action is not GIVE_UP and action is not HALT)
 
     def _without_raising(self, act: Callable[[], None]) -> None:
-        """Record an error of the script instead of raising it: the run continues, and the script fails."""
+        """Call `act` and record an error instead of raising it. The run then continues, and the script fails."""
         try:
             act()
         except Exception as e:

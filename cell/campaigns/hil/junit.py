@@ -1,4 +1,4 @@
-"""Results of scripts as a JUnit file, which build servers display as tests."""
+"""Write the results of scripts as a JUnit file, which build servers display as tests."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ NONCHARACTERS = "\ufffe\uffff"
 
 
 def junit_text(results: Sequence[ScriptResult], left: Sequence[Script] = ()) -> bytes:
-    """One test case for each script, with its broken expectations and the run folder. left: scripts that were not
-    run; they are reported as skipped."""
+    """Return the text of a JUnit file: one test case per script, with its broken expectations and its run folder.
+    left: scripts that were not run; they are reported as skipped."""
     failed = sum(not p.passed for p in results)
     seconds = sum(p.seconds for p in results)
     suite = ElementTree.Element(
@@ -39,7 +39,7 @@ def junit_text(results: Sequence[ScriptResult], left: Sequence[Script] = ()) -> 
 
 
 def _plain(text: str) -> str:
-    """Replace characters that XML does not allow (control characters, surrogates) by question marks."""
+    """Replace characters that XML does not allow (control characters, surrogates) with question marks."""
     return "".join(
         c if c in "\n\t" or " " <= c < "\ud800" or "\ue000" <= c not in NONCHARACTERS else "?" for c in text
     )

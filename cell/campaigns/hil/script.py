@@ -1,6 +1,6 @@
 """A script as a YAML file: the run, the actions during it, and the expected results.
 
-about: a corner slips out of the left hand; the garment is laid down, looked at, and folded again
+about: a corner slips out of the left hand; the garment is laid down, recognised again, and folded
 garment: small_towel
 seed: 1
 do:
@@ -34,12 +34,12 @@ __all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "read_scrip
 
 _LONGEST_S = 36_000.0
 _ENTERED = frozenset(State) - {State.IDLE}
-"""States that a run can enter. It starts in IDLE."""
+"""States that a run can enter: all except IDLE, in which it starts."""
 
 
 def _one_of(kind: Any, known: Any = None) -> Any:
-    """Type of a field that holds a value of an enumeration. The error message for any other value lists the
-    choices."""
+    """Return the type of a field that holds a value of the enumeration `kind`, or of its members `known` only. The
+    error message for any other value lists the allowed ones."""
     choices = [member for member in kind if known is None or member in known]
 
     def convert(value: Any) -> Any:
@@ -112,7 +112,7 @@ class FaultSpec(_Group):
         return self
 
     def at(self, t: float) -> Fault:
-        """The fault, starting at cell time t [s]."""
+        """Return the fault with its start at cell time t [s]."""
         return Fault(self.kind, self.side, t, self.grasp, self.fold, self.size_m, self.duration_s)
 
 
@@ -120,7 +120,7 @@ START = Moment.model_validate({"time_s": 0.0})
 
 
 class Action(_Group):
-    """One action on the run."""
+    """One action during the run: a fault, a command, a stop, or a line for the person at the cell."""
 
     when: Moment = Field(START, description="time_s, or state with visit and after_s")
     fault: FaultSpec | None = Field(None, description="causes a fault in the simulated cell")
@@ -141,8 +141,8 @@ class Action(_Group):
 
 
 class Expectation(_Group):
-    """Expected results of the run. The items of a list have to occur in this order; others may occur between
-    them."""
+    """Expected results of the run. The items of a list must occur in the order of the list, but other items may
+    occur between them."""
 
     end: Annotated[tuple[_one_of(State, TERMINAL), ...], BeforeValidator(_as_list)] = Field(  # type: ignore[valid-type]
         min_length=1, description="the state, or one of the states, in which the run may end"
@@ -160,7 +160,7 @@ class Expectation(_Group):
 
 
 class Script(_Group):
-    """One script."""
+    """The content of one script file."""
 
     about: str = Field(min_length=1, description="what happens and what is expected, in one sentence")
     garment: str = Field(min_length=1, description="name or file of the garment, or auto")

@@ -1,4 +1,4 @@
-"""Perform one script in a separate run."""
+"""Perform one script in its own run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ __all__ = ["ScriptResult", "check_script", "run_script"]
 
 @dataclass(frozen=True)
 class ScriptResult:
-    """Result of a script. broken: expectations that were not met; result: None if there was no run."""
+    """Result of a script. broken: messages about expectations that were not met; result: result of the run, None
+    if there was no run."""
 
     script: Script
     broken: tuple[str, ...]
@@ -37,7 +38,7 @@ class ScriptResult:
 
     @property
     def faulty(self) -> bool:
-        """Whether the run ended in a fault that the script does not expect, or did not start."""
+        """Whether the run did not start, or ended in a fault that the script does not expect."""
         if self.result is None:
             return True
         return self.result.state == State.FAULT and State.FAULT not in self.script.expect.end
@@ -53,7 +54,8 @@ class ScriptResult:
 
 
 def check_script(script: Script, settings: CellSettings, driver: str) -> CellSettings:
-    """The settings for the script's run. Raises ConfigurationError for a script that this driver cannot run."""
+    """Check a script and return the settings for its run. Raises ConfigurationError for a script that this driver
+    cannot run."""
     if script.needs_simulation and not is_simulated(driver):
         raise ConfigurationError(
             f"{script.path}: only a simulated cell has faults and is scored",
@@ -76,8 +78,8 @@ def run_script(
     realtime: bool = False,
     tell: Callable[[str], None] = print,
 ) -> ScriptResult:
-    """Perform the script in a run under `logs`. A run that cannot start counts as a broken expectation, so that
-    the next script can still run."""
+    """Perform the script in a run, whose folder is under `logs`. A run that cannot start counts as a broken
+    expectation, so that the next script can still run."""
     from cell.runs.fold_run import fold_once
 
     began = time.monotonic()

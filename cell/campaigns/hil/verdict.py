@@ -13,8 +13,8 @@ __all__ = ["broken_expectations"]
 
 
 def broken_expectations(script: Script, result: FoldResult, seen: Observations) -> tuple[str, ...]:
-    """The broken expectations, one sentence each; empty if the script passed. An action that was never carried out
-    counts as a broken expectation, because the script then tests nothing."""
+    """Return the broken expectations, one sentence each; empty if the script passed. An action that was never
+    carried out also counts as a broken expectation, because without it the script tests nothing."""
     return tuple(_broken(script, result, seen))
 
 

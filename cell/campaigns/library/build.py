@@ -1,10 +1,10 @@
-"""Build a trajectory library: every fold of every garment, on any executor. Each finished entry is saved
+"""Build a trajectory library: optimise every fold of every garment, on any executor. Each finished entry is saved
 immediately.
 
-The searches run on threads of this process, and each simulation is sent to the executor. The result depends on
-neither the threads nor the executor. Each step starts from the shape that the saved entry of the previous step
-gives the garment. A build that was killed and continues from its saved entries therefore ends with the same
-library, bit for bit, as an uninterrupted build.
+The searches run on threads of this process, and each simulation is sent to the executor. The result depends
+neither on the number of threads nor on the executor. Each step starts from the cloth shape that results from the
+saved entry of the previous step. A build that was killed and continued from its saved entries therefore ends with
+the same library, bit for bit, as an uninterrupted build.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NOTHING = Library()
 
 @dataclass(frozen=True)
 class BuiltStep:
-    """Result of one step of a build: its entry or a failure. kept: whether the entry comes from an earlier
+    """Result of one step of a build: its entry or a failure. kept: whether the entry was reused from an earlier
     build."""
 
     garment: str
@@ -45,9 +45,9 @@ class BuiltStep:
 
 @dataclass(frozen=True)
 class BuildProgress:
-    """Progress of a build. done, total: number of simulations done, and the largest number that the build may
-    need. garment, step: those of the last simulation. dissimilarity: smallest dissimilarity of that step so far
-    [m]."""
+    """Progress of a build. done: number of simulations done. total: largest number that the build may need.
+    garment, step: the fold to which the last simulation belongs. dissimilarity: smallest dissimilarity of that
+    fold so far [m]."""
 
     done: int
     total: int
@@ -69,8 +69,8 @@ def build_library(
     progress: Callable[[BuildProgress], None] | None = None,
     lift_height: float = LIFT_HEIGHT,
 ) -> Library:
-    """Optimise every step of every garment in the order of its plan, with the garment in the middle of its poses.
-    The first step that cannot be optimised ends its garment.
+    """Optimise every step of every garment in the order of its plan. The garment lies in the middle of its
+    possible poses. If a step cannot be optimised, the remaining steps of its garment are left out.
 
     executor: runs the simulations, any executor of `concurrent.futures` (default: one after the other in this
     process); `predict` has to be available to its workers. at_once: number of garments searched in parallel.
@@ -99,7 +99,7 @@ def build_library(
 
 
 class _Cancelled(Exception):
-    """Ends a search after another garment's search has failed or the caller has ended the build."""
+    """Ends the search of one garment after the search of another has failed or the caller has ended the build."""
 
 
 @dataclass(eq=False)
@@ -120,11 +120,11 @@ class _Build:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def planned(self, garment: Garment) -> int:
-        """Largest number of simulations for the searches of a garment."""
+        """Return the largest number of simulations that the searches of a garment may need."""
         return self.budget * sum(self._kept(garment, s.name) is None for s in garment.plan)
 
     def garment(self, garment: Garment) -> list[LibraryEntry]:
-        """The entries for one garment's plan."""
+        """Return the entries for one garment's plan, up to the first step that cannot be optimised."""
         state = garment.flat_state(*garment.poses.middle)
         mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
         positions: Array = mesh.lay_flat(garment.material.thickness)

@@ -1,4 +1,4 @@
-"""The entries of unfinished library builds, stored beside the library so that a build can continue."""
+"""Stores the entries of unfinished library builds beside the library, so that a build can continue."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ __all__ = ["UnfinishedBuild"]
 
 
 class UnfinishedBuild:
-    """The entries built so far for some garments. Entries of other builds in the same file stay.
+    """The entries built so far for some garments. The file may also hold entries of builds for other garments;
+    these stay.
 
-    lift_height: height of the straight lift before each arc [m]. Damaged entries count as not built, and so do the
-    entries of a garment whose plan or lift height has changed.
+    lift_height: height of the straight lift before each arc [m]. Damaged entries are treated as not built, and so
+    are the entries of a garment whose plan or lift height has changed.
     """
 
     def __init__(self, library: Path, garments: Iterable[Garment], lift_height: float = LIFT_HEIGHT) -> None:
@@ -39,7 +40,7 @@ class UnfinishedBuild:
     def end(self) -> None:
         """Remove the entries of these garments. Call it after the library itself is written."""
         self.library = Library()
-        with suppress(StorageError):  # if it fails, a later build reuses these entries, with the same result
+        with suppress(StorageError):  # if they remain, a later build reuses them, with the same result
             self._write(())
 
     def _write(self, own: tuple[LibraryEntry, ...]) -> None:
@@ -55,7 +56,7 @@ class UnfinishedBuild:
 
 
 def _load(path: Path) -> tuple[Library, dict[str, str]]:
-    """The valid entries, and the digests of their garments' plans by name."""
+    """Return the valid entries, and for each garment's name the digest of its plan."""
     try:
         text = path.read_text(encoding="utf-8")
         plans = json.loads(text)["plans"]
@@ -65,6 +66,6 @@ def _load(path: Path) -> tuple[Library, dict[str, str]]:
 
 
 def _digest(garment: Garment, lift_height: float) -> str:
-    """Digest of everything that determines the plan and the start of a garment's folds."""
+    """Return a digest of everything that determines a garment's fold plan and its start pose."""
     plan = (garment.plan, garment.layers, garment.keypoints, garment.template.tolist(), garment.poses, lift_height)
     return hashlib.sha256(repr(plan).encode()).hexdigest()

@@ -1,1 +1,1 @@
-"""The page of a campaign."""
+"""The results page of a campaign."""

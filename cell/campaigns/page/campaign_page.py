@@ -1,7 +1,8 @@
-"""The page of a campaign: rates with intervals, comparisons, distributions, failures with pictures, all runs.
+"""Write the results page of a campaign: rates with intervals, comparisons, distributions, failures with pictures,
+all runs.
 
-The page is one file: pictures are inlined, charts are SVG, and nothing is fetched. Links lead to the runs'
-reports.
+The page is one file: pictures are inlined, charts are SVG, and nothing is loaded from elsewhere. Links lead to the
+reports of the runs.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ __all__ = ["PAGE", "campaign_page"]
 
 PAGE = "campaign.html"
 GALLERY = 60
-"""Most pictures of failures on the page."""
+"""Maximum number of failures that the page shows with a picture."""
 THUMBNAIL = 240
-"""Width of a picture of a failure [px]."""
+"""Width of the picture of a failure [px]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class RunLine:
 
 @dataclass(frozen=True)
 class VariantPart:
-    """One variant on the page."""
+    """The results of one variant on the page."""
 
     name: str
     about: str
@@ -65,7 +66,7 @@ class VariantPart:
 
 
 def campaign_page(folder: CampaignFolder, trials: Sequence[Trial]) -> str:
-    """The page as text, of the runs so far."""
+    """Return the page as HTML text. It shows the runs so far."""
     campaign = folder.campaign
     performed = sorted((t for t in trials if t.performed), key=lambda t: t.request.key)
     by_variant = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}
@@ -124,7 +125,8 @@ def _group(variant: str, garment: str, several: bool) -> str:
 def _values(
     trials: Iterable[Trial], several: bool, figure: Callable[[RunLine], float | None]
 ) -> dict[str, list[tuple[float, bool]]]:
-    """Garment and variant -> (value, success) of its runs that have the figure."""
+    """Return for each group (garment and variant) a list of (value, success), one item per run that has the
+    figure."""
     groups: dict[str, list[tuple[float, bool]]] = {}
     for trial in sorted(trials, key=lambda t: (t.request.garment, t.request.variant, t.request.seed)):
         value = None if trial.result == "fault" else figure(RunLine(trial, ""))
@@ -135,14 +137,15 @@ def _values(
 
 
 def _report(folder: CampaignFolder, trial: Trial) -> str:
-    """Path of the run's report, relative to the campaign's folder; empty if there is none."""
+    """Return the path of the run's report relative to the campaign's folder; empty if there is no report."""
     run = _run_folder(folder, trial)
     report = run / "report.html" if run else None
     return os.path.relpath(report, folder.path) if report and report.is_file() else ""
 
 
 def _run_folder(folder: CampaignFolder, trial: Trial) -> Path | None:
-    """The folder of the run. Its own path is not used: the campaign may have been moved since."""
+    """Return the folder of the run. The path stored with the run is not used, except for its last part, because
+    the campaign may have been moved since."""
     written = (trial.figures or {}).get("run_dir")
     return folder.folder(trial.request) / Path(written).name if written else None
 

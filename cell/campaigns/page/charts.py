@@ -1,4 +1,4 @@
-"""Charts as SVG: one strip of dots per group, with median and interval; intervals of success rates."""
+"""Draw charts as SVG: strips of dots, one dot per run, and success rates with their intervals."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ TICKS = 5
 
 
 def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, about: str) -> Markup | None:
-    """One row per group and one dot per run: its value, and whether it was a success. A line marks the median.
+    """Draw one row per group, with one mark per run (value, success): a dot for a success, a cross otherwise. A
+    line marks the median.
 
-    None if there is no value. unit: for the axis; about: text for people who do not see the picture.
+    Returns None if there is no value. unit: unit on the axis; about: text for people who do not see the picture.
     """
     values = [value for dots in groups.values() for value, _ in dots]
     if not values:
@@ -29,7 +30,7 @@ def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, a
         y = ROW * n + ROW / 2
         rows.append(_label(name, y))
         for k, (value, good) in enumerate(dots):
-            spread = ((k * 0.618034) % 1.0 - 0.5) * 0.5 * ROW  # apart, so that equal values can be counted
+            spread = ((k * 0.618034) % 1.0 - 0.5) * 0.5 * ROW  # equal values stay apart and can be counted
             kind = "good" if good else "bad"
             shape = _circle(_x(value, low, high), y + spread) if good else _cross(_x(value, low, high), y + spread)
             rows.append(f'<g class="{kind}">{shape}<title>{escape(name)}: {value:.4g} {unit}</title></g>')
@@ -40,7 +41,8 @@ def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, a
 
 
 def rate_chart(rates: Mapping[str, tuple[float, float, float]], about: str) -> Markup | None:
-    """One row per group: rate, lower and upper end of its interval, from 0 to 1."""
+    """Draw one row per group, from its success rate and the lower and upper end of the interval, all from 0 to
+    1."""
     if not rates:
         return None
     rows = []
@@ -54,7 +56,7 @@ def rate_chart(rates: Mapping[str, tuple[float, float, float]], about: str) -> M
 
 
 def axis(low: float, high: float) -> tuple[float, float, float]:
-    """Ends and step of an axis with round ticks that contains low and high."""
+    """Return the first tick, the last tick and the step of an axis with round ticks that contains low and high."""
     span = max(high - low, 1e-9, 0.02 * max(abs(low), abs(high)))
     power = 10.0 ** math.floor(math.log10(span / TICKS))
     step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power * TICKS >= span)

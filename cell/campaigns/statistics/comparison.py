@@ -1,4 +1,4 @@
-"""Paired comparison of two variants or campaigns: the same garments with the same seeds."""
+"""Compare two variants or campaigns in pairs of runs with the same garment and seed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ Pair = tuple[Trial, Trial]
 
 @dataclass(frozen=True)
 class Comparison:
-    """The second of two groups of runs against the first, on `pairs` garments and seeds that both have.
+    """Comparison of the second of two groups of runs with the first, on the `pairs` (garment, seed) that both
+    have.
 
-    only_first, only_second: (garment, seed) of the pairs that succeeded in one group alone; p_value: McNemar's
-    exact test. unpaired: runs without a partner. Differences are second minus first, medians over the pairs in
-    which neither is a fault, with 95 % bootstrap intervals.
+    both, neither: number of pairs in which both runs or neither run succeeded. only_first, only_second: (garment,
+    seed) of the pairs in which only the run of that group succeeded; p_value: McNemar's exact test. unpaired:
+    number of runs without a partner. A difference is the median, over the pairs without a fault, of second minus
+    first. Its interval is the 95 % bootstrap interval.
     """
 
     pairs: int
@@ -35,12 +37,13 @@ class Comparison:
     height_difference_m: float | None
     height_interval_m: tuple[float, float] | None
     first_causes: Mapping[str, int]
-    """Causes of failure in the first group, of the pairs that only the second group folded."""
+    """Cause of failure -> number of runs, for the runs of the first group that failed while their partner
+    succeeded."""
     second_causes: Mapping[str, int]
 
 
 def compare_trials(first: Iterable[Trial], second: Iterable[Trial]) -> Comparison:
-    """Compare the performed runs. Each group has at most one run per garment and seed."""
+    """Compare the performed runs of two groups. A group has at most one run per garment and seed."""
     a, b = _by_pair(first), _by_pair(second)
     pairs = [(a[key], b[key]) for key in a if key in b]
     only_first = [(x, y) for x, y in pairs if x.success and not y.success]

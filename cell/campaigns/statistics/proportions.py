@@ -1,4 +1,4 @@
-"""Intervals and tests of proportions and of paired differences."""
+"""Compute confidence intervals and tests of proportions, and intervals of paired differences."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ __all__ = ["bootstrap_median", "mcnemar_exact", "wilson_interval"]
 
 RESAMPLES = 9999
 SEED = 20_150_928
-"""Seed of the resampling: the same figures always have the same interval."""
+"""Seed of the bootstrap resampling. It is fixed, so that the same values always give the same interval."""
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """95 % confidence interval of a proportion (Wilson 1927), accurate near 0 and 1 and for few runs too."""
+    """Return the 95 % confidence interval of a proportion (Wilson 1927). It is also accurate near 0 and 1, and for
+    few runs."""
     from scipy.stats import binomtest
 
     if runs == 0:
@@ -22,8 +23,9 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
 
 def mcnemar_exact(only_first: int, only_second: int) -> float:
-    """Two-sided p-value of McNemar's exact test: of the pairs with different results, `only_first` succeeded in
-    the first variant alone and `only_second` in the second alone. 1 if there are no such pairs."""
+    """Return the two-sided p-value of McNemar's exact test. Of the pairs with different results, `only_first`
+    succeeded only in the first variant and `only_second` only in the second. Returns 1 if there are no such
+    pairs."""
     from scipy.stats import binomtest
 
     pairs = only_first + only_second
@@ -31,7 +33,7 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
 
 
 def bootstrap_median(values: Sequence[float]) -> tuple[float, float] | None:
-    """95 % percentile bootstrap interval (Efron 1979) of the median; None for fewer than two values."""
+    """Return the 95 % percentile bootstrap interval (Efron 1979) of the median; None for fewer than two values."""
     import numpy as np
 
     if len(values) < 2:

@@ -1,4 +1,5 @@
-"""Summary of a campaign: one row per variant and garment, claims against verdicts, causes of failure."""
+"""Summarise a campaign: one row per variant and garment, claims against the scorer's verdicts, causes of
+failure."""
 
 from __future__ import annotations
 
@@ -18,31 +19,35 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class Claims:
-    """Number of scored runs by what the executive claimed (folded or not) and what the scorer found."""
+    """Numbers of scored runs. Claimed: the executive ended the run as folded. Passed: the scorer found a good
+    fold."""
 
     claimed_passed: int
     claimed_failed: int
-    """False claims."""
+    """Number of false claims."""
     unclaimed_passed: int
-    """Good folds that the executive did not claim."""
+    """Number of good folds that the executive did not claim."""
     unclaimed_failed: int
 
     @property
     def precision(self) -> float | None:
-        """Share of the claims that the scorer confirms."""
+        """Share of the claims that the scorer confirmed."""
         return _share(self.claimed_passed, self.claimed_passed + self.claimed_failed)
 
     @property
     def recall(self) -> float | None:
-        """Share of the good folds that the executive claims."""
+        """Share of the good folds that the executive claimed."""
         return _share(self.claimed_passed, self.claimed_passed + self.unclaimed_passed)
 
 
 @dataclass(frozen=True)
 class Row:
-    """Runs of one variant and garment (or of all garments). folded: claimed and passed. interval: Wilson, 95 %.
-    Times are medians over the runs without faults [s]; robot_time_interval_s: bootstrap, 95 %. folds_per_hour:
-    successful garments per hour of the cell's clock, failures' time included."""
+    """Figures of the runs of one variant and garment, or of all garments.
+
+    folded: number of runs that were claimed and passed. interval: 95 % Wilson interval of the share of these runs.
+    Times [s], iou and height_m are medians over the runs without faults. robot_time_interval_s: 95 % bootstrap
+    interval. folds_per_hour: folded garments per hour of the cell's clock; the time of failed runs counts too.
+    """
 
     variant: str
     garment: str
@@ -63,8 +68,8 @@ class Row:
 
 
 def summarise(trials: Iterable[Trial]) -> list[Row]:
-    """One row per garment in order of name, and one for all garments, for each variant. Runs that were not
-    performed do not count."""
+    """Return, for each variant, one row per garment in order of name, and one row for all garments if there are
+    several. Runs that were not performed do not count."""
     by_variant: dict[str, dict[str, list[Trial]]] = {}
     for trial in (t for t in trials if t.performed):
         by_variant.setdefault(trial.request.variant, {}).setdefault(trial.request.garment, []).append(trial)
@@ -77,7 +82,7 @@ def summarise(trials: Iterable[Trial]) -> list[Row]:
 
 
 def claims(trials: Iterable[Trial]) -> Claims:
-    """The 2 x 2 table of claims and verdicts over the scored runs."""
+    """Count claims against verdicts, over the scored runs."""
     count = Counter((t.claimed, t.passed) for t in trials if t.passed is not None)
     return Claims(count[True, True], count[True, False], count[False, True], count[False, False])
 
@@ -119,7 +124,7 @@ def _share(part: int, whole: int) -> float | None:
 
 
 def _count(recoveries: object) -> int:
-    """Number of recoveries of a step, which are given as a number or as a list."""
+    """Return the number of recoveries of a step. They are given as a number or as a list."""
     if isinstance(recoveries, int):
         return recoveries
     return len(recoveries) if isinstance(recoveries, list | tuple) else 0

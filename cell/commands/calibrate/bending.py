@@ -1,4 +1,5 @@
-"""`foldcell calibrate bending`: a fabric's bending length, from a strip that hangs over an edge (ASTM D1388)."""
+"""`foldcell calibrate bending`: measures a fabric's bending length with a strip that hangs over an edge (ASTM
+D1388)."""
 
 from __future__ import annotations
 

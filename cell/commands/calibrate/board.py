@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _figures() -> dict[str, Any]:
-    """Dimensions of the printed sheet [mm]."""
+    """Return the dimensions of the printed sheet, most of them in [mm]."""
     square = 1e3 * BOARD.square
     return {
         "type": f"ChArUco, {BOARD.columns} x {BOARD.rows} squares",

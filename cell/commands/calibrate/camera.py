@@ -1,4 +1,4 @@
-"""`foldcell calibrate camera`: the camera's intrinsics, from views of the calibration board."""
+"""`foldcell calibrate camera`: measures the camera's intrinsics from views of the calibration board."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def _calibration(options: argparse.Namespace, settings: CellSettings) -> CellCal
         }
 
     def text(c: IntrinsicsCalibration, provenance: Provenance) -> str:
-        """Text of the file, with the new intrinsics and the present pose: hand-eye measures the pose."""
+        """Return the text of the file, with the new intrinsics and the present pose. The pose is measured by
+        `foldcell calibrate hand-eye`."""
         changed = replace(present, intrinsics=c.intrinsics)
         return calibration_text(changed, settings.table.height, present_provenance | provenance)
 

@@ -30,11 +30,11 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class CellCalibration:
-    """One calibration of the cell.
+    """Describes one calibration of the cell.
 
-    part: part of the calibration that it measures. setting: key of cell.yaml that names the file. procedure: makes
-    the procedure for a cell. figures: returns the reported figures of a result. error: returns the error of a
-    result against the simulated truth, for the report only. text: returns the content of the file, with its
+    part: part of the calibration file that is measured. setting: key of cell.yaml that names the file. procedure:
+    makes the procedure for a cell. figures: returns the reported figures of a result. error: returns the error of
+    a result against the simulated truth, for the report only. text: returns the content of the file, with its
     provenance. warning: printed after the result.
     """
 
@@ -137,7 +137,7 @@ def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[
 
 
 def _yaml_setting(setting: str, path: str) -> str:
-    """The line of cell.yaml that names the file."""
+    """Return the line of cell.yaml that names the file."""
     group, key = setting.split(".")
     return f"{group}: {{{key}: {path}}}"
 
@@ -151,7 +151,8 @@ def _shown(value: Any) -> str:
 
 
 def camera_provenance(settings: CellSettings) -> Provenance:
-    """Provenance of the parts of the present camera calibration; empty for a file without provenance."""
+    """Return the provenance of each part of the present camera calibration; empty for a file without
+    provenance."""
     shipped: Provenance = {"intrinsics": {"by": DATA_SHEET}, "pose": {"by": "drawing of the bracket"}}
     if settings.camera.calibration is None:
         return shipped

@@ -37,11 +37,11 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class FabricTest:
-    """The result of a test.
+    """The result of a fabric test.
 
     values: new values for `material` in the garment file. measured: sources of these values. fields: names of the
-    properties that are no longer assumed. figures: for the report. agrees: whether the simulated test agrees with
-    the measurement. record: writes the recording to a path.
+    properties that are now measured and no longer assumed. figures: figures for the report. agrees: whether the
+    simulated test agrees with the measurement. record: writes the recording to a path.
     """
 
     values: Mapping[str, Any]
@@ -126,8 +126,8 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
 
 
 def _known_surface(source: Path, surface: str) -> str:
-    """The surface to load the garment for: `surface`, or another surface of the file if the file lacks
-    `surface`."""
+    """Return the surface for which the garment is loaded: `surface`, or another surface of the file if the file
+    has no friction for `surface`."""
     material = read_yaml(source, "garment file").data.get("material")
     angles = material.get("friction_angle_deg") if isinstance(material, dict) else None
     if not isinstance(angles, dict) or not angles or surface in angles:  # loading reports any other error

@@ -1,4 +1,4 @@
-"""`foldcell calibrate friction`: a garment's friction, from the slope on which it begins to slide."""
+"""`foldcell calibrate friction`: measures a garment's friction from the slope on which it begins to slide."""
 
 from __future__ import annotations
 

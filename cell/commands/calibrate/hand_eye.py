@@ -1,4 +1,4 @@
-"""`foldcell calibrate hand-eye`: the camera's pose, from views of the calibration board in each hand."""
+"""`foldcell calibrate hand-eye`: measures the camera's pose from views of the calibration board in each hand."""
 
 from __future__ import annotations
 

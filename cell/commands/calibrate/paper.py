@@ -1,4 +1,5 @@
-"""`foldcell calibrate paper`: the calibration of the paper's garments, printed beside the paper's values."""
+"""`foldcell calibrate paper`: calibrates the garments of the paper and prints the results beside the paper's
+values."""
 
 from __future__ import annotations
 
@@ -31,8 +32,8 @@ PAPER = {
     "medium_towel": (3.1, 22.3, 190, 0.6),
     "small_towel": (1.1, 24.3, 530, 0.7),
 }
-"""The table of garments of Li et al. 2015: stretch [%], friction angle [degrees], shear resistance in Maya,
-friction in Maya."""
+"""Values from the table of garments in Li et al. 2015: stretch [%], friction angle [degrees], shear resistance in
+Maya, friction in Maya."""
 
 
 def add_options(actions: Commands) -> None:
@@ -54,7 +55,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _calibrate(options: argparse.Namespace, surface: str, tell: Tell) -> int:
-    """Calibrate by the paper's measurements and print the table; with --output write the garment files too."""
+    """Calibrate the garments with the paper's measurements and print the table. With --output, also write the
+    garment files."""
     names = options.garments or list(PAPER)
     if options.output is not None and not options.output.is_dir():
         raise ConfigurationError(

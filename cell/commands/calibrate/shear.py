@@ -1,4 +1,5 @@
-"""`foldcell calibrate shear`: a garment's stretch, from its length hanging and lying."""
+"""`foldcell calibrate shear`: measures a garment's stretch by comparing its length when hung and when laid
+flat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`foldcell calibrate table`: the table's height and tilt, measured by touching it with both hands."""
+"""`foldcell calibrate table`: measures the table's height and tilt by touching it with both hands."""
 
 from __future__ import annotations
 

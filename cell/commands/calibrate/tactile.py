@@ -1,4 +1,4 @@
-"""`foldcell calibrate tactile`: noise, drift and thresholds of the tactile sensors."""
+"""`foldcell calibrate tactile`: measures noise and drift of the tactile sensors and derives thresholds."""
 
 from __future__ import annotations
 

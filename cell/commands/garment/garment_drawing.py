@@ -1,4 +1,4 @@
-"""Figures and drawing of a garment, for the commands that show it."""
+"""Return the figures and draw the picture of a garment, for the commands that show it."""
 
 from __future__ import annotations
 

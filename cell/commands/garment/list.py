@@ -1,4 +1,4 @@
-"""`foldcell garment list`: the shipped garments."""
+"""`foldcell garment list`: lists the shipped garments."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ __all__ = ["add_options", "run"]
 
 HINT = "lay it flat and straight on a plain ground, photograph it from above, or give another garment with --like"
 SHORTEST, LONGEST = 0.05, 3.0
-"""Bounds of a length measured on a garment [m]."""
+"""Shortest and longest allowed --length [m]."""
 
 
 def add_options(actions: Commands) -> None:
@@ -49,8 +49,11 @@ def add_options(actions: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if the file was written, 2 if no garment like the given one was recognised. Raises
-    ConfigurationError for wrong arguments, StorageError if a file cannot be written."""
+    """Recognise the garment in the photograph and write its file. Returns 0 if the file was written, 2 if no
+    garment like the given one was recognised.
+
+    Raises ConfigurationError for wrong arguments, StorageError if a file cannot be written.
+    """
     surface = load_settings(options.cell).surface
     like = load_garment(options.like, surface)
     pair = _measured(options, like)
@@ -94,7 +97,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _measured(options: argparse.Namespace, like: Garment) -> tuple[int, int] | None:
-    """Indices of the two key points between which the operator measured; None for a calibrated camera."""
+    """Return the indices of the two key points between which the operator measured --length; None for the cell's
+    camera, which measures sizes itself."""
     if options.unit == "m":
         if options.length is not None or options.between is not None:
             raise ConfigurationError(
@@ -131,5 +135,5 @@ def _scaled(options: argparse.Namespace, like: Garment, pair: tuple[int, int] | 
 
 
 def _name(stem: str) -> str:
-    """A file name in the style of the shipped ones."""
+    """Return a file name in the style of the shipped garment files."""
     return re.sub(r"[^a-z0-9]+", "_", stem.lower()).strip("_") or "garment"

@@ -1,4 +1,4 @@
-"""`foldcell garment show`: one garment in detail."""
+"""`foldcell garment show`: shows one garment in detail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`foldcell compare`: two campaigns on the same garments and seeds, or two runs."""
+"""`foldcell compare`: compares two campaigns on the same garments and seeds, or two runs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print what differs. Returns 0 whether or not anything does."""
+    """Print the differences. Always returns 0."""
     campaigns = [_campaign(name, options) for name in (options.first, options.second)]
     if all(campaigns):
         a, b = (CampaignFolder.open(path) for path in campaigns if path)
@@ -53,7 +53,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _campaign(name: str, options: argparse.Namespace) -> Path | None:
-    """The campaign's folder, given as a path or as a name in the logs; None if it is no campaign."""
+    """Return the folder of a campaign that is given as a path or as a name in the logs; None if it is not a
+    campaign."""
     for path in (Path(name), logs_directory(options.logs) / name):
         if is_campaign(path):
             return path.absolute()
@@ -118,7 +119,7 @@ def _print_comparison(name: str, c: Comparison) -> None:
 
 
 def _interval(value: float | None, ends: tuple[float, float] | None, scale: float, unit: str) -> str:
-    """B minus A: the median of the differences and its bootstrap interval."""
+    """Format the median of the differences B minus A, with its bootstrap interval."""
     if value is None:
         return "-"
     interval = "" if ends is None else f" ({scale * ends[0]:+.1f} to {scale * ends[1]:+.1f})"

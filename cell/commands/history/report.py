@@ -1,4 +1,4 @@
-"""`foldcell report RUN`: the effects of a run, from the journal, and the path of its report page."""
+"""`foldcell report RUN`: prints the effects of a run, from the journal, and the path of its report page."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _no_page(record: RunRecord) -> str:
-    """The reason why there is no page, and the command that opens the recording if there is one."""
+    """Return the reason why there is no page, and the command that opens the recording if there is one."""
     recorded = (record.directory / "run.rrd").is_file()
     command = command_for(f"replay {record.id}", record.directory.parent)
     replay = f"\n        {command} opens the recording" if recorded else ""
@@ -70,7 +70,7 @@ def _no_page(record: RunRecord) -> str:
 
 
 def _effects(entries: list[Entry]) -> list[dict[str, Any]]:
-    """Every effect in order, with its result."""
+    """Return every effect in order, with its result."""
     effects = []
     for effect in performed(entries):
         begun, ended = effect.begun, effect.result

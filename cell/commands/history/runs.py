@@ -1,4 +1,4 @@
-"""`foldcell runs`: the runs of the journal and the status of each."""
+"""`foldcell runs`: lists the runs of the journal with their status."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _campaign_figures(path: Path) -> dict[str, Any]:
-    """One campaign as a flat mapping. Raises ConfigurationError if it is damaged."""
+    """Return the figures of one campaign as a flat mapping. Raises ConfigurationError if the campaign is
+    damaged."""
     campaign = CampaignFolder.open(path)
     finished = campaign.finished()
     return {
@@ -97,7 +98,7 @@ def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:
 
 
 def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
-    """One run as a flat mapping; `last_intent` is the last effect of a run that has no end."""
+    """Return the figures of one run. `last_intent` is the last effect that a run without an end has begun."""
     figures: dict[str, Any] = {
         "run": record.id,
         "status": record.status,

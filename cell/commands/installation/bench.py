@@ -1,4 +1,5 @@
-"""`foldcell bench NAME`: measures one part of the program and its peers, with a description of the machine."""
+"""`foldcell bench NAME`: measures one part of the program and comparable programs (peers). The JSON output also
+describes the machine."""
 
 from __future__ import annotations
 
@@ -36,8 +37,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run benchmarks/NAME: measure(tell, *, peers, quick) -> flat figures, each with its unit in its name. Raises
-    ConfigurationError if the benchmarks are not installed or a flag does not apply."""
+    """Run the `measure` function of benchmarks/NAME and print its figures: measure(tell, *, peers, quick) ->
+    figures, each with its unit in its name.
+
+    Raises ConfigurationError if the benchmarks are not installed or a flag does not apply.
+    """
     try:
         bench = importlib.import_module(f"benchmarks.{options.name}")
     except ModuleNotFoundError as e:
@@ -63,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_rows(name: str, rows: Any) -> None:
-    """Print a figure that is a list of rows as a table; nested values are in the JSON only."""
+    """Print a figure as a table if it is a list of rows. Nested values appear only in the JSON output."""
     if not (isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows)):
         return
     columns = [key for key, value in rows[0].items() if not isinstance(value, list | dict)]
@@ -72,7 +76,7 @@ def _print_rows(name: str, rows: Any) -> None:
 
 
 def _garments(options: argparse.Namespace) -> dict[str, Any]:
-    """Keyword argument of `measure` for --garment, which only bench optimise accepts."""
+    """Return the keyword argument of `measure` for --garment, which only `bench optimise` accepts."""
     if options.garment is None:
         return {}
     if options.name != "optimise":
@@ -84,7 +88,7 @@ def _garments(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _parts(bench: ModuleType, options: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `measure` for --only and --keep, which only benchmarks with PARTS accept."""
+    """Return the keyword arguments of `measure` for --only and --keep, which only benchmarks with PARTS accept."""
     if not (options.only or options.keep):
         return {}
     if not hasattr(bench, "PARTS"):

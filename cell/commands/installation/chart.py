@@ -23,7 +23,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the SVG. Without --output it replaces the chart of the reports and the operator's page."""
+    """Write the SVG file. Without --output, the new file replaces the chart that reports and the operator's page
+    show."""
     path = options.output or CHART
     write_whole(path, draw_chart())
     print_json({"chart": str(path)}) if options.json else print(path)

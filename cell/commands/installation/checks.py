@@ -1,4 +1,4 @@
-"""Checks of the installation, with findings and hints for repair. The checks change nothing."""
+"""Check the installation and give hints for repair. The checks change nothing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ LEAST_DISK = 2**30
 class Verdict(StrEnum):
     GOOD = "good"
     WARNING = "warning"
-    """The cell runs, but it differs from the tested installation or lacks something that a run does not need."""
+    """The cell can run, but it differs from the tested installation or lacks something that a run does not
+    need."""
     BAD = "bad"
 
 
@@ -41,7 +42,7 @@ class Check:
 
 
 def examine(logs: Path) -> list[Check]:
-    """All checks. A check that raises an exception counts as bad."""
+    """Perform all checks. A check that raises an exception counts as bad."""
     checks: list[Callable[[], Iterable[Check]]] = [
         _python,
         _packages,
@@ -80,14 +81,14 @@ def _python() -> Iterable[Check]:
 
 
 def required_packages() -> list[str]:
-    """Names of the packages that foldcell requires, without its optional extras."""
+    """Return the names of the packages that foldcell requires, without its optional extras."""
     lines = metadata.requires("foldcell") or []
     names = [line.split(";")[0].strip() for line in lines if "extra ==" not in line]
     return [_name(n) for n in names]
 
 
 def pinned_versions(text: str) -> dict[str, str]:
-    """`constraints.txt` as name -> version."""
+    """Parse the text of `constraints.txt`. Returns name -> version."""
     lines = (line.split("#")[0].strip() for line in text.splitlines())
     return {_name(n): v.strip() for n, _, v in (line.partition("==") for line in lines) if v}
 
@@ -125,7 +126,7 @@ NATIVE = ("pinocchio", "coal", "ruckig", "toppra", "numba", "scipy.linalg", "cv2
 
 
 def _native_modules() -> Iterable[Check]:
-    """Load each module in a separate process, because a module may crash its process."""
+    """Import each module in a separate process, because an import may crash its process."""
     started = {
         name: subprocess.Popen(
             [sys.executable, "-c", f"import {name}"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -159,7 +160,7 @@ def _robot_model() -> Iterable[Check]:
 
 
 def numba_cache_folder() -> Path:
-    """Folder of the compiled functions: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
+    """Return the folder of the compiled functions: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
     from_environment = os.environ.get("NUMBA_CACHE_DIR")
     if from_environment:
         return Path(from_environment)
@@ -203,8 +204,8 @@ def _logs(logs: Path) -> Iterable[Check]:
 
 
 def _write_problem(folder: Path) -> str | None:
-    """The reason why the folder cannot be written, or None. Of a missing folder, the nearest existing parent is
-    checked."""
+    """Return the reason why the folder cannot be written, or None if it can. For a missing folder, the nearest
+    existing parent is checked."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     if not folder.is_dir():
@@ -268,7 +269,7 @@ def _viewer() -> Iterable[Check]:
 
 
 def _ros() -> Iterable[Check]:
-    """ROS 1, which only the drivers `ros` and `emulator` need."""
+    """Check for ROS 1, which only the drivers `ros` and `emulator` need."""
     from robots.baxter.ros.installation import PACKAGES, find_ros
     from robots.baxter.ros.messages import load_messages
 

@@ -1,4 +1,4 @@
-"""`foldcell doctor`: prints the checks of the installation."""
+"""`foldcell doctor`: checks the installation and prints the findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if a fold can run here, 3 if something that it needs is missing."""
+    """Print the findings. Returns 0 if a fold can run here, 3 if something that it needs is missing."""
     checks = examine(logs_directory(options.logs))
     bad = [c for c in checks if c.verdict is Verdict.BAD]
     if options.json:

@@ -39,8 +39,8 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Returns 0 if every fold was optimised, 2 if one could not be optimised. The optimised folds are stored
-    either way."""
+    """Build the library. Returns 0 if every fold was optimised, 2 if one could not be optimised. The optimised
+    folds are stored in both cases."""
     settings = load_settings(options.cell)
     loaded = [load_garment(name, settings.surface) for name in options.garments or list_garments()]
     cell_speed = settings.motion.tool_speed

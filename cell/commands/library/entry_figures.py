@@ -1,4 +1,4 @@
-"""Figures of an entry of the library."""
+"""The printed figures of an entry of the trajectory library."""
 
 from __future__ import annotations
 

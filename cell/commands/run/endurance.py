@@ -1,4 +1,5 @@
-"""`foldcell trials --hours H`: random garments and faults for hours; what each run leaves behind."""
+"""`foldcell trials --hours H`: performs runs with random garments and faults for hours, and checks that the
+processes do not hold more and more resources."""
 
 from __future__ import annotations
 
@@ -15,11 +16,12 @@ from cell.support.files.paths import campaign_folder, logs_directory, prepare_lo
 __all__ = ["run_endurance"]
 
 MEMORY_GROWTH = 0.05
-"""Largest share by which the memory of a process may grow."""
+"""Largest allowed growth of a process's memory, as a fraction."""
 
 
 def run_endurance(options: argparse.Namespace) -> int:
-    """Returns 0 if every run ended in a declared state and nothing but memory (by 5 %) grew, else 3."""
+    """Perform the runs and print the growth of the processes. Returns 0 if every run ended with a result, no
+    process gained threads or file handles, and no process's memory grew by more than 5 %; else 3."""
     settings = load_settings(options.cell)
     garments = _checked_garments(options.garments or "all", settings)
     logs = prepare_logs(logs_directory(options.logs))

@@ -1,4 +1,4 @@
-"""`foldcell fold`: one run of the cell."""
+"""`foldcell fold`: performs one run of the cell."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check the arguments before the cell is opened, then fold. Raises ConfigurationError, StorageError."""
+    """Check the arguments, then open the cell and fold. Raises ConfigurationError, StorageError."""
     settings = load_settings(options.cell)
     if options.garment != "auto":
         load_garment(options.garment, settings.surface)
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def tell(result: FoldResult, json: bool) -> int:
-    """Print the result of a run, in a few lines or as JSON; returns the exit code."""
+    """Print the result of a run, in a few lines or as JSON. Returns the exit code."""
     if json:
         print_json(result.as_json())
     else:
@@ -121,7 +121,7 @@ def _summary(figures: dict) -> None:
 
 
 def _missed(score: dict) -> str:
-    """The figures that are beyond their limits, each with its limit."""
+    """Return the figures of the score that are beyond their limits, each with its limit."""
     missed = []
     for name, limit in (score.get("limits") or {}).items():
         value, word = score[name], name.rpartition("_")[0] or name

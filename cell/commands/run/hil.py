@@ -1,4 +1,4 @@
-"""`foldcell hil`: scripted runs, each checked against the expectations of its script."""
+"""`foldcell hil`: performs scripted runs and checks each against the expectations of its script."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if every script passed, 2 if one did not, 3 if a cell had an unexpected fault.
+    """Run the scripts. Returns 0 if every script passed, 2 if one did not, 3 if a cell had an unexpected fault.
 
-    All scripts are read and checked before the first run begins. A signal ends the present run and the campaign.
-    The results of the performed runs are printed and written even if an error ends the campaign.
+    All scripts are read and checked before the first run begins. A signal ends the present run and skips the
+    remaining scripts. The results of the performed runs are printed and written even if an error ends the command.
     """
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
@@ -65,7 +65,7 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
         ended_by = _perform(options, settings, scripts, folder, done)
     except KeyboardInterrupt as e:  # a signal between two runs; during a run, a signal stops that run
         ended_by = e.number if isinstance(e, Terminated) else signal.SIGINT
-    finally:  # after any exception too
+    finally:  # also after an exception
         left = scripts[len(done) :]
         figures = _figures(done, left, options.driver)
         if options.json:
@@ -84,7 +84,7 @@ def _perform(
     options: argparse.Namespace, settings: CellSettings, scripts: list[Script], folder: Path,
     done: list[ScriptResult],
 ) -> int | None:  # fmt: skip
-    """Run the scripts in order and append each result to `done`; returns the signal that ended a run, or None."""
+    """Run the scripts in order and append each result to `done`. Returns the signal that ended a run, or None."""
     out = progress_stream(options.json)
     for number, script in enumerate(scripts, 1):
         print(f"{number:3d}/{len(scripts)}  {script.name}: {script.about}", file=out, flush=True)
@@ -93,7 +93,7 @@ def _perform(
             realtime=options.realtime, tell=lambda line: print(f"         -> {line}", file=sys.stderr, flush=True),
         )  # fmt: skip
         done.append(performance)
-        _write_results(folder, _figures(done, scripts[number:], options.driver))  # in case of a later kill
+        _write_results(folder, _figures(done, scripts[number:], options.driver))  # the process may be killed later
         print(_outcome(performance), file=out, flush=True)
         if performance.result is not None and performance.result.signal is not None:
             return performance.result.signal
@@ -101,12 +101,14 @@ def _perform(
 
 
 def _owned(logs: Path, driver: str) -> AbstractContextManager[Any]:
-    """The lock of a real cell, held for the whole campaign. Simulated runs need none: each has a separate cell."""
+    """Return the lock of a real cell, which is held for all scripts. Simulated runs need no lock, because each run
+    has its own cell."""
     return nullcontext() if is_simulated(driver) else OwnerLock(logs / "cell.lock")
 
 
 def _files(given: list[Path]) -> list[Path]:
-    """The given scripts and those in the given folders. Raises ConfigurationError for a folder without any."""
+    """Return the given scripts and those in the given folders. Raises ConfigurationError for a folder without
+    scripts."""
     files: list[Path] = []
     for path in given:
         inside = sorted(p for p in path.iterdir() if p.suffix in (".yaml", ".yml")) if path.is_dir() else [path]

@@ -21,8 +21,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if the robot is no longer stopped, 2 if it still is: the person did not agree, or the reset
-    failed."""
+    """Reset the stop. Returns 0 if the robot is no longer stopped, 2 if it is still stopped because the person did
+    not agree or the reset failed."""
     with stop_circuit() as stop:
         before = stop.state()
         if not before.stopped:
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether the reason of the stop has changed since the person agreed to the reset."""
+    """Whether the reason of the stop is no longer `reason`, the one that the person agreed to reset."""
     return stop.state().reason != reason
 
 

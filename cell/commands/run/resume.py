@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read and check the interrupted run before the cell is opened, then resume it. Raises ConfigurationError,
+    """Read and check the interrupted run, then open the cell and resume the run. Raises ConfigurationError,
     StorageError."""
     from cell.runs.checkpoint_writer import interrupted_run
     from cell.runs.fold_run import fold_once

@@ -1,4 +1,4 @@
-"""`foldcell supervise`: a run in which an operator approves each fold."""
+"""`foldcell supervise`: performs a run in which an operator approves each fold."""
 
 from __future__ import annotations
 

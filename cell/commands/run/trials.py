@@ -1,4 +1,4 @@
-"""`foldcell trials`: campaigns of runs in the simulated cell over garments, seeds and variants."""
+"""`foldcell trials`: performs campaigns of runs in the simulated cell, over garments, seeds and variants."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if every run ended without a fault, 3 if one was a fault or was not performed. A bad fold is a
-    figure, not an error."""
+    """Perform a campaign. Returns 0 if every run ended without a fault, 3 if a run ended in a fault or was not
+    performed. A bad fold counts in the results but is not an error."""
     if options.hours is not None:
         _refuse(options, "--hours", ("file", "resume", "n", "keep", "cluster", "workers"))
         return run_endurance(options)
@@ -102,7 +102,7 @@ def _hours(text: str) -> float:
 
 
 def _opened(options: argparse.Namespace) -> CampaignFolder:
-    """The campaign to resume, or a new one. All is checked before anything is written."""
+    """Return the campaign to resume, or a new one. Everything is checked before anything is written."""
     if options.resume is not None:
         _refuse(options, "--resume", ("file", "garments", "n", "first_seed", "keep", "cell"))
         campaign = CampaignFolder.open(options.resume.absolute())
@@ -193,7 +193,7 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
 
 
 def _causes(rows: Sequence[Row]) -> list[tuple[str, int]]:
-    """Causes of failure over all garments and variants, the most frequent first."""
+    """Return the causes of failure over all garments and variants, with their counts, the most frequent first."""
     count: dict[str, int] = {}
     for row in rows:
         if row.garment != "all":

@@ -1,4 +1,4 @@
-"""`foldcell optimise GARMENT`: finds trajectories of its folds, for this cell or another robot."""
+"""`foldcell optimise GARMENT`: finds trajectories for the folds of a garment, for this cell or another robot."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if every fold was optimised, 2 if one could not be. Raises ConfigurationError, StorageError."""
+    """Optimise the folds and print the results. Returns 0 if every fold was optimised, 2 if one could not be
+    optimised. Raises ConfigurationError, StorageError."""
     settings = load_settings(options.cell)
     garment = load_garment(options.garment, settings.surface)
     _check_export(options.export)
@@ -112,9 +113,13 @@ COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
-    """Tool poses over time as CSV or JSON, from the grasp through the straight lift to the release: time [s],
-    position of the tool centre point [m] and orientation (quaternion, scalar last) of the tool frame in the table
-    frame (robots/ports.py). paths: fold -> grasp -> path."""
+    """Return the tool poses over time as CSV or JSON text, from the grasp through the straight lift to the
+    release.
+
+    Each row has the time [s], the position of the tool centre point [m] and the orientation of the tool frame
+    (quaternion, scalar last), both in the table frame (robots/ports.py). paths: fold -> grasp -> path. suffix:
+    '.csv' or '.json'.
+    """
     rows: list[tuple[Any, ...]] = [
         (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
         for fold, arms in paths.items()

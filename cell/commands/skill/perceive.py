@@ -40,7 +40,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Returns 0 if a garment was recognised, 2 if none was. Raises ConfigurationError, StorageError."""
+    """Recognise the garment and write the overlay. Returns 0 if a garment was recognised, 2 if none was. Raises
+    ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
     outcome, frame = look_at(options, options.garment)
     if outcome.failure is not None:
@@ -70,8 +71,8 @@ def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Percepti
 
 
 def _check_reference(options: argparse.Namespace) -> None:
-    """Raises ConfigurationError for --reference-depth without --reference, and for --reference with --depth but
-    without --reference-depth."""
+    """Check that --reference and --reference-depth fit each other. Raises ConfigurationError for --reference-depth
+    without --reference, and for --reference with --depth but without --reference-depth."""
     if options.reference is None and options.reference_depth is not None:
         raise ConfigurationError(
             "--reference-depth without --reference", "give the picture of the empty table too"

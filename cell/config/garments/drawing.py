@@ -21,8 +21,8 @@ _INK, _CLOTH, _LINE, _GRASP, _TARGET = (40, 44, 52), (214, 226, 240), (208, 52, 
 
 
 def draw_garment(garment: Garment) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB picture with one panel per fold, from left to right, in top view with the robot at the
-    bottom."""
+    """Return an (H, W, 3) RGB picture with one panel per fold, from left to right. Each panel is a top view with
+    the robot at the bottom."""
     x, y, angle = garment.poses.middle
     state = garment.flat_state(x, y, angle)
     steps = plan_folds(state, garment).unwrap()

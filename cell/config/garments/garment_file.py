@@ -46,13 +46,13 @@ assumed."""
 
 
 def list_garments() -> tuple[str, ...]:
-    """Names of the shipped garments."""
+    """Return the names of the shipped garments."""
     folder = resources.files("skills.garments")
     return tuple(sorted(p.name.removesuffix(".yaml") for p in folder.iterdir() if p.name.endswith(".yaml")))
 
 
 def shipped_garment_path(name: str) -> Path:
-    """The file of a shipped garment."""
+    """Return the path of a shipped garment's file."""
     return Path(str(resources.files("skills.garments") / f"{name}.yaml"))
 
 
@@ -72,8 +72,8 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
 
 
 def garment_path(name_or_path: str | Path) -> Path:
-    """The file of a garment given by its shipped name or by a path. Raises ConfigurationError for an unknown
-    name."""
+    """Return the path of the file of a garment that is given by its shipped name or by a path. Raises
+    ConfigurationError for an unknown name."""
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")) or "/" in text:
         return Path(text)
@@ -103,7 +103,8 @@ Grown = Annotated[float, Field(ge=1, le=3, strict=True)]
 Weight = Annotated[float, Field(strict=True)]
 
 MOST_WAYS = 256
-"""Largest number of ways to fold a garment, which are all checked: the product of the numbers of its variants."""
+"""Maximum number of ways to fold a garment, which is the product of the numbers of variants of its steps. It is
+limited because all ways are checked."""
 
 
 def _number(low: float, high: float, default: Any = ...) -> Any:
@@ -115,7 +116,7 @@ def _count(low: int, high: int) -> Any:
 
 
 def _rule(text: str, *key: str | int) -> PydanticCustomError:
-    """The error of a rule over several keys. key: where the file breaks it."""
+    """Make the error for a rule that concerns several keys. key: location in the file where the rule is broken."""
     return PydanticCustomError("rule", "{text}", {"text": text, "key": key})
 
 
@@ -162,7 +163,7 @@ FabricField = Literal[
     "friction_layers",
 ]  # fmt: skip
 FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
-"""Properties of a fabric. Each of them may be assumed instead of measured."""
+"""Names of the properties of a fabric. Each property may be assumed instead of measured."""
 
 
 class _MaterialFile(_Strict):
@@ -247,7 +248,7 @@ class _GarmentFile(_Strict):
         return self
 
     def _anchors(self) -> Iterator[tuple[Key, dict[str, float]]]:
-        """Every place of the plan, with its key in the file."""
+        """Yield every anchor of the plan (key points with weights), with its key in the file."""
         for i, step in enumerate(self.plan):
             for end, anchor in enumerate(step.line):
                 yield ("plan", i, "line", end), anchor
@@ -256,7 +257,7 @@ class _GarmentFile(_Strict):
                     yield ("plan", i, "variants", k, "grasps", n, "at"), grasp.at
 
     def _mentions(self) -> Iterator[tuple[Key, str]]:
-        """Every key point that the file names, with its key in the file."""
+        """Yield every mention of a key point in the file, with its key in the file."""
         for key, anchor in self._anchors():
             yield from (((*key, name), name) for name in anchor)
         for i, step in enumerate(self.plan):
@@ -272,10 +273,10 @@ class _GarmentFile(_Strict):
 
 
 def _readable(document: Document, error: ValidationError) -> ConfigurationError:
-    """The first error of a file, with the number of the others."""
+    """Return the first error of a file as a readable message, with the number of further errors."""
     first = error.errors(include_url=False)[0]
     loc: Key = (*first["loc"], *first.get("ctx", {}).get("key", ()))
-    loc = tuple(part for part in loc if part != "[key]")  # an error of a name, as pydantic reports it
+    loc = tuple(part for part in loc if part != "[key]")  # pydantic adds "[key]" to an error in a name
     key, message = dotted(loc), first["msg"].removeprefix("Value error, ")
     message = message[:1].lower() + message[1:]
     value = "" if first["type"] in ("missing", "value_error", "rule") else f" = {shown(first['input'])}"

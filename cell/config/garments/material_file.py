@@ -1,4 +1,4 @@
-"""Insert a measured value into a copy of a garment file. Its comments and layout are preserved."""
+"""Insert measured values into a copy of a garment file. Comments and layout are preserved where possible."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def with_material(
     no_longer_assumed: Sequence[str],
     surface: str = DEFAULT_SURFACE,
 ) -> str:
-    """The garment file `text` with `values` under `material` and their origin under `material.measured`.
+    """Return the garment file `text` with `values` under `material` and their origin under `material.measured`.
 
     A value that is a mapping is merged with the existing mapping. no_longer_assumed: names to remove from
     `material.assumed`. name: stem of the file name, for messages. Raises ConfigurationError if the result is not a
@@ -40,7 +40,7 @@ def with_material(
         changed["assumed"] = [field for field in material["assumed"] if field not in no_longer_assumed]
     wanted["material"] = material | changed
     edited = _edited(text, changed)
-    if parse_yaml(edited, file, "garment file").data != wanted:  # this layout cannot be edited line by line
+    if parse_yaml(edited, file, "garment file").data != wanted:  # the layout does not allow editing by lines
         edited = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True)
     with tempfile.TemporaryDirectory() as folder:
         trial = Path(folder) / file
@@ -54,8 +54,8 @@ def _merged(old: Any, new: Any) -> Any:
 
 
 def _edited(text: str, changed: Mapping[str, Any]) -> str:
-    """Write `changed` into the block `material:`, one line per key, in place of the existing lines of these
-    keys."""
+    """Return `text` with `changed` in the block `material:`, one line per key. The existing lines of these keys
+    are replaced."""
     lines = text.splitlines()
     start = next((i for i, line in enumerate(lines) if re.match(r"material:\s*(#.*)?$", line)), None)
     if start is None:

@@ -1,4 +1,4 @@
-"""Create a garment file for a user's garment from a known garment and an observed outline."""
+"""Create the file of a user's garment from a known garment and an observed outline."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ __all__ = ["check_plan", "new_garment_text"]
 
 
 def new_garment_text(like: str, name: str, title: str, template: Array, origin: str, surface: str) -> str:
-    """A garment file with the folds, fabric and poses of the garment `like`, and the key points `template` (k, 2).
+    """Return the text of a garment file with the folds, fabric and poses of the garment `like`, and the key points
+    `template` (k, 2) [m].
 
     All fabric values are marked as assumed, because they belong to another garment. origin: a line that states the
     origin of the outline. Raises ConfigurationError if the folds cannot be planned on this outline.
@@ -28,7 +29,7 @@ def new_garment_text(like: str, name: str, title: str, template: Array, origin: 
     data = dict(read_yaml(garment_path(like), "garment file").data)
     fabric = {k: v for k, v in data.get("material", {}).items() if k not in ("measured", "hang_drop")}
     fabric |= {
-        "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # of a strip
+        "stretch_fraction": round(load_garment(like, surface).material.stretch_fraction, 5),  # stretch of a strip
         "assumed": list(FABRIC_FIELDS),
     }
     points = {n: [round(float(v), 4) for v in p] for n, p in zip(data["keypoints"], template, strict=True)}
@@ -43,7 +44,7 @@ def new_garment_text(like: str, name: str, title: str, template: Array, origin: 
 
 
 def check_plan(name: str, garment: Garment) -> None:
-    """Raises ConfigurationError if the folds of the garment cannot be planned."""
+    """Check that the folds of the garment can be planned. Raises ConfigurationError if they cannot."""
     planned = plan_folds(garment.flat_state(*garment.poses.middle), garment)
     if planned.failure is not None:
         raise ConfigurationError(
@@ -52,5 +53,5 @@ def check_plan(name: str, garment: Garment) -> None:
 
 
 def _dumped(data: Mapping[str, Any]) -> str:
-    """YAML with points and short lists on one line, as in the shipped files."""
+    """Return YAML text with points and short lists on one line, as in the shipped files."""
     return yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=115)

@@ -18,7 +18,8 @@ __all__ = ["check_lines_and_grasps"]
 
 
 def check_lines_and_grasps(document: Document, garment: Garment) -> None:
-    """Check that each fold line divides the garment as folded so far and that the grasps lie on the moved part.
+    """Check that each fold line divides the garment as it is folded by then, and that the grasps lie on the part
+    that moves.
 
     document: the garment's file. Raises ConfigurationError with the line, the step and its variant.
     """
@@ -46,31 +47,32 @@ def check_lines_and_grasps(document: Document, garment: Garment) -> None:
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
-    """Every combination of variants, the preferred one first. The scorer accepts all of them."""
+    """Yield every combination of variants (step -> variant), first the one of all preferred variants. The scorer
+    accepts all combinations."""
     variants = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
     yield from map(dict, product(*variants))
 
 
 def _variant(step: str, garment: Garment, chosen: Mapping[str, str]) -> str:
-    """The chosen variant in brackets, if the step has more than one."""
+    """Return the chosen variant in brackets if the step has more than one variant, else an empty text."""
     several = any(s.name == step and len(s.variants) > 1 for s in garment.plan)
     return f" ({chosen[step]})" if several else ""
 
 
 def _line_key(step: str, garment: Garment) -> Key:
-    """Key of a step's fold line in the file."""
+    """Return the key of a step's fold line in the file."""
     return ("plan", [s.name for s in garment.plan].index(step), "line")
 
 
 def _grasps_key(step: str, garment: Garment, chosen: Mapping[str, str]) -> Key:
-    """Key of the grasps of a step's chosen variant in the file."""
+    """Return the key of the grasps of a step's chosen variant in the file."""
     index = [s.name for s in garment.plan].index(step)
     variants = [v.name for v in garment.plan[index].variants]
     return ("plan", index, "variants", variants.index(chosen[step]), "grasps")
 
 
 def _grasp_error(step: FoldStep, garment: Garment) -> str | None:
-    """Error message for a grasp that is not on moving cloth, or None."""
+    """Return an error message for a grasp that is not on moving cloth, or None."""
     outline = np.asarray(garment.flat_state(0.0, 0.0).contour)
     for grasp_id, grasp in step.grasps.items():
         if layers_at(step.earlier, outline, grasp.point, garment.layers) == 0:

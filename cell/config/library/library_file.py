@@ -1,4 +1,4 @@
-"""Files of the trajectory library: the shipped one and the user's."""
+"""Read and write the files of the trajectory library: the shipped file and the user's file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ _HINT = "free disk space or make the library's folder writable, or choose anothe
 
 @dataclass(frozen=True)
 class LoadedLibrary:
-    """library: the valid entries. refused: file and reason of each invalid entry, for the operator."""
+    """A library as loaded from its files. library: the valid entries. refused: file and reason of each invalid
+    entry, for the operator."""
 
     library: Library
     refused: tuple[tuple[Path, Refusal], ...] = ()
@@ -47,13 +48,13 @@ def shipped_library_path() -> Path:
 
 
 def user_library_path(logs: Path) -> Path:
-    """Path of the user's library of optimised folds."""
+    """Return the path of the user's library of optimised folds."""
     return logs / "library.json"
 
 
 def load_library(logs: Path | None = None) -> LoadedLibrary:
-    """The user's library, then the shipped one. A missing file counts as empty. A broken file is listed in
-    `refused`."""
+    """Load the user's library and the shipped one; the user's entries come first. A missing file counts as empty.
+    A broken file is listed in `refused`."""
     library, refused = Library(), []
     paths = [] if logs is None else [user_library_path(logs)]
     for path in (*paths, shipped_library_path()):
@@ -66,7 +67,8 @@ def load_library(logs: Path | None = None) -> LoadedLibrary:
 def entry_of(
     garment: Garment, step: FoldStep, trajectory: GraspTrajectory, method: str, dissimilarity_initial: float
 ) -> LibraryEntry:
-    """The library entry of a fold. dissimilarity_initial: dissimilarity of the initial arc of the search [m]."""
+    """Make the library entry of a fold. dissimilarity_initial: dissimilarity of the initial arc of the search
+    [m]."""
     return entry_from(
         trajectory,
         step,
@@ -95,7 +97,7 @@ def add_entry(logs: Path, entry: LibraryEntry) -> Path:
 
 
 def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
-    """Replace the entries of these garments in the file by `library`. Entries of other garments stay.
+    """Replace the entries of these garments in the file by those of `library`. Entries of other garments stay.
 
     A broken library is renamed first. Raises StorageError.
     """
@@ -109,7 +111,7 @@ def put_garments(path: Path, library: Library, garments: Iterable[str]) -> None:
 
 
 def write_library(path: Path, library: Library) -> None:
-    """Write the file atomically. Raises StorageError."""
+    """Write the library to a file atomically. Raises StorageError."""
     write_text(path, to_json(library))
 
 
@@ -132,7 +134,8 @@ def alone_with(path: Path) -> Iterator[None]:
     """Lock a library file for reading and writing, so that a run and a build do not overwrite each other's
     entries. Raises StorageError.
 
-    The lock is on the folder (`flock`). There is no lock on a file system that does not support it.
+    The lock is on the file's folder (`flock`). If the file system does not support such locks, the file is not
+    locked.
     """
     folder = _create(path.absolute().parent)
     try:

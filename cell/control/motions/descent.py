@@ -1,4 +1,4 @@
-"""Guarded descent as a motion: hands move straight down until their tips touch."""
+"""Guarded descent as a motion: hands move straight down until their fingertips touch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["GuardedHand", "guarded_descent"]
 
 @dataclass(frozen=True, eq=False)
 class GuardedHand:
-    """A descending hand: its set-point and the initial state of its controller."""
+    """A descending hand: its set-point (`lowering`) and the initial state of its controller."""
 
     lowering: Lowering
     state: DescentState
@@ -34,15 +34,15 @@ def guarded_descent(
     settles: bool = False,
     felt: Callable[[HandReading], None] = lambda reading: None,
 ) -> Motion[dict[Side, Contact]]:
-    """Lower the hands until all have touched or one has failed (skills.grasping.descend).
+    """Lower the hands until all have touched or one has failed. skills.grasping.descend controls each hand.
 
-    settles: whether a hand ends only when its set-point has come to rest at the height of contact. Otherwise the
-    hand ends at the contact, and its set-point moves to the measured height while the other hand still descends.
+    settles: if true, a hand ends only when its set-point has come to rest at the height of contact. If false, a
+    hand ends at its contact, and its set-point moves to the measured height while the other hand still descends.
     felt: called with every reading up to the contact.
     """
     lowering = {side: hand.lowering for side, hand in descending.items()}
     goals = {side: (hand.state.target, 0.0) for side, hand in descending.items()}
-    """(height [m], downward speed [m/s]) of each hand's goal."""
+    """Goal of each hand: (height [m], downward speed [m/s])."""
     ended: dict[Side, Outcome[Contact]] = {}
     q0 = start.q + last_command.offset(start.q)
 

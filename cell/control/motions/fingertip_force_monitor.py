@@ -29,7 +29,7 @@ class FingertipForceMonitor:
         self.strongest = 0.0
 
     def look(self, state: JointState) -> Failure | None:
-        """Read the tips of all hands. Returns a failure if a force cannot be measured."""
+        """Read the tip forces of all hands. Returns a failure if a force cannot be measured."""
         for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
             failure = validate_reading(reading, self._settings)

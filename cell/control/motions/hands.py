@@ -1,4 +1,5 @@
-"""Hand controllers as a motion: on every tick each hand is read, and its controller receives the reading.
+"""Run hand controllers as a motion: on every tick, the sensors of each hand are read and its controller gets the
+reading.
 
 The motion connects the pure controllers of skills.grasping with the ports. It ends when every hand has ended, or
 with the first failure. It cannot be paused.
@@ -33,7 +34,7 @@ LONGEST_LOOP_S = 30.0
 
 
 class Telemetry(Protocol):
-    """Receives the readings for the recording."""
+    """Receives sensor readings, which are written to the recording of the run."""
 
     def joints(self, state: JointState) -> None: ...
 
@@ -74,7 +75,7 @@ class Hands:
         gripper.command(min(command.opening, gripper.max_opening), command.force)
 
     def recording(self, watch: Watch | None = None) -> Watch:
-        """A watch that records the arms and both hands, then calls `watch`."""
+        """Return a watch that records the arms and both hands, then calls `watch`."""
 
         def look(tick: Tick) -> Failure | None:
             self.telemetry.joints(tick.state)
@@ -93,7 +94,7 @@ Control = Callable[[Side, HandReading, S], S | Outcome[V]]
 def commanding(
     hands: Hands, controller: Callable[[HandReading, S], tuple[GripCommand, S | Outcome[V]]]
 ) -> Control[S, V]:
-    """Control of a hand whose controller also commands its gripper."""
+    """Make the `Control` of a hand from a controller that also commands the gripper."""
 
     def control(side: Side, reading: HandReading, state: S) -> S | Outcome[V]:
         command, after = controller(reading, state)
@@ -122,10 +123,11 @@ def control_hands(
     control: Control[S, V],
     arms: Callable[[], Array] | None = None,
 ) -> Motion[dict[Side, V]]:
-    """The motion that runs the controllers. arms: called once per tick for the set-point (14,); None: the arms
-    hold their position.
+    """Run the controllers as a motion. arms: called once per tick for the set-point (14,); None: the arms hold
+    their position.
 
-    The motion must start near the joints at which the arms settle when they are sent its first set-point.
+    The motion starts only if the arms are near the joints at which they would settle under its first set-point
+    (SetPoint.begins). These are the first set-point minus the present tracking error.
     """
     running, values = dict(states), dict[Side, V]()
     still = start.q

@@ -1,4 +1,4 @@
-"""Holding position as a motion: the arms stand for some time, watched as in any other motion."""
+"""Hold the arms in position as a motion, with the same checks as in any other motion."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ __all__ = ["stand", "wait"]
 
 
 def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failure | None:
-    """Hold the arms for some cell time. Ends early with a failure of the loop or of `watch`.
+    """Hold the arms for `seconds` of cell time. Ends early with a failure of the loop or of `watch`.
 
-    No set-points are sent if the arms' state is stale at the start; the next motion then fails.
+    If the arms' state is stale at the start, no set-points are sent. The next motion fails if the state is stale
+    then.
     """
     return loop.run(lambda start: stand(loop.last_command, start, seconds, watch), standing=True).failure
 

@@ -1,5 +1,5 @@
-"""One hand's set-point in a descent: it follows a goal that may jump, within speed, acceleration and jerk
-limits."""
+"""The set-point of one hand in a descent. It follows a goal that may jump, within limits of speed, acceleration
+and jerk."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HAND_SPEED, HAND_ACCELERATION, HAND_JERK = 0.4, 0.6, 12.0
 @dataclass(eq=False)
 class Lowering:
     """Set-point of one descending hand. descent: the joints as a function of depth; top: height of depth 0 above
-    the table [m]; hand: depth of the set-point [m], and its rates."""
+    the table [m]; hand: depth of the set-point [m], with its speed and acceleration."""
 
     descent: Descent
     top: float
@@ -39,19 +39,19 @@ class Lowering:
 
     @property
     def brakes_at(self) -> float:
-        """Approximate depth at which the set-point comes to rest if it brakes now [m]."""
+        """Approximate depth at which the set-point would come to rest if it braked now [m]."""
         v = self.hand.velocity
         return self.hand.position + 0.5 * v * (abs(v) / HAND_ACCELERATION + HAND_ACCELERATION / HAND_JERK)
 
     def follow(self, depth: float, speed: float) -> None:
-        """Advance by a tick towards a depth [m] that grows at `speed` [m/s]."""
+        """Advance the set-point by one tick towards `depth` [m], a goal that grows at `speed` [m/s]."""
         self.hand = step_towards(
             self.hand, depth, speed, TICK_S, speed=HAND_SPEED, acceleration=HAND_ACCELERATION, jerk=HAND_JERK
         )
 
 
 def lowered_joints(q: Array, hands: Mapping[Side, Lowering]) -> Array:
-    """q (14,), with the joints of the lowered hands replaced by those at the depths of their set-points."""
+    """Return q (14,) [rad], in which the joints of each lowered arm are those at the depth of its set-point."""
     q = np.array(q)
     for side, hand in hands.items():
         q[arm_slice(side)] = hand.descent.at(hand.hand.position)

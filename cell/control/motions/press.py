@@ -1,4 +1,5 @@
-"""Pressing before a grasp as a motion: hands move down from the contact and brake if a tip is pushed too hard."""
+"""Press hands down before a grasp, as a motion: they move down from the contact, and brake if the force on a tip
+is too large."""
 
 from __future__ import annotations
 
@@ -27,11 +28,11 @@ def press_down(
     monitor: FingertipForceMonitor,
     max_force: float,
 ) -> Motion[JointState]:
-    """Press the hands of `lowering` down. A hand whose tip is pushed too hard brakes. The motion ends after
-    PRESS_S, or with a failure of `monitor`.
+    """Press the hands of `lowering` down. A hand brakes if the force on one of its tips exceeds `max_force`. The
+    motion ends after PRESS_S, or with a failure of `monitor`.
 
     lowering: set-point of each hand; the motion changes it. strokes: (start, end) depth of each hand [m].
-    max_force: force on a tip above which its hand brakes [N].
+    max_force: limit of the force on a tip [N].
     """
     last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
     braking: dict[Side, float] = {}

@@ -1,4 +1,4 @@
-"""Following a checked trajectory as a motion: it can pause anywhere on its path."""
+"""Follow a checked trajectory as a motion, which can pause anywhere on its path."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ def stream(
 ) -> Outcome[JointState]:
     """Execute the trajectory. Returns the state in which the arms came to rest.
 
-    Failures: those of the loop and of `watch`. A pause slows the motion's clock to a stop, so that the arms rest
-    on the path. They are still watched there, and continue on command if nobody has moved them meanwhile. A
-    failure of `watch`, a stale state and an abort also bring the arms to rest on the path before the motion ends.
+    A pause slows the motion's clock to a stop, so that the arms rest on the path. `watch` is still called there. A
+    resume command continues the motion, if nobody has moved the arms meanwhile. A failure of `watch`, a stale
+    state and an abort also bring the arms to rest on the path before the motion ends. Failures: those of the loop
+    and of `watch`.
     """
     return loop.run(lambda _: follow(loop, trajectory, watch, control), control)
 
@@ -30,8 +31,8 @@ def stream(
 def follow(
     loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
 ) -> Motion[JointState]:
-    """Follow the trajectory. The motion ends when the arms are within `settled` of the trajectory's end, or
-    settle_s after its end."""
+    """Follow the trajectory. The motion ends when the arms are within `settled` of the trajectory's last point, at
+    the latest settle_s after the trajectory's end."""
     path, offset = PathClock(trajectory, control), loop.last_command.offset(trajectory.q[0])
     settling, failure, k = 0.0, None, 0
     while True:
@@ -47,7 +48,7 @@ def follow(
             path.advance()
         if not feedback.fresh:
             continue
-        failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while it comes to rest
+        failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while the motion comes to rest
         settling += TICK_S if arrived and not failure else 0.0
         error = float(np.abs(feedback.state.q - trajectory.q[-1]).max())
         settled = error < loop.limits.settled or settling >= loop.limits.settle_s

@@ -1,8 +1,8 @@
-"""The effects: the functions that the runner calls on entering a state, (workcell, context) -> result.
+"""The effects: functions (workcell, context) -> result, which the runner calls on entering a state.
 
-An effect gets the values that it needs from the run's context as arguments. `EFFECTS` takes them out of the
-context and raises InternalError if one is missing. Then the state machine entered the effect too early, which is
-a bug.
+Most effects need values of the run's context as arguments. `EFFECTS` takes these values out of the context and
+raises InternalError if one is missing. A missing value is a bug: the state machine has entered the state too
+early.
 """
 
 from __future__ import annotations

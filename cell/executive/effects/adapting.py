@@ -24,13 +24,14 @@ from skills.perception.rectification.table_view import TableView
 __all__ = ["adapt"]
 
 FACTORS = (0.5, 0.7, 1.0, 1.4)
-"""Candidates for the friction, as multiples of the present estimate."""
+"""Friction coefficients to simulate, as multiples of the present estimate."""
 
 
 def adapt(
     cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection
 ) -> tuple[Garment, dict[str, object]]:
-    """The garment with the material learned from this fold, and figures for the journal."""
+    """Return the garment with the friction learned from this fold, and figures for the journal. If learning is
+    disabled or no fold remains, the garment is unchanged."""
     contour, view, noise = inspection.contour, inspection.view, Noise()
     garment, predicted = plan.garment, attempt.predicted
     if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold remains
@@ -62,5 +63,5 @@ def adapt(
 
 
 def _on_table(view: TableView, vertices: Array) -> Array:
-    """(n, 3) vertices projected onto the table along the camera's rays, in the table frame [m]."""
+    """Project vertices (n, 3) onto the table along the camera's rays. Returns (n, 3), table frame [m]."""
     return np.column_stack([view.shadow_on_table(vertices), np.zeros(len(vertices))])

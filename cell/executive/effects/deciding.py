@@ -19,14 +19,15 @@ __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 
 
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
-    """Choose the recovery from the table. Beyond the settings' limits of attempts, ask the operator or give up."""
+    """Choose the recovery from the table. If the settings' limits of attempts are reached, ask the operator or
+    give up."""
     kind, fold = failed.kind, context.fold
     attempt = context.attempts[(fold.index, kind.value)]
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
     overlap = float(failed.values.get("iou_aligned", 1.0))
     recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
-    if recovery.event is Event.CARRY_ON:  # does not count as an attempt, but needs a completed fold
+    if recovery.event is Event.CARRY_ON:  # the limits do not apply to it, but it needs a completed fold
         possible = fold.carried
     else:
         possible = (
@@ -51,7 +52,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     event: Event = recovery.event
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
     if event is Event.LOOK_AGAIN or on_cloth:
-        event = _look_event(cell, context)  # the garment may lie anywhere after its release
+        event = _look_event(cell, context)  # after its release the garment may lie anywhere
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
@@ -67,8 +68,8 @@ def _several_variants(context: RunContext) -> bool:
 
 
 def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
-    """The fold's context with one more adjustment for the next attempt. A new variant of the fold starts without
-    the adjustments and postures of the previous variant."""
+    """Return the fold's context with one more adjustment for the next attempt. A new variant of the fold starts
+    without the adjustments and postures of the previous variant."""
     if adjust is Adjustment.NONE:
         return fold
     if adjust is not Adjustment.OTHER_VARIANT:
@@ -78,7 +79,8 @@ def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
 
 
 def _look_event(cell: Workcell, context: RunContext) -> Event:
-    """The event that leads to the next picture: of the empty table, of the garment, or of a completed fold."""
+    """Return the event that leads to the next picture: of the empty table, of the garment, or of a completed
+    fold."""
     if _reference_missing(cell, context):
         return Event.START_OVER
     return Event.LOOK_AFTER if context.fold.carried else Event.LOOK_AGAIN
@@ -115,7 +117,8 @@ def pause(cell: Workcell, context: RunContext) -> Result:
 
 
 def _await_command(cell: Workcell, context: RunContext, expected: set[Event]) -> Result:
-    """Hold still until the operator gives one of the expected commands. Robot time excludes the wait."""
+    """Hold still until the operator gives one of the expected commands. The waiting time is not part of the robot
+    time."""
     start = cell.ports.clock.now()
     while True:
         failure = stopped(cell.ports)

@@ -15,7 +15,8 @@ __all__ = ["apply_drift"]
 
 
 def apply_drift(plan: Plan, inspection: Inspection) -> Plan:
-    """The plan with remaining steps, believed shape and material coordinates moved by the observed drift."""
+    """Return the plan after a drift: its flat garment, fold steps, believed shape and material coordinates are
+    moved by the observed drift."""
 
     def move(xy: Array) -> Array:
         return frozen(rigid_motion(xy, inspection.drift, inspection.drift_rad, inspection.drift_about))

@@ -39,22 +39,23 @@ from skills.vocabulary import CameraCalibration, Grasp, Outcome
 __all__ = ["fold", "grasp", "lift", "release_garment"]
 
 RELEASE_OPENING = 0.020
-"""Pad opening that releases the garment without sweeping the stack [m]."""
+"""Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
+aside."""
 PRESS = 0.001
-"""Depth beyond the first contact, so that the pads close under the cloth [m]."""
+"""Depth by which the hands move on after both tips touch [m], so that the pads close under the cloth."""
 DEEPER = 0.002
-"""Further depth per adjustment LOWER [m]."""
+"""Additional depth for each adjustment LOWER [m]."""
 STRONGER = 1.4
-"""Factor on the grip force per adjustment STRONGER."""
+"""Factor by which each adjustment STRONGER raises the grip force."""
 
 
 def grip_settings(cell: Workcell, fold: FoldContext) -> GraspSettings:
-    """The grasp settings with the grip force that recoveries have raised."""
+    """Return the grasp settings with the grip force as raised by recoveries."""
     return replace(cell.grasp, grip_force=cell.grasp.grip_force * STRONGER ** fold.count(Adjustment.STRONGER))
 
 
 def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
-    """Descend until the tips touch, press into the stack, close, and check how much the hands hold."""
+    """Descend until the tips touch, press into the stack, close the pads, and check how much the hands hold."""
     fold = context.fold
     settings = grip_settings(cell, fold)
     tares = {s: start_tare(settings) for s in attempt.motion.descend}
@@ -148,7 +149,8 @@ def _descend(
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
 ) -> Outcome[dict[Side, Contact]]:
-    """lowering: the function adds the set-point of each descending hand."""
+    """Lower the hands until their tips touch. lowering: the function adds the set-point of each descending hand,
+    from which `_press` continues."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
@@ -164,8 +166,9 @@ def _descend(
 
 
 def _goal(grasp: Grasp, lowest: float, tactile: bool) -> DescentGoal:
-    """Expect contact on top of the stack under the hand. Without contact, the descent ends at the lowest reachable
-    height; without tactile sensors, at the expected height of the table."""
+    """Return the heights at which a descent to `grasp` ends. Contact is expected on top of the stack under the
+    hand. With tactile sensors, a descent without contact fails at the lowest reachable height, which is limited to
+    8 mm below the expected table. Without tactile sensors, it ends at the expected height of the table."""
     bottom = min(max(lowest, -0.008), grasp.height)
     return DescentGoal(grasp.height, bottom, stop=None if tactile else max(bottom, 0.0), through=grasp.height)
 
@@ -177,10 +180,11 @@ def _press(
     lowering: Mapping[Side, Lowering],
     monitor: FingertipForceMonitor,
 ) -> Failure | None:
-    """Press from the first tip's contact until both tips press, and `deeper` [m] beyond that.
+    """Lower each hand until both of its tips touch, and then by PRESS + `deeper` [m] more.
 
-    Depths are measured from the contact, because the table's height is known only to a few millimetres. In a
-    tilted hand one open tip is lower than the other. The arm yields to the table as the pads close.
+    Depths are measured from the contact of the first tip, because the table's height is known only to a few
+    millimetres. In a tilted hand one open tip is lower than the other. The arm yields to the table as the pads
+    close.
     """
 
     def begin(start: JointState) -> Motion[JointState]:
@@ -210,7 +214,8 @@ def _close_and_confirm(
 
 
 def _expected(grasp: Grasp, thickness: float) -> Expectation:
-    """Expect the planned number of layers, or more if the hand reaches under the whole stack."""
+    """Return the number of layers to expect: the planned number, or at least that number if the planned grasp
+    holds the whole stack."""
     whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
     return Expectation(thickness, grasp.layers, or_more=whole_stack)
 
@@ -232,7 +237,8 @@ def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
 def _photographer(
     cell: Workcell, calibration: CameraCalibration, moments: Array, pictures: list[CameraFrame]
 ) -> Watch:
-    """Takes a picture at each moment, for the recording only: a camera failure does not end the fold."""
+    """Take a picture at each of the moments [s]. The pictures are only for the recording and the report. Therefore
+    a camera failure does not end the fold, but a stop does."""
     due = list(moments)
 
     def look(tick: Tick) -> Failure | None:

@@ -24,8 +24,8 @@ from skills.vocabulary import FoldStep, Outcome, PredictedShape
 __all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
-"""Smallest displacement of the outline by pressing after which the outline is judged again [m]. Corners that turn
-up move further."""
+"""Displacement of the outline by pressing [m]. From this value on, the outline after pressing is judged, otherwise
+the outline before pressing. A corner that turns up moves further than this."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: use a rougher table or fold more slowly",
@@ -37,7 +37,7 @@ HINTS = {
 
 
 def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
-    """Accept the fold, or diagnose its failure."""
+    """Judge the fold by the picture: accept it, press it, or diagnose its failure."""
     if not cell.settings.inspection.enabled:
         return next_step(cell, context)
     step = plan.steps[context.fold.index]
@@ -73,9 +73,9 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
 def judged_as_before(
     before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
-    """The inspection after pressing, with a corrected diagnosis. If the outline was good and pressing did not
-    displace it, its deviation before pressing counts: a pressed crease reaches further out than the predicted,
-    unpressed one."""
+    """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
+    and pressing did not displace it, its deviation before pressing counts. The reason: a pressed crease reaches
+    further out than the crease in the prediction, which is not pressed."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
@@ -120,7 +120,7 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
 
 
 def figures(inspection: Inspection) -> dict[str, float]:
-    """An inspection as plain numbers. Values that could not be measured are left out."""
+    """Return the figures of an inspection as plain numbers, without the values that could not be measured."""
     edge = inspection.edge
     measured = {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
     if edge is not None:
@@ -159,9 +159,9 @@ def _compare(
 
 
 def _with_step_note(context: RunContext, inspecting: bool) -> RunContext:
-    """The context in which the predicted shape of a completed fold is the believed shape. An inspected fold is
-    also added to `done`, and the plan moves by the measured drift. inspecting: False if folds are never inspected;
-    then every completed fold is added to `done`."""
+    """Return the context after a fold. The predicted shape of a completed fold becomes the believed shape. An
+    inspected fold is also added to `done`, and the plan moves by the measured drift. inspecting: False if folds
+    are never inspected; then every completed fold is added to `done`."""
     note, plan = context.fold.note(), context.plan
     if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator skipped it
         return context

@@ -52,12 +52,12 @@ PREGRASP_OPENING = PadGeometry().stroke
 
 
 def pausable(cell: Workcell) -> PathControl:
-    """Control of a motion that the operator may pause or abort."""
+    """Return the control of a motion that the operator may pause or abort."""
     return PathControl(cell.commands, cell.robot.protective, cell.limits, cell.tell, cell.note)
 
 
 def unpausable(cell: Workcell) -> PathControl:
-    """Control of a motion that makes the cell safe: only the stop ends it."""
+    """Return the control of a motion that makes the cell safe. Only the stop ends such a motion."""
     return PathControl(None, cell.robot.protective, cell.limits)
 
 
@@ -151,7 +151,8 @@ def clear(cell: Workcell, context: RunContext) -> Result:
 
 
 def make_safe(cell: Workcell, context: RunContext) -> Result:
-    """Open the hands and park, whatever happened before. A driver error ends in FAULT with the arms held."""
+    """Open the hands and park, whatever happened before. After a driver error the run ends in FAULT with the arms
+    held."""
     try:
         failure = _let_go_and_park(cell, unpausable(cell))
     except DriverError as e:
@@ -181,7 +182,7 @@ def _open(cell: Workcell) -> None:
 
 
 def with_waiting_time(context: RunContext, control: PathControl) -> RunContext:
-    """Add the time spent in pauses, which robot time excludes."""
+    """Add the time spent in pauses to the context's waiting time, which is not part of the robot time."""
     return replace(context, waited_s=context.waited_s + control.waited_s) if control.waited_s else context
 
 
@@ -194,7 +195,8 @@ def _let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OP
 
 
 def _calibrated(cell: Workcell) -> Failure | None:
-    """Wait for grippers that are still calibrating: their pads move on their own."""
+    """Wait until all grippers are calibrated, because their pads move during a calibration. Returns a failure if
+    that takes longer than CALIBRATION_S, or if the run is stopped."""
     deadline = cell.ports.clock.now() + CALIBRATION_S
     while True:
         busy = [side.value for side, g in cell.ports.grippers.items() if not g.state().calibrated]
@@ -212,7 +214,8 @@ def _calibrated(cell: Workcell) -> Failure | None:
 
 
 def _still_closed(cell: Workcell) -> Failure | None:
-    """A failure if a hand did not open or its opening is unknown. Such a hand may drag the garment along."""
+    """Return a failure if a hand did not open or its opening is unknown. Such a hand may drag the garment
+    along."""
     for side, gripper in cell.ports.grippers.items():
         state = gripper.state()
         opening, age = state.opening, cell.ports.clock.now() - state.stamp

@@ -35,10 +35,10 @@ from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outc
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths"]
 
 INWARD = 0.012
-"""Distance that each adjustment INWARD moves the grasps towards the fold line [m]."""
+"""Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
 KEY_FRAMES = 6
 _ARC = np.linspace(0.0, 1.0, 40)
-"""Curve parameters of the points drawn in the view."""
+"""Curve parameters of the points at which the recording draws an arc."""
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
@@ -73,17 +73,18 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
 
 
 def _variants(fold: FoldContext, completed: Sequence[FoldStep], garment: Garment) -> dict[str, str]:
-    """Step name -> variant, for the completed folds and the present one."""
+    """Return step name -> variant name for the completed folds and the present fold."""
     step = garment.plan[fold.index]
     chosen = step.variants[fold.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
     return {**{s.name: s.variant for s in completed}, step.name: chosen.name}
 
 
 def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
-    """Choose the step's arcs: the library's if they reach the dissimilarity stored with them, else optimised ones.
+    """Choose the step's arcs. The library's arcs are used if their simulated fold reaches the dissimilarity that
+    is stored with them. Otherwise the arcs are optimised.
 
-    A recovery may demand an optimisation (OPTIMISE), which then only starts from the library's arcs, or the
-    initial arcs without any optimisation (PLAIN_ARC).
+    A recovery may demand an optimisation (OPTIMISE); then the library's arcs are only its start. Or it may demand
+    the initial arcs without any optimisation (PLAIN_ARC).
     """
     fold, garment, nominal, settings = context.fold, plan.garment, plan.nominal, cell.settings.optimiser
     step = plan.steps[fold.index]
@@ -102,7 +103,7 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
         return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
-    optimised = trajectory.source == "optimised" and method != "initial"  # the library keeps no initial arcs
+    optimised = trajectory.source == "optimised" and method != "initial"  # initial arcs are not stored
     if optimised and garment.material == nominal.material:
         try:
             cell.keep(trajectory, step, garment, outcome.notes)
@@ -156,7 +157,8 @@ def _until_stopped(cell: Workcell) -> Predictor:
 
 
 def _draws(cell: Workcell, search: int) -> np.random.Generator:
-    """The motion planner's random generator. Each further search gets another one."""
+    """Return the motion planner's random generator. search: 0 for the first search; each further search gets a
+    different generator."""
     return cell.rng().spawn(search)[-1] if search else cell.rng()
 
 
@@ -201,7 +203,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
 
 
 def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
-    """The garment that the request names, else the recognised garment, as described by its file."""
+    """Return the garment that the request names, else the recognised garment, as its file describes it."""
     if cell.expected is not None:
         return cell.expected
     return next(g for g in cell.garments if g.name == recognition.perception.garment)
@@ -229,7 +231,8 @@ def _described(trajectory: GraspTrajectory) -> dict[str, object]:
 
 
 def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple[GraspTrajectory, FoldStep]:
-    """The fold with every grasp and its target `inset` [m] nearer to the fold line."""
+    """Return the trajectory and the step with every grasp and every target moved `inset` [m] towards the fold
+    line."""
     if inset == 0.0:
         return trajectory, step
     shift = inset * step.line.normal
@@ -251,13 +254,13 @@ def _predict(cell: Workcell, plan: Plan, motion: FoldMotion) -> FoldPrediction:
 
 
 def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPath]:
-    """The tool paths of a motion by grasp, as input of a simulation: the lift, then the arc."""
+    """Return the tool paths of a motion by grasp, as input of a simulation: the lift, then the arc."""
     height = cell.settings.grasp.lift_height
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
 def _predicted_shape(plan: Plan, step: FoldStep, prediction: FoldPrediction) -> tuple[PredictedShape, float]:
-    """The predicted shape, and its dissimilarity D from the ideal fold [m]."""
+    """Return the predicted shape, and its dissimilarity D from the ideal fold [m]."""
     mesh = plan.mesh
     target = target_vertices(mesh, step.lines, plan.garment.material)
     error = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)

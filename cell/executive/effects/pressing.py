@@ -34,16 +34,16 @@ __all__ = ["plan_pressing", "press"]
 YIELD_S = 0.06
 """Time in which a pressing hand comes to rest after a hard push [s]. It is short, to limit the force."""
 GAIN = 0.0015
-"""A fold is pressed again only if the previous pressing lowered it by this much [m]."""
+"""A fold is pressed again only if the previous pressing lowered it by at least this height [m]."""
 
 
 def plan_pressing(
     cell: Workcell, index: int, plan: Plan, attempt: Attempt, inspection: Inspection
 ) -> PressPlan | None:
-    """The hands' paths and the arms' motion to press the fold that was just inspected.
+    """Plan the pressing of the fold that was just inspected: the hands' paths and the arms' motion.
 
-    None if the fold is flat enough, an earlier pressing did not help, or no hand can press it. The fold is then
-    accepted or rejected as it is.
+    Returns None if the fold is flat enough, if an earlier pressing did not help, or if no hand can press it. The
+    fold is then accepted or rejected as it is.
     """
     step = plan.steps[index]
     if not _should_press(cell, step, plan, attempt, inspection):
@@ -102,7 +102,7 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
 
 
 def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
-    """Whether the fold was observed to be higher than its flat layers, and pressing may help."""
+    """Whether to press: the fold was observed to be higher than its flat layers, and pressing may help."""
     settings, before = cell.settings.pressing, attempt.pressed
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
     if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
@@ -112,14 +112,15 @@ def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, 
 
 
 def _flat(step: FoldStep, plan: Plan) -> PredictedShape:
-    """The garment after this step with perfectly flat creases."""
+    """Return the garment's shape after this step if its creases were perfectly flat."""
     mesh = plan.mesh
     target = target_vertices(mesh, step.lines, plan.garment.material)
     return PredictedShape(target, mesh.triangles, mesh.rest)
 
 
 def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) -> tuple[tuple[Dab, ...], float]:
-    """The dabs, and the observed height of the garment [m]. step, plan: moved by the observed drift."""
+    """Choose the dabs. Returns them with the observed height of the garment [m]. step, plan: moved by the observed
+    drift."""
     mesh, thickness, above = plan.mesh, plan.garment.material.thickness, cell.settings.pressing.min_excess_height
     found = find_high_places(
         inspection.height, inspection.mask, inspection.view, _flat(step, plan), thickness, above
@@ -139,8 +140,8 @@ def _dabs(cell: Workcell, step: FoldStep, plan: Plan, inspection: Inspection) ->
 def _planned(
     cell: Workcell, line: FoldLine, dabs: tuple[Dab, ...], highest: float
 ) -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
-    """The hands' paths over the dabs and the arms' motion: for all dabs, else for the dabs that one hand
-    reaches."""
+    """Plan the hands' paths over the dabs and the arms' motion. If no motion for all dabs is found, plan only the
+    dabs that one hand reaches."""
     q_now = cell.ports.arms.state().q
 
     def plan() -> Outcome[tuple[Mapping[GraspId, ToolPath], FoldMotion]]:
@@ -160,9 +161,10 @@ def _planned(
 
 
 class _Guard:
-    """Ends a pressing motion when a tip is pushed harder than the settings allow, or its force is unknown.
+    """Ends a pressing motion when a tip is pushed harder than the settings allow, or when its force is unknown.
 
-    hard_push: set after too hard a push. It ends the pressing motion but does not fail the run.
+    hard_push: the failure that is set after too hard a push. It ends the pressing motion but does not fail the
+    run.
     """
 
     def __init__(self, cell: Workcell, biases: Mapping[Side, TactileBias]) -> None:

@@ -20,7 +20,8 @@ from skills.vocabulary import CameraCalibration, Outcome
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
 HEAD_TOLERANCE = 0.01
-"""Largest deviation of the head's pan [rad]. This angle moves the picture by 10 mm on the table."""
+"""Largest deviation of the head's pan from its calibrated value [rad]. Such a deviation moves the picture by 10 mm
+on the table."""
 PICTURE_AGE = 0.5
 """Largest age of a picture [s]. A frozen camera repeats its last picture."""
 
@@ -100,7 +101,7 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
     plan, sight = context.plan, context.sight
     if plan is not None and context.fold.index > 0:
         return find_folded(cell, context, plan, frame)
-    # look only for the garment that was recognised earlier
+    # after the first recognition, look only for the same garment
     expected = cell.expected or (plan.garment if plan else None)
     outcome = cell.compute(
         cell.settings.computing.perception_s,

@@ -1,1 +1,1 @@
-"""The operator's page: the state of the run, the commands that are possible now, and the Rerun view."""
+"""The operator's page: it shows the state of the run, the commands that are possible now, and the Rerun view."""

@@ -4,11 +4,11 @@
 {"say": "pause"}                      a command that is possible now (cell/states/commands.py)
 {"say": "approve", "question": 3}     an answer, with the number of the question that it belongs to
 
-A command is checked strictly: an unknown key or a value of another type is refused, because it could be meant
-otherwise. A stop is never refused for its form. Every object with the key `stop`, whatever its value and its other
-keys, and every object with `"say": "stop"` stops the robot; an unwanted stop costs a minute, a missed one may cost
-a hand. What is no object (a text, a list, a number) is no message: `"stop"` alone, `["stop"]` and `"nonstop"` say
-nothing.
+Commands are checked strictly: a command with an unknown key or a value of another type is refused, because it
+could mean something else. A stop is never refused for its form. Every object with the key `stop`, whatever its
+value and its other keys, and every object with `"say": "stop"` stops the robot. An unwanted stop costs a minute,
+but a missed stop may cost a hand. A text, a list or a number is not a message: `"stop"` alone, `["stop"]` and
+`"nonstop"` do nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STOP = "stop"
 
 
 class StopMessage:
-    """Stop the robot."""
+    """A message that stops the robot."""
 
 
 class CommandMessage(BaseModel):
@@ -37,7 +37,7 @@ class CommandMessage(BaseModel):
 
 
 def read_message(text: str | bytes) -> StopMessage | CommandMessage | None:
-    """The message in a frame of the page; None if it is none."""
+    """Parse the text of a WebSocket frame from the page. Returns None if it is not a message."""
     try:
         message: Any = json.loads(text)
     except (ValueError, RecursionError):

@@ -1,5 +1,5 @@
-"""The status of the run for the operator's page: an observer that keeps the latest value of everything on the
-page.
+"""The status of the run for the operator's page: an observer that stores the latest value of everything that the
+page shows.
 
 Any thread may write to it (the executive, a skill, a source of commands) and read it. A reader always gets a
 consistent snapshot.
@@ -36,8 +36,8 @@ _ALLOWED: Mapping[State, frozenset[Event]] = {
 
 
 class RunStatus:
-    """The status of one run. `snapshot` is the content of the page; `version` changes whenever the content
-    changes."""
+    """The status of one run. `snapshot` returns the content of the page. `version` grows with every change of the
+    content."""
 
     def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
         self._lock = threading.Lock()
@@ -90,13 +90,13 @@ class RunStatus:
             self.version += 1
 
     def note_command(self, command: Event) -> None:
-        """Note a command from the page or the terminal: after PAUSE the page offers RESUME."""
+        """Note a command from the page or the terminal. After PAUSE, the page offers RESUME in its place."""
         with self._lock:
             self._pausing = command is Event.PAUSE or (self._pausing and command in ANSWERS)
             self.version += 1
 
     def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
-        """Set the end of the run and its folder."""
+        """Set how the run ended, and its folder."""
         with self._lock:
             unfinished = state in {State.STOPPED, State.FAULT} and not self._context.through
             resumable = unfinished and has_checkpoint(folder)
@@ -110,7 +110,7 @@ class RunStatus:
     # used by the page
 
     def allowed(self) -> frozenset[Event]:
-        """Commands that are possible now."""
+        """Return the commands that are possible now."""
         with self._lock:
             return self._allowed_now()
 
@@ -139,7 +139,7 @@ class RunStatus:
     def _allowed_now(self) -> frozenset[Event]:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
-        allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # nothing moves
+        allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # no motion to pause
         allowed |= {Event.APPROVE} if self._wanted else set()
         return allowed - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in allowed else allowed
 
@@ -181,6 +181,6 @@ class RunStatus:
 
 
 def _sentences(*parts: str) -> str:
-    """The non-empty parts as sentences; all but the first get a capital letter."""
+    """Join the non-empty parts as sentences. All parts except the first get a capital letter."""
     first, *more = [part for part in parts if part]
     return " ".join(f"{part}." for part in (first, *(part[0].upper() + part[1:] for part in more)))

@@ -1,9 +1,9 @@
-"""Serves the operator's page on this machine and receives the operator's commands.
+"""Serve the operator's page on this machine and receive the operator's commands.
 
-The page uses one WebSocket: it receives a snapshot of the run's status after each change, with keep-alive messages
-in between, and sends commands. A command is put into the run's queue like any other; the stop goes directly to the
-stop circuit. Access requires the page's address, which contains a secret made for this run. Requests from pages of
-other sites are refused by their origin.
+The page has one WebSocket. Over it, the page receives a snapshot of the run's status after each change and
+keep-alive messages in between, and sends commands. A command is put into the run's queue like any other command. A
+stop triggers the stop circuit directly. Access requires the page's address, which contains a secret made for this
+run. Requests from pages of other sites are refused because of their origin.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ LOOK_S, ALIVE_S = 0.05, 1.0
 LAST_WORD_S = 0.5
 """Time for which the page is served after the run's end, so that it receives the last status [s]."""
 LONGEST = 4096
-"""Largest message [bytes]; a command has about fifty."""
+"""Maximum size of a message from the page [bytes]. A command has about fifty."""
 POLICY = 1008
 STOP_REASON = "the operator's page"
 
 
 def open_listener(port: int = 0) -> socket.socket:
-    """Open the page's socket, on this machine only; port 0 chooses a free port. Clients that connect before the
+    """Open the page's socket, on this machine only. Port 0 chooses a free port. Clients that connect before the
     page is served wait. Raises StorageError if the port is in use."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -78,10 +78,10 @@ def open_listener(port: int = 0) -> socket.socket:
 def operators_page(
     run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
 ) -> Iterator[str]:
-    """Serve the page while the context lasts; yields its address.
+    """Serve the page for the duration of the context. Yields its address.
 
-    viewer: address of the Rerun viewer to show beside it; listener: from `open_listener`, closed at the end.
-    Raises StorageError if the page cannot be served.
+    viewer: address of the Rerun viewer, which the page shows too; None: no viewer. listener: from `open_listener`,
+    closed at the end. Raises StorageError if the page cannot be served.
     """
     secret = secrets.token_urlsafe(16)
     port = listener.getsockname()[1]
@@ -130,8 +130,8 @@ class _Page:
         return HTMLResponse(page, headers=HEADERS)
 
     async def link(self, link: WebSocket) -> None:
-        """One page's WebSocket. It is closed if sending or receiving fails, so that the page notices the
-        failure."""
+        """Serve the WebSocket of one open page. The socket is closed if sending or receiving fails, so that the
+        page notices the failure."""
         if link.headers.get("origin") not in self._origins:
             await link.close(POLICY)
             return
@@ -163,19 +163,19 @@ class _Page:
                 return
             try:
                 answer = self._answer(frame.get("text") or frame.get("bytes") or "")
-            except Exception as e:  # it must not close the link: the next message may be a stop
+            except Exception as e:  # an error must not close the link: the next message may be a stop
                 answer = {"refused": f"the message could not be carried out: {e}"}
             await link.send_json(answer)
 
     def _stopped(self) -> bool | None:
-        """Whether the stop is set; None if the driver cannot read it."""
+        """Whether the stop is triggered; None if the driver cannot read it."""
         try:
             return self._stop.state().stopped
         except DriverError:
             return None
 
     def _answer(self, text: str | bytes) -> dict[str, Any]:
-        """Carry out a message (cell/operator/console/messages.py); returns the answer for the page."""
+        """Carry out a message (cell/operator/console/messages.py). Returns the answer for the page."""
         message = read_message(text)
         if message is None:
             return {"refused": "the message is not valid"}

@@ -1,4 +1,4 @@
-"""Supervision of a run: the operator's page with the Rerun view in it."""
+"""Supervise a run with the operator's page, which contains the Rerun view."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ __all__ = ["Supervision"]
 
 
 class Supervision:
-    """Supervision of one run. run_status: shown on the page; commands: the run's queue."""
+    """Supervision of one run. run_status: the status that the page shows; commands: the run's queue, which gets
+    the commands from the page."""
 
     def __init__(
         self, request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket.socket
@@ -29,7 +30,8 @@ class Supervision:
 
     @contextmanager
     def page(self, recorder: Recorder, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
-        """Serve the operator's page while the context lasts. Raises StorageError like `operators_page`."""
+        """Serve the operator's page for the duration of the context. Raises StorageError as `operators_page`
+        does."""
         live = recorder.live_url
         viewer = viewer_address(self._viewer, live) if self._viewer and live else None
         with operators_page(self._run_status, self._commands, stop, viewer, self._listener) as address:

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, plain lines at intervals on any other stream."""
+"""Show the progress of long work: a bar on a terminal, plain lines at intervals on any other stream."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIDTH = 24
 EVERY_S = 15.0
 """Shortest time between two plain lines [s]."""
 MIN_DONE = 3
-"""The time left is estimated once this many items are done."""
+"""The time left is estimated only if at least this number of items is done."""
 
 
 class ProgressBar:

@@ -1,4 +1,5 @@
-"""Reports that code is being compiled: the first use after an installation waits for it without other output."""
+"""Reports that code is being compiled. Without these lines, the first use after an installation would wait for the
+compiler in silence."""
 
 from __future__ import annotations
 
@@ -15,16 +16,17 @@ PARTS = {
     "skills.cloth": "compiling the cloth simulation: once after an installation, one to three minutes",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
-"""Message for each package and its subpackages. Code of other packages compiles in about a second."""
+"""Message for each package with its subpackages. Code of other packages compiles in about a second."""
 STILL_EVERY = 15.0
-"""Time between two messages that compilation goes on [s]."""
+"""Time between two messages that compilation continues [s]."""
 
 
 @contextmanager
 def report_compilation(say: Callable[[str], None]) -> Iterator[None]:
-    """Call `say` with a line when a package begins to compile, and every `STILL_EVERY` s until it is compiled.
+    """Call `say` with a line when a package of PARTS begins to compile, and every STILL_EVERY s while compilation
+    continues.
 
-    Code from the compile cache gives no line.
+    Code that is loaded from the compile cache gives no line.
     """
     listener = _Listener(say)
     finished = threading.Event()
@@ -39,7 +41,8 @@ def report_compilation(say: Callable[[str], None]) -> Iterator[None]:
 
 
 class _Listener(Listener):
-    """Compilation is nested: a function's callees are compiled within it. Only the outermost ones are timed."""
+    """Listens to numba's compilations. They are nested, because the functions that a function calls are compiled
+    within it. Only the outermost ones are timed."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
@@ -65,7 +68,7 @@ class _Listener(Listener):
             self._spent += time.monotonic() - self._began
 
     def report_until(self, finished: threading.Event) -> None:
-        """Say how long compilation has taken so far, every `STILL_EVERY` s in which it goes on."""
+        """Report every STILL_EVERY s how long compilation has taken so far, if it still continues."""
         while not finished.wait(STILL_EVERY):
             if self._announced and self._depth:
                 self._say(f"still compiling, {self._spent + time.monotonic() - self._began:.0f} s so far")

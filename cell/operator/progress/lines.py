@@ -1,4 +1,4 @@
-"""Progress as plain lines: cell time, state and failures. An observer of the runner."""
+"""Print progress as plain lines: cell time, state and failures. The printer is an observer of the runner."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _HINTS = {
 
 
 class ProgressLines:
-    """Prints one line for each state and each failure, and a bar for long computations. Prints nothing without a
-    stream. A closed terminal does not affect the run."""
+    """Prints one line per state and per failure, and a bar for long computations. Without a stream it prints
+    nothing. A closed terminal does not affect the run."""
 
     def __init__(self, stream: TextIO | None) -> None:
         self._bar = ProgressBar(stream)
@@ -43,5 +43,5 @@ class ProgressLines:
         self._bar.update(done, total, remark)
 
     def note(self, text: str) -> None:
-        """Show a message within a state."""
+        """Show a message about what happens in the present state."""
         self._bar.line(f"{'':12}{text}")

@@ -18,8 +18,9 @@ def say(text: str) -> None:
 
 @dataclass(frozen=True)
 class Notifier:
-    """lines: lines for the terminal. run_status: status for the page, whether or not a page is open. quiet:
-    whether no lines are printed. typed: whether the operator can type answers."""
+    """Sends messages to all places where a person may read them. lines: printer of lines for the terminal.
+    run_status: status for the page, used whether or not a page is open. quiet: whether no lines are printed.
+    typed: whether the operator can type answers."""
 
     lines: ProgressLines
     run_status: RunStatus
@@ -31,7 +32,7 @@ class Notifier:
         return self.lines, self.run_status
 
     def note(self, text: str) -> None:
-        """Show a message within a state."""
+        """Show a message about what happens in the present state."""
         for watcher in self.watching:
             watcher.note(text)
 

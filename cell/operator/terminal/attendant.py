@@ -21,17 +21,17 @@ BOARD = {
 
 
 class PersonAttendant:
-    """The attendant of a real cell: a person who is asked to act. ask: shows the request; called with None when
-    the request no longer applies.
+    """The attendant of a real cell: asks a person to act and waits until the person answers with APPROVE.
 
-    APPROVE answers a request. Raises DriverError: ABORTED if the run is ended or nobody is left to answer, STOPPED
-    if the cell is stopped.
+    ask: shows the request; called with None when the request no longer applies. Raises DriverError: ABORTED if the
+    operator ends the run or has left, STOPPED if the stop is triggered.
     """
 
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
         self._commands, self._stop, self._ask = commands, stop, ask
         self.clock: Clock | None = None
-        """Clock to advance during a wait; None: no clock. A scripted clock gives its commands as it advances."""
+        """Clock that is advanced during a wait; None: no clock is advanced. A scripted clock gives its commands as
+        it advances."""
 
     def lay_garment(self) -> None:
         self._wait_for("lay the garment flat on the table and step back")

@@ -31,7 +31,8 @@ HELP = "  ".join(f"{key} {event.value}" for key, event in KEYS.items()) + "  Ctr
 
 class _Lines:
     """Reads the lines typed into a source on a daemon thread and passes them to the present listener. There is one
-    reader for each source. The operator of a new run replaces the operator of the previous run as its listener."""
+    reader per source. When a new run begins, its operator becomes the listener in place of the operator of the
+    previous run."""
 
     _of: ClassVar[WeakKeyDictionary[TextIO, _Lines]] = WeakKeyDictionary()
 
@@ -70,8 +71,8 @@ class _Lines:
 class TerminalOperator:
     """Turns lines typed into `source` into commands, from `start` until another operator starts.
 
-    If the source ends (the terminal was closed), nobody is left to answer and the command queue is closed, unless
-    commands can also come from elsewhere (`alone` is false).
+    If the source ends because the terminal was closed, nobody can answer any more. The command queue is then
+    closed, unless commands can also come from elsewhere (`alone` is false).
     """
 
     def __init__(
@@ -122,8 +123,8 @@ class TerminalOperator:
 
 
 def check_terminal(source: TextIO | None) -> None:
-    """Raises ConfigurationError if nobody can answer: there is no input, or this process runs in the background of
-    its terminal."""
+    """Check that somebody can answer. Raises ConfigurationError if there is no input, or if this process runs in
+    the background of its terminal."""
     if source is None:
         raise ConfigurationError("nobody can answer: there is no terminal", "use the operator's page: supervise")
     with suppress(OSError, ValueError):
@@ -135,8 +136,8 @@ def check_terminal(source: TextIO | None) -> None:
 
 
 def in_foreground(source: TextIO | None) -> bool:
-    """Whether somebody can type into `source`: it is a terminal and this process is in its foreground. Reading
-    from the background would suspend the whole process, including motions and the operator's page."""
+    """Whether somebody can type into `source`: it is a terminal, and this process is in the terminal's foreground.
+    Reading in the background would suspend the whole process, including motions and the operator's page."""
     try:
         return source is not None and source.isatty() and os.tcgetpgrp(source.fileno()) == os.getpgrp()
     except (OSError, ValueError):

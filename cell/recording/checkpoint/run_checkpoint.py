@@ -1,9 +1,9 @@
 """The checkpoint: a run's context, written after each effect so that an interrupted run can be resumed from it.
 
 A checkpoint is a folder with a file `context`, which is replaced as a whole. Its first line is JSON with version,
-schema and hash. The rest is a pickle of the context. Reading it creates only values of this program and arrays.
-Each large array is stored in a separate file, named by the hash of its content. Pictures are stored in the run's
-frame store (cell/recording/frame_store.py).
+schema and hash. The rest is a pickle of the context. Reading the pickle can create only arrays and values of this
+program's types. Each large array is stored in a separate file, named by the hash of its content. Pictures are
+stored in the run's frame store (cell/recording/frame_store.py).
 """
 
 from __future__ import annotations
@@ -104,7 +104,8 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
 
 
 def _schema() -> str:
-    """Schema number and hash of all field names. Fields of a checkout can change while its version does not."""
+    """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
+    where the fields can change while the version stays the same."""
     kinds = (RunContext, Sight, Recognition, Plan, FoldContext, Attempt, PressPlan, StepNote, Inspection)
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
@@ -149,13 +150,14 @@ def _array_path(folder: Path, name: str) -> Path:
 
 
 def _is_value(kind: type) -> bool:
-    """Whether a pickle may create this type. Allowed are all types of the skills, because the skills are pure
-    functions. Of the other packages, only dataclasses and enums are allowed."""
+    """Whether a pickle may create this type. All types of the package `skills` are allowed, because that package
+    contains only pure functions and values. Of the other packages, only dataclasses and enums are allowed."""
     return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
 
 
 class _Unpickler(pickle.Unpickler):
-    """An unpickler that creates only values of this program and arrays. A general pickle can call any function."""
+    """An unpickler that creates only arrays and values of this program's types. A general pickle could call any
+    function."""
 
     def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
         super().__init__(stream)

@@ -29,7 +29,8 @@ LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
 SUPERSAMPLE = 2
 SLIVER = 3
-"""Half the width of a sliver [px]. A narrower strip of the cloth's other side is not drawn."""
+"""Half the width of a sliver [px]. If the cloth's other side shows in a strip narrower than a sliver, it is not
+drawn."""
 TOOL_LENGTH = 0.09
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
@@ -58,21 +59,22 @@ class View:
 
     @property
     def rotation(self) -> Array:
-        """(3, 3): rows are the picture's right, down and forward in the table frame."""
+        """Rotation (3, 3): its rows are the picture's right, down and forward in the table frame."""
         forward = (self.target - self.eye) / np.linalg.norm(self.target - self.eye)
         right = np.cross(forward, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(forward, right), forward])
 
     def project(self, points: Array) -> Array:
-        """(n, 3) -> (n, 3): column, row [px] and depth [m]."""
+        """Project points (n, 3) to (n, 3): column, row [px] and depth [m]."""
         p = (np.asarray(points, dtype=np.float64) - self.eye) @ self.rotation.T
         uv = self.focal * p[:, :2] / p[:, 2:] + [self.width / 2 + self.shift[0], self.height / 2 + self.shift[1]]
         return np.column_stack([uv, p[:, 2]])
 
     @classmethod
     def around(cls, points: Array, width: int, height: int, margin: float = 0.08) -> View:
-        """A view from the front left. `points` (n, 3) fill it except for `margin` (fraction of the picture)."""
+        """Return a view from the front left. `points` (n, 3) fill it except for `margin` (fraction of the
+        picture)."""
         low, high = points.min(axis=0), points.max(axis=0)
         target = (low + high) / 2.0
         eye = target + np.array([0.85, 0.75, 0.95]) * 1.35 * max(0.3, float(np.linalg.norm(high - low)))
@@ -95,7 +97,7 @@ def draw_frame(
     table: Table | None = None,
     arcs: Sequence[Array] = (),
 ) -> Picture:
-    """One picture (H, W, 3). triangles: (m, 3). arcs: tool paths (k, 3), drawn on top."""
+    """Draw one picture (H, W, 3). triangles: (m, 3). arcs: tool paths (k, 3), drawn on top."""
     big = view.scaled(SUPERSAMPLE)
     canvas = np.empty((big.height, big.width, 3), dtype=np.float64)
     canvas[:] = FLOOR_COLOUR if table is not None else (255, 255, 255)
@@ -120,7 +122,7 @@ def fold_strip(
     table: Table | None = None,
     size: tuple[int, int] = (300, 230),
 ) -> list[Picture]:
-    """One picture per frame, all from one view that shows the whole motion. size: width, height [px]."""
+    """Draw one picture per frame, all from one view that shows the whole motion. size: width, height [px]."""
     if not frames:
         return []
     points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
@@ -131,7 +133,7 @@ def fold_strip(
 
 
 def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6) -> Picture:
-    """Pictures of one size side by side (H, W, 3), with captions below. gap [px]."""
+    """Join pictures of the same size side by side (H, W, 3), with captions below. gap [px]."""
     height, width = pictures[0].shape[:2]
     foot = 26 if any(captions) else 0
     out = np.full((height + foot, len(pictures) * (width + gap) - gap, 3), 255, dtype=np.uint8)
@@ -144,7 +146,7 @@ def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6
 
 
 def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
-    """Silhouette from above: outer contours [(k, 2), ...] in the table frame [m], the largest first."""
+    """Return the silhouette from above: outer contours [(k, 2), ...] in the table frame [m], the largest first."""
     low = vertices[:, :2].min(axis=0) - 5 * OUTLINE_PIXEL
     size = np.ceil((vertices[:, :2].max(axis=0) - low) / OUTLINE_PIXEL).astype(int) + 6
     mask = np.zeros((int(size[1]), int(size[0])), dtype=np.uint8)
@@ -195,8 +197,9 @@ def _cloth(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.i
 
 
 def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The visible side of the cloth at each pixel, with slivers removed. Along an open hem the coarse edges of two
-    layers cross, and the inside of one layer would look like teeth."""
+    """Remove slivers from `front` (H, W), which is 1 where the front of the cloth shows. Along an open hem the
+    coarse edges of two layers cross, and the inside of one layer would look like a row of teeth. cloth: (H, W),
+    where cloth is visible."""
     size = 2 * SLIVER * SUPERSAMPLE + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     for side in (1, 0):

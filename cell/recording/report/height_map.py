@@ -18,15 +18,16 @@ Picture = NDArray[np.uint8]
 MARGIN = 12
 """Margin around the garment [px]."""
 WIDTH = 420
-"""Least width of a picture [px]."""
+"""Smallest width of a picture [px]."""
 PAPER = 250
 BAR = 34
 """Height of the strip below the picture that shows the colour scale [px]."""
 
 
 def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
-    """One (H, W, 3) RGB picture for each look. All show the same part of the table in the same colour scale, from
-    dark violet at the table to yellow at the highest point of all looks. A bar below shows the scale."""
+    """Return one (H, W, 3) RGB picture per inspection. All show the same part of the table in the same colour
+    scale, from dark violet at the table to yellow at the highest point of all inspections. A bar below shows the
+    scale."""
     rows, columns = np.nonzero(np.logical_or.reduce([look.mask for look in looks]))
     part = (
         slice(max(int(rows.min()) - MARGIN, 0), int(rows.max()) + MARGIN),
@@ -46,12 +47,14 @@ def _coloured(height: NDArray[np.floating], top: float) -> Picture:
 
 
 def _colours(level: NDArray[np.uint8]) -> Picture:
-    """Viridis, which is perceptually uniform: equal steps of height look equally large."""
+    """Convert levels to Viridis colours. Viridis is perceptually uniform: equal steps of height look equally
+    large."""
     return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS), np.uint8)[..., ::-1]
 
 
 def _bar(width: int, top: float) -> Picture:
-    """(BAR, width, 3) strip with the colours from 0 to `top` [m] and both ends in millimetres."""
+    """Draw a strip (BAR, width, 3) with the colours from height 0 to `top` [m], and both heights in
+    millimetres."""
     strip = np.full((BAR, width, 3), PAPER, np.uint8)
     labels = ("0 mm", f"{top * 1e3:.0f} mm")
     font, size, margin = cv2.FONT_HERSHEY_SIMPLEX, 0.45, 8

@@ -36,7 +36,7 @@ RESULTS = {"folded": "Folded", "not_folded": "Not folded", "fault": "Fault"}
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """rgb: (H, W, 3) uint8."""
+    """A picture and its caption. rgb: (H, W, 3) uint8."""
 
     rgb: NDArray[np.uint8]
     caption: str = ""
@@ -44,7 +44,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class ScoreRow:
-    """One figure and its threshold. at_least: larger is better. unit: 'm', 'rad' or '' for a plain number."""
+    """One figure of the score and its limit. at_least: larger is better. unit: 'm', 'rad' or '' for a plain
+    number."""
 
     name: str
     value: float
@@ -141,7 +142,7 @@ def write_report(path: Path, run: RunRecord) -> Path:
 
 
 def render(run: RunRecord) -> str:
-    """The page as text."""
+    """Return the page as HTML text."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -163,7 +164,7 @@ def render(run: RunRecord) -> str:
 
 
 def data_uri(rgb: NDArray[np.uint8]) -> str:
-    """A picture (H, W, 3) as a data URI with a JPEG."""
+    """Encode a picture (H, W, 3) as a data URI that contains a JPEG."""
     if rgb.shape[1] > PICTURE_WIDTH:
         size = (PICTURE_WIDTH, round(rgb.shape[0] * PICTURE_WIDTH / rgb.shape[1]))
         rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -175,14 +176,14 @@ def data_uri(rgb: NDArray[np.uint8]) -> str:
 
 
 def length(metres: float | None) -> str:
-    """A length as '12.3 mm'; a dash for an unknown value."""
+    """Format a length [m] as '12.3 mm'; a dash for an unknown value."""
     if metres is None or not np.isfinite(metres):
         return "–"
     return f"{metres * 1000.0:.1f} mm"
 
 
 def seconds(s: float | None) -> str:
-    """A duration as '8.31 s', '83.1 s' or '2 min 03 s'."""
+    """Format a duration [s] as '8.31 s', '83.1 s' or '2 min 03 s'."""
     if s is None or not np.isfinite(s):
         return "–"
     if s >= 120.0:
@@ -191,7 +192,7 @@ def seconds(s: float | None) -> str:
 
 
 def quantity(value: float | None, unit: str = "") -> str:
-    """A figure as text: metres in mm, radians in degrees."""
+    """Format a figure as text: metres in mm, radians in degrees."""
     if value is None or not np.isfinite(value):
         return "–"
     if unit == "m":
@@ -202,7 +203,7 @@ def quantity(value: float | None, unit: str = "") -> str:
 
 
 def words(name: str) -> str:
-    """'planning_motion' -> 'Planning motion'."""
+    """Convert a name to words: 'planning_motion' -> 'Planning motion'."""
     return name.replace("_", " ").strip().capitalize()
 
 
@@ -217,12 +218,13 @@ FIGURES = {
 
 
 def figure_name(name: str) -> str:
-    """Label of a figure of the score."""
+    """Return the label of a figure of the score."""
     return FIGURES.get(name, words(name))
 
 
 def stages(run: RunRecord) -> list[dict[str, Any]]:
-    """Rows of the table of times, in the given order. share: bar length in percent of the longest time."""
+    """Return the rows of the table of times, in the order of the run's states. share: length of a row's bar in
+    percent of the longest time."""
     names = [*run.stage_times_s, *(n for n in run.stage_wall_times_s if n not in run.stage_times_s)]
     longest = max([*run.stage_times_s.values(), 1e-9])
     return [
@@ -237,7 +239,7 @@ def stages(run: RunRecord) -> list[dict[str, Any]]:
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested settings as pairs (dotted key, text)."""
+    """Flatten nested settings to pairs (dotted key, text)."""
     rows: list[tuple[str, str]] = []
     for key, value in settings.items():
         name = f"{prefix}{key}"
@@ -251,7 +253,8 @@ def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, st
 
 
 def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
-    """Target, predicted and observed outline as SVG, seen from above. Up is away from the robot. width [px]."""
+    """Draw the target, predicted and observed outlines as SVG, seen from above. Up is away from the robot. width
+    [px]."""
     layers = (("target", step.target), ("predicted", step.predicted), ("observed", step.observed))
     points = [np.asarray(c, dtype=float) for _, outlines in layers for c in outlines if len(c)]
     if not points:
@@ -265,7 +268,7 @@ def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
         for name, outlines in layers if outlines
     ]  # fmt: skip
     bar = 0.1 * scale
-    height += RULER  # below all outlines
+    height += RULER  # the scale bar is below all outlines
     ruler = (
         f'<path class="ruler" d="M8 {height - 8:.1f} v-5 m0 2.5 h{bar:.1f} m0 -2.5 v5"/>'
         f'<text x="{12 + bar:.1f}" y="{height - 7:.1f}">100 mm</text>'
@@ -278,6 +281,7 @@ def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
 
 
 def _path(contour: Array, low: Array, high: Array, scale: float) -> str:
-    """SVG path of a closed contour (k, 2); table x points up, table y to the left."""
+    """Return the SVG path of a closed contour (k, 2). In the drawing, table x points up and table y to the
+    left."""
     u, v = (high[1] - contour[:, 1]) * scale, (high[0] - contour[:, 0]) * scale
     return "M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in zip(u, v, strict=True)) + " Z"

@@ -9,7 +9,7 @@ __all__ = ["recording_losses"]
 
 
 def recording_losses(recording: Mapping[str, Any]) -> tuple[str, ...]:
-    """Messages about lost entries; empty if nothing was lost. recording: as in a run's result.
+    """Return messages about lost entries; empty if nothing was lost. recording: `FoldResult.recording` of the run.
 
     Entries that only a live viewer missed are in the file and do not count as lost.
     """

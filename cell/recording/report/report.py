@@ -31,7 +31,8 @@ LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
 UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
 KEY_FRAMES = 6
 BREAK_S = 3.0
-"""A longer time between two frames of the held garment means that they belong to different holds [s]."""
+"""If the time between two frames of the held garment is longer than this, they belong to different attempts
+[s]."""
 
 
 def report(
@@ -96,7 +97,8 @@ def _timeline(end: RunEnd, result: FoldResult, events: Sequence[RunEvent]) -> It
 
 
 def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
-    """Write the drawn key frames as one picture. Each fold has a row of predicted and a row of simulated ones."""
+    """Write the drawn key frames as one picture. Each fold has a row of predicted frames and a row of simulated
+    frames."""
     rows = []
     for step in steps:
         drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
@@ -160,7 +162,8 @@ def _step(
 
 
 def _pressings(note: StepNote) -> Iterator[Picture]:
-    """Height maps before each pressing and after the last pressing. None if the fold was not inspected then."""
+    """Yield the height maps before each pressing and after the last pressing. Yields nothing if the fold was not
+    inspected after the last pressing."""
     if not note.pressed or note.inspected is None or note.inspected is note.pressed[-1]:
         return
     looks = (*note.pressed, note.inspected)
@@ -170,7 +173,7 @@ def _pressings(note: StepNote) -> Iterator[Picture]:
 
 
 def _refused(note: StepNote) -> Iterator[Picture]:
-    """Height map of a fold that was not accepted."""
+    """Yield the height map of a fold that was not accepted."""
     if note.inspected is not None and not note.accepted:
         height = f", {note.height_m * 1e3:.0f} mm" if np.isfinite(note.height_m) else ""
         yield Picture(height_maps([note.inspected])[0], f"heights seen{height}")
@@ -184,7 +187,8 @@ def _arcs(trajectory: GraspTrajectory) -> list[Array]:
 
 
 def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
-    """The recorded frames of the hold during which the fold's pictures were taken. Other holds failed."""
+    """Return the recorded frames of the attempt during which the fold's pictures were taken. The frames of other
+    attempts are left out, because those attempts failed."""
     holds: list[list[TrueFrame]] = []
     last = -np.inf
     for frame in frames:

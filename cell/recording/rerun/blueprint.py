@@ -12,7 +12,7 @@ __all__ = ["layout"]
 
 
 def layout(floor: float = 0.0) -> rrb.Blueprint:
-    """The blueprint that is stored in each recording. floor: height of the floor in the base frame [m]."""
+    """Return the blueprint that is stored in each recording. floor: height of the floor in the base frame [m]."""
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_cell(floor), _states(), row_shares=[7, 1]),

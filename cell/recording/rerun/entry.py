@@ -26,7 +26,7 @@ class Entry(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Archetypes at one entity path and cell time t [s]. With t None they are valid at all times."""
+    """Archetypes of Rerun at one entity path and cell time t [s]. If t is None, they are valid at all times."""
 
     path: str
     t: float | None

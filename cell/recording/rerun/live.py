@@ -1,8 +1,8 @@
 """The live stream: a second recording stream on a separate thread, which never delays the run.
 
-The stream is a server and never connects to a viewer. A stream that connects to a viewer can block the end of the
-process while the viewer hangs, and for ever if the viewer accepts the connection and stays silent. Viewers can
-connect to the server at any time and then receive the stored entries.
+The stream is a server and never connects to a viewer. A stream that connects to a viewer can delay the end of the
+process while the viewer hangs. If the viewer accepts the connection and stays silent, the process never ends.
+Viewers can connect to the server at any time and then receive the stored entries.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ QUEUE = 400
 CLOSE_S = 2.0
 PORT = 9876
 MEMORY = "512MiB"
-"""Memory in which the server stores entries for viewers that connect later."""
+"""Largest memory in which the server stores entries for viewers that connect later."""
 
 
 class LiveStream:
@@ -57,7 +57,7 @@ class LiveStream:
     # on the worker's thread: connecting, writing and disconnecting can each block for seconds
 
     def _connect(self) -> None:
-        with socket.socket() as s:  # Rerun reports in its log only that it cannot listen
+        with socket.socket() as s:  # if Rerun cannot listen, it only writes that to its log
             s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             s.bind((self._host, self._port))
         sink = rr.GrpcServerSink(bind_ip=self._host, port=self._port, server_memory_limit=MEMORY)
@@ -90,12 +90,12 @@ def web_viewer() -> str | None:
 
 
 def viewer_address(origin: str, live_url: str) -> str:
-    """Address for a browser: the web viewer at `origin`, showing the stream `live_url`."""
+    """Return the address at which a browser shows the stream `live_url` in the web viewer at `origin`."""
     return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
 
 
 def free_port(wanted: int = PORT) -> int:
-    """The port `wanted` (by default Rerun's usual port) if it is free, else any free port."""
+    """Return the port `wanted` (by default Rerun's usual port) if it is free, else any free port."""
     for port in (wanted, 0):
         with socket.socket() as s:
             try:

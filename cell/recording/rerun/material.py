@@ -1,4 +1,4 @@
-"""Rerun recordings of the simulated tests of a fabric."""
+"""Rerun recordings of the simulated tests of a fabric: hang test, tilt test and cantilever test."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ HALF_TABLE = 0.75
 
 
 def record_shear(path: Path, test: ShearCalibration) -> None:
-    """Record the hanging garment, the measured line L1, and its elongation over time. Raises StorageError."""
+    """Record the hanging garment, the line L1 on it, and the elongation of this line over time. Raises
+    StorageError."""
     stream = _begin(path, "hang test", "elongation")
     stream.log("elongation/measured", rr.SeriesLines(colors=[style.TARGET], names=["measured"]), static=True)
     for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):
@@ -41,7 +42,8 @@ def record_shear(path: Path, test: ShearCalibration) -> None:
 
 
 def record_friction(path: Path, test: FrictionCalibration) -> None:
-    """Record the tilted table, and the garment while friction decreases until it slides. Raises StorageError."""
+    """Record the garment on the tilted table, while friction decreases until the garment slides. Raises
+    StorageError."""
     stream = _begin(path, "tilt test", "friction")
     plate = HALF_TABLE * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)

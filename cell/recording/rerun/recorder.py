@@ -45,7 +45,8 @@ FILE_QUEUE_BYTES = 512e6
 FILE_CLOSE_S = 60.0
 KEPT_ERRORS = 20
 HEARTBEAT = 1.0
-"""The viewer ends a state at its last row, so the recorder repeats the state at this interval [s]."""
+"""Interval at which the recorder repeats the present state [s], because the viewer ends a state at its last
+row."""
 
 TRUTH_RATE = 15.0
 """Largest rate at which the true garment is recorded [Hz]."""
@@ -161,7 +162,7 @@ class Recorder:
             except Exception as error:
                 self._note_error(error)
             self._file = None
-            if self._live is None:  # a viewer that hangs would delay the clean-up
+            if self._live is None:  # not with a viewer: if it hangs, it would delay the clean-up
                 drop_ended_streams()
         self._report = RecorderReport(
             dropped, live_dropped, tuple(self._errors), self._error_count, tuple(self._live_errors)
@@ -182,7 +183,8 @@ class Recorder:
         self._submit(partial(self._picture_entries, t, frame, calibration), frame.rgb.nbytes + frame.depth.nbytes)
 
     def perception(self, t: float, seen: RecognisedGarment, overlay: NDArray | None = None) -> None:
-        """Record the recognised garment. overlay: (H, W, 3) uint8, its picture; None: drawn by the recorder."""
+        """Record the recognised garment. overlay: (H, W, 3) uint8, the picture with the garment drawn on it; None:
+        the recorder draws it."""
         self._submit(partial(self._perception_entries, t, seen, overlay), seen_cost(seen, overlay))
 
     def plan(self, t: float, step: FoldStep) -> None:
@@ -214,7 +216,8 @@ class Recorder:
         self._submit(entries, sum(arc.nbytes for arc in arcs.values()) + 200.0)
 
     def adapted(self, t: float, friction: float, learned: float) -> None:
-        """Record the friction estimate after a fold. learned: share (0..1) of the uncertainty that it removed."""
+        """Record the estimated friction between cloth and table after a fold. learned: share (0..1) by which the
+        fold reduced the uncertainty of the estimate."""
         self._submit(partial(scene.adapted_entries, t, friction, learned), essential=True)
 
     def joints(self, state: JointState) -> None:
@@ -264,7 +267,7 @@ class Recorder:
         yield from scene.state_entries(t, state)
 
     def _series_of(self, name: str) -> Callable[[object], list[Entry]]:
-        return lambda value: getattr(self._series, name)(value)  # the recorder's thread looks it up
+        return lambda value: getattr(self._series, name)(value)  # `_begin` may replace the series before this runs
 
     def _series_entries(self, t: float, add: Callable[[object], list[Entry]], value: object) -> Iterable[Entry]:
         yield from add(value)
@@ -289,7 +292,8 @@ class Recorder:
         yield Log("perception/confidence", t, (rr.Scalars(seen.state.confidence),))
 
     def _truth_entries(self, t: float, vertices: Array, triangles: NDArray) -> Iterable[Entry]:
-        """Entries at TRUTH_RATE at most, and only while the garment moves, because they fill most of the file."""
+        """Return entries at TRUTH_RATE at most, and only while the garment moves, because they fill most of the
+        file."""
         first = True
         if self._garment is not None:
             last_t, last_vertices, last_triangles = self._garment

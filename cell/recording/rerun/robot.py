@@ -27,23 +27,23 @@ class RobotFigure:
         self._joints = {joint.name: joint for joint in self._tree.joints()}
 
     def scene(self) -> list[Entry]:
-        """Meshes and fixed frames. The root link is fixed to the base frame, which is `world`."""
+        """Return the meshes and fixed frames. The root link is fixed to the base frame, which is `world`."""
         root = FRAMES + self._tree.root_link().name
         fixed = rr.Transform3D(parent_frame="tf#/world", child_frame=root)
         return [Robot(self._tree), Log("tf/base", None, (fixed,), essential=True)]
 
     def joints(self, t: Array, q: Array, head_pan: Array) -> list[Entry]:
-        """One batch of transforms for each joint. t (n,) [s], q (n, 14) [rad], head_pan (n,) [rad]."""
+        """Return one batch of transforms for each joint. t (n,) [s], q (n, 14) [rad], head_pan (n,) [rad]."""
         entries = [self._column(name, t, q[:, k]) for k, name in enumerate(self._visual.joint_names)]
         if self._visual.head_joint is not None:
             entries.append(self._column(self._visual.head_joint, t, head_pan))
         return entries
 
     def fingers(self, side: Side, t: Array, opening: Array) -> list[Entry]:
-        """One batch of transforms for each finger joint. t (n,) [s], opening between the pads (n,) [m]."""
+        """Return one batch of transforms for each finger joint. t (n,) [s], opening between the pads (n,) [m]."""
         return [self._column(name, t, opening * per_metre) for name, per_metre in self._visual.finger_joints[side]]
 
     def _column(self, name: str, t: Array, values: NDArray) -> Entry:
         joint = self._joints[name]
-        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns of values outside
+        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns if a value is outside
         return Columns(f"tf/{name}", t, tuple(joint.compute_transform_columns(inside.tolist())))

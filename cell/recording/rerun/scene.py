@@ -44,7 +44,8 @@ TOWARDS_EYE = np.subtract(EYE, LOOK_AT)
 
 
 def cell_entries(table: Table, floor: float | None) -> list[Entry]:
-    """Fixed frames, the table and styles. floor: height of the floor, base frame [m]; None: no table legs."""
+    """Return the fixed frames, the table and styles. floor: height of the floor, base frame [m]; None: no table
+    legs."""
     (x0, x1), (y0, y1) = table.x, table.y
     legs = [] if floor is None else [(x, y) for x in (x0 + LEGS, x1 - LEGS) for y in (y0 + LEGS, y1 - LEGS)]
     height = table.height - (floor or 0.0)
@@ -70,7 +71,7 @@ def cell_entries(table: Table, floor: float | None) -> list[Entry]:
 
 
 def _series_entries() -> list[Entry]:
-    """Names and colours of the plotted series."""
+    """Return the names and colours of the plotted series."""
     entries: list[Entry] = []
     for side in Side:
         colour = style.SIDE_COLOURS[side.value]
@@ -92,7 +93,7 @@ def _series_entries() -> list[Entry]:
 
 
 def joint_names_entries(names: Sequence[str]) -> list[Entry]:
-    """Names of the joint series. names: (14,), beginning with the left arm's seven."""
+    """Return the names of the joint series. names: (14,), beginning with the left arm's seven."""
     return [
         Log(f"joints/{side}", None, (rr.SeriesLines(names=list(names[part])),), essential=True)
         for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
@@ -108,7 +109,7 @@ def log_entries(t: float, text: str, level: str) -> list[Entry]:
 
 
 def jpeg(rgb: NDArray) -> rr.EncodedImage:
-    """A picture (H, W, 3) uint8 as a JPEG archetype."""
+    """Encode a picture (H, W, 3) uint8 as a JPEG archetype."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     ok, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
@@ -117,7 +118,8 @@ def jpeg(rgb: NDArray) -> rr.EncodedImage:
 
 
 def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration) -> list[Entry]:
-    """The picture, its depth and the camera's estimated pose. Clears the perception of the previous picture."""
+    """Return the picture, its depth and the camera's estimated pose. Clears the perception of the previous
+    picture."""
     k, T = calibration.intrinsics, calibration.T_table_camera
     pinhole = rr.Pinhole(  # a negative line width is in points of the screen
         image_from_camera=k.matrix, resolution=[k.width, k.height], camera_xyz=rr.ViewCoordinates.RDF,
@@ -141,7 +143,8 @@ def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration)
 def mask_entries(
     t: float, mask: NDArray, calibration: CameraCalibration, table: Table, shape: tuple[int, int]
 ) -> list[Entry]:
-    """The segmentation over the camera's picture of `shape` (H, W). mask: bool, in camera or table-view pixels."""
+    """Return the segmentation as an overlay on the camera's picture of `shape` (H, W). mask: bool, in pixels of
+    the camera or of the table view."""
     if mask.shape != shape:
         view = TableView(calibration, table, (table.x[1] - table.x[0]) / mask.shape[0])
         size = (shape[1], shape[0])
@@ -156,7 +159,7 @@ def mask_entries(
 
 
 def perception_entries(t: float, state: GarmentState) -> list[Entry]:
-    """Perceived contour and key points, on the table."""
+    """Return the perceived contour and key points, on the table."""
     names = list(state.keypoints)
     entries: list[Entry] = [
         Log(f"{TABLE}/perceived/contour", t, (_closed(state.contour, style.PERCEIVED, 0.002),)),
@@ -169,7 +172,7 @@ def perception_entries(t: float, state: GarmentState) -> list[Entry]:
 
 
 def plan_entries(t: float, step: FoldStep) -> list[Entry]:
-    """The fold line, grasps and targets of a step. Clears arcs and prediction of the previous step."""
+    """Return the fold line, grasps and targets of a step. Clears arcs and prediction of the previous step."""
     old = (f"{TABLE}/arcs", f"{TABLE}/predicted")
     line = rr.LineStrips3D([_lift(_fold_line(step))], radii=0.0025, colors=[style.FOLD_LINE])
     grasp_ids = list(step.grasps)
@@ -186,7 +189,7 @@ def plan_entries(t: float, step: FoldStep) -> list[Entry]:
 
 
 def arc_entries(t: float, arcs: Mapping[Side, Array], planned: bool) -> list[Entry]:
-    """Tool paths (n, 3). Planned paths are light green, executed paths are darker and thinner.
+    """Return the tool paths (n, 3). Planned paths are light green, executed paths are darker and thinner.
 
     Clears the paths of arms that are not in `arcs`. Planned paths also clear the candidates of the search.
     """
@@ -209,10 +212,11 @@ def candidate_entries(
     own: tuple[float, float],
     best: tuple[float, float],
 ) -> list[Entry]:
-    """A simulated candidate: its arcs (n, 3) as thin lines, and (D [m], C [m]) of the candidate and the best one.
+    """Return a simulated candidate: its arcs (n, 3) as thin lines. own, best: D [m] and cost C [m] of this
+    candidate and of the best candidate so far.
 
-    The best candidate's arc stays visible in green. The cost C is path length [m] + 1000 D, so it fits one scale
-    with D in mm.
+    The best candidate's arc stays visible in green. The cost C is path length [m] + 1000 D, so it can share an
+    axis with D in mm.
     """
     shown = [
         Log(f"{TABLE}/arcs/candidate/{i}", t, (rr.LineStrips3D([arc], radii=0.0015, colors=[style.CANDIDATE]),))
@@ -229,7 +233,8 @@ def candidate_entries(
 
 
 def adapted_entries(t: float, friction: float, learned: float) -> list[Entry]:
-    """The friction estimate of the table, and the share (0..1) of its uncertainty that the last fold removed."""
+    """Return the estimated friction between cloth and table, and the share (0..1) by which the last fold reduced
+    the uncertainty of this estimate."""
     figures = {"friction": friction, "friction_learned": learned}
     return [Log(f"optimiser/{name}", t, (rr.Scalars(value),)) for name, value in figures.items()]
 
@@ -239,7 +244,7 @@ def predicted_entries(t: float, shape: PredictedShape) -> list[Entry]:
 
 
 def observed_entries(t: float, points: Array) -> list[Entry]:
-    """A contour (n, 2) as a line, or height points (n, 3) as dots."""
+    """Return a contour (n, 2) as a line, or height points (n, 3) as dots."""
     path = f"{TABLE}/observed"
     if points.shape[1] == 2:
         return [Log(path, t, (_closed(points, style.OBSERVED, 0.0025),))]
@@ -247,7 +252,7 @@ def observed_entries(t: float, points: Array) -> list[Entry]:
 
 
 def truth_entries(t: float, vertices: Array, triangles: NDArray, first: bool) -> list[Entry]:
-    """The simulated garment itself: the whole mesh if `first`, else vertices and normals only."""
+    """Return the simulated garment itself: the whole mesh if `first`, else vertices and normals only."""
     path = f"{TABLE}/{TRUTH}"
     if first:
         return [Log(path, t, (_mesh(vertices, triangles, (*style.GARMENT, 255)),), essential=True)]
@@ -266,7 +271,7 @@ def _mesh(vertices: Array, triangles: NDArray, colour: tuple[int, ...]) -> rr.Me
 
 
 def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
-    """(n, 3) unit normals: the mean of the triangles around a vertex, weighted by their area."""
+    """Return unit normals (n, 3): the mean of the triangles around a vertex, weighted by their area."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     normal = np.zeros_like(vertices)
     for k in range(3):
@@ -275,7 +280,7 @@ def vertex_normals(vertices: Array, triangles: NDArray) -> Array:
 
 
 def facing_normals(vertices: Array, triangles: NDArray) -> Array:
-    """(n, 3) normals turned towards the default eye, because the viewer draws the back of a sheet black."""
+    """Return normals (n, 3) turned towards the default eye, because the viewer draws the back of a sheet black."""
     normal = vertex_normals(vertices, triangles)
     away = normal @ TOWARDS_EYE < 0.0
     normal[away] *= -1.0
@@ -283,7 +288,7 @@ def facing_normals(vertices: Array, triangles: NDArray) -> Array:
 
 
 def _lift(points: Array) -> Array:
-    """Points (n, 2) or (n, 3) on the table -> (n, 3) points slightly above it."""
+    """Convert points (n, 2) or (n, 3) on the table to points (n, 3) slightly above it."""
     points = np.asarray(points, dtype=np.float64)
     if points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -295,7 +300,8 @@ def _closed(contour: Array, colour: tuple[int, ...], radius: float) -> rr.LineSt
 
 
 def _fold_line(step: FoldStep) -> Array:
-    """(2, 2) ends of the drawn part of the infinite fold line: the part along the grasps, plus OVERHANG."""
+    """Return the ends (2, 2) of the drawn part of the infinite fold line: the part along the grasps, and OVERHANG
+    more at both ends."""
     line = step.line
     along = (np.array([g.point for g in step.grasps.values()]) - line.point) @ line.direction
     return line.point + np.outer((along.min() - OVERHANG, along.max() + OVERHANG), line.direction)

@@ -25,7 +25,8 @@ __all__ = ["screenshot"]
 MENU_BAR = 36
 """Height of the viewer's menu, which is cut off [px]."""
 SETTLE_S = 2.0
-"""Waiting time before a picture [s]. Earlier pictures lack meshes that are still being uploaded."""
+"""Time to wait before a picture is taken [s]. Without it, meshes that are still being uploaded would be
+missing."""
 
 
 def screenshot(recording: Path, picture: Path, t: float | None = None, view: str | None = None) -> None:
@@ -55,7 +56,7 @@ def screenshot(recording: Path, picture: Path, t: float | None = None, view: str
 
 
 def _end(viewer: ViewerClient) -> float:
-    """Last cell time of the open recording [s]."""
+    """Return the last cell time of the open recording [s]."""
     timelines = viewer.get_state().recordings[0].timelines
     return max(float(line.end or 0) / 1e9 for line in timelines if line.name == TIMELINE)
 

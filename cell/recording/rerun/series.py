@@ -1,4 +1,4 @@
-"""Series at 100 Hz, collected and written in batches: a batch costs as much as a single row.
+"""Series at 100 Hz. They are collected and written in batches, because a batch costs as much as a single row.
 
 This module runs on the recorder's own thread only.
 """
@@ -17,7 +17,7 @@ __all__ = ["Series"]
 BATCH = 0.5
 """The waiting rows are written when they span this much cell time [s]."""
 POSE_RATE = 25.0
-"""Rate at which the robot's transforms are recorded [Hz]. It looks smooth and needs a quarter of the data."""
+"""Rate at which the robot's transforms are recorded [Hz]. Motions look smooth, with a quarter of the data."""
 
 
 class Series:
@@ -44,7 +44,7 @@ class Series:
         return self._flush_tactile(reading.side) if _full(rows) else []
 
     def flush(self) -> list[Entry]:
-        """Entries for all rows that are not yet written."""
+        """Return the entries for all rows that are not yet written."""
         entries = self._flush_joints()
         for side in Side:
             entries += self._flush_gripper(side) + self._flush_tactile(side)
@@ -96,7 +96,7 @@ def _full(rows: list) -> bool:
 
 
 def _subsampled(t: np.ndarray) -> np.ndarray:
-    """Indices of rows at POSE_RATE, always including the last row."""
+    """Return the indices of rows at POSE_RATE, always including the last row."""
     slot = np.floor((t - t[0]) * POSE_RATE + 1e-6)
     keep = np.flatnonzero(np.diff(slot, prepend=-1.0) > 0)
     return np.union1d(keep, [len(t) - 1])

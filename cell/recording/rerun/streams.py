@@ -1,8 +1,9 @@
-"""Recording streams that end completely: nothing of them stays in the process.
+"""Recording streams that leave no thread and no memory in the process when they end.
 
-Rerun keeps an ended stream with its two threads until the process ends (rerun #2116), unless nobody refers to it
-and a clean-up is asked for. A blueprint that is given to `set_sinks` is never freed: its stream and the memory
-that it writes to refer to each other. Here that stream is disconnected once its content has been sent.
+Rerun keeps an ended stream with its two threads until the process ends (rerun #2116), unless no reference to the
+stream is left and a clean-up is requested. A blueprint that is given to `set_sinks` is never freed, because its
+stream and the memory that it writes to refer to each other. This module therefore sends the blueprint's content
+itself and then disconnects the blueprint's stream.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ __all__ = ["begin_stream", "drop_ended_streams"]
 def begin_stream(
     application: str, sink: Any, layout: rrb.Blueprint, identity: str | None = None
 ) -> rr.RecordingStream:
-    """A stream to `sink` (rr.FileSink, rr.GrpcServerSink) with a default layout. identity: the recording's id."""
+    """Begin a stream to `sink` (rr.FileSink, rr.GrpcServerSink) with a default layout. identity: the recording's
+    id."""
     stream = rr.RecordingStream(application, recording_id=identity)
     stream.set_sinks(sink)
     drawn = rr.RecordingStream._from_native(
@@ -36,7 +38,7 @@ def begin_stream(
 
 
 def drop_ended_streams() -> None:
-    """End the threads and free the memory of disconnected streams that nobody refers to. It waits for streams that
-    are still being written."""
+    """End the threads and free the memory of disconnected streams to which no reference is left. Waits for streams
+    that are still being written."""
     gc.collect()
     bindings.flush_and_cleanup_orphaned_recordings()

@@ -10,7 +10,7 @@ __all__ = [
 ]  # fmt: skip
 
 ARC_PLANNED = (48, 209, 88)
-"""Green, as in the literature's figures of folding arcs."""
+"""Green, as in published figures of folding arcs."""
 ARC_DONE = (10, 110, 60)
 CANDIDATE = (160, 160, 170)
 FOLD_LINE = (255, 90, 180)
@@ -64,11 +64,11 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
 
 
 def darker(colour: tuple[int, int, int]) -> tuple[int, int, int]:
-    """A darker colour of the same hue."""
+    """Return a darker colour of the same hue."""
     red, green, blue = (round(0.55 * part) for part in colour)
     return red, green, blue
 
 
 def label(name: str) -> str:
-    """'awaiting_garment' -> 'Awaiting garment'."""
+    """Convert a name to a label: 'awaiting_garment' -> 'Awaiting garment'."""
     return name.replace("_", " ").capitalize()

@@ -10,7 +10,7 @@ __all__ = ["find_viewer"]
 
 
 def find_viewer() -> Path | None:
-    """Path of the viewer: beside this interpreter, or on the PATH; None if it is not installed."""
+    """Return the viewer's path: beside this interpreter, or on the PATH; None if it is not installed."""
     beside = Path(sys.executable).parent / "rerun"
     if beside.is_file():
         return beside

@@ -1,9 +1,9 @@
 """Records a run: ports and commands that forward every call and record its question and its answer.
 
-The executive calls from one thread, and its calls are recorded in that order. The stop is triggered directly, from
-any thread. Two kinds of polls of the stop depend on the wall clock and are not recorded: polls from other threads,
-and polls while a skill computes (`Workcell.watched_stop`). They can only end a computation early, and then its
-result is discarded.
+The executive calls from one thread, and its calls are recorded in that order. Triggering the stop is possible from
+any thread and is not recorded. Two kinds of polls of the stop depend on the wall clock and are not recorded
+either: polls from other threads, and polls while a skill computes (`Workcell.watched_stop`). They can only end a
+computation early, and then its result is discarded.
 """
 
 from __future__ import annotations

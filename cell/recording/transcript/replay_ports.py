@@ -51,12 +51,12 @@ class RecordedAnswers:
     cell_time: float = 0.0
     """Latest known time of the recorded clock [s]."""
     count: int = 0
-    """Number of answered questions, which were equal to the recorded ones."""
+    """Number of answered questions. Each was equal to the recorded question."""
     asked: dict[Channel, int] = field(default_factory=dict)
     """Number of answered questions of each channel."""
     abandoned: bool = False
-    """Set this if the outcome is no longer needed. `stop_ahead` then reports a stop, so that computations end
-    early. It also does so at the end of the transcript, where nothing is left to compare."""
+    """Set this if the outcome is no longer needed. Then `stop_ahead` reports a stop, so that computations end
+    early. At the end of the transcript `stop_ahead` also reports a stop, because nothing is left to compare."""
 
     def __post_init__(self) -> None:
         self._frames = FrameStore(self.transcript.path.parent / FRAMES)
@@ -71,8 +71,8 @@ class RecordedAnswers:
         return self._next
 
     def answer(self, channel: Channel, *arguments: object) -> Any:
-        """The recorded answer. Raises the recorded exception, or NoRecordedAnswer if the recorded question is
-        different."""
+        """Return the recorded answer. Raises the recorded exception, or NoRecordedAnswer if the recorded question
+        is different."""
         question, exchange = pack(arguments), self._next
         if exchange is None:
             raise NoRecordedAnswer()
@@ -100,7 +100,8 @@ class RecordedAnswers:
         return answer
 
     def stop_ahead(self) -> StopState:
-        """The state of the stop, without a question: the next recorded answer if it is a stop's, else the last."""
+        """Return the state of the stop without asking a recorded question: the next recorded answer if it is a
+        state of the stop, else the last state."""
         exchange = self._next
         if exchange is None or self.abandoned:
             return StopState(self.cell_time, True, "the outcome is no longer needed")
@@ -216,7 +217,7 @@ class _Camera(_Port):
 
 
 class _WatchedStop(_Port):
-    """The stop for polls while a skill computes. It may be polled any number of times."""
+    """The stop that is polled while a skill computes. It may be polled any number of times."""
 
     def trigger(self, reason: str) -> None: ...
 
@@ -242,7 +243,7 @@ class _Attendant(_Port):
 
 
 class _Commands(CommandQueue):
-    """Returns the recorded commands at the recorded questions."""
+    """A command queue that answers the recorded questions with the recorded commands."""
 
     def __init__(self, answers: RecordedAnswers) -> None:
         super().__init__()
@@ -259,7 +260,7 @@ class _Commands(CommandQueue):
 
 
 def _both_in_words(recorded: Exchange, channel: Channel, arguments: tuple[Any, ...]) -> tuple[str, str]:
-    """The recorded and the present question in words, with the largest difference of two set-points."""
+    """Return the recorded and the present question in words, with the largest difference of two set-points."""
     then, now = asked_in_words(recorded), _in_words(channel, arguments)
     if recorded.channel is Channel.SET_POINT and channel is Channel.SET_POINT:
         now += _difference(unpack(recorded.question), arguments)
@@ -267,7 +268,7 @@ def _both_in_words(recorded: Exchange, channel: Channel, arguments: tuple[Any, .
 
 
 def asked_in_words(exchange: Exchange) -> str:
-    """The question of an exchange in words."""
+    """Return the question of an exchange in words."""
     try:
         return _in_words(exchange.channel, unpack(exchange.question))
     except ValueError:
@@ -297,7 +298,7 @@ def _set_point(q: Array, qd: Array) -> str:
 
 
 _WORDS: dict[Channel, Callable[..., str]] = {
-    Channel.NOW: lambda: "a look at the clock",
+    Channel.NOW: lambda: "a reading of the clock",
     Channel.SLEEP: lambda t: f"waiting until {float(t)!r} s",
     Channel.ARMS: lambda: "a reading of the arms",
     Channel.ENABLE: lambda: "the arms' motors on",
@@ -311,10 +312,10 @@ _WORDS: dict[Channel, Callable[..., str]] = {
     Channel.TACTILE: lambda side: f"a tactile reading of the {side} hand",
     Channel.CAPTURE: lambda: "a picture",
     Channel.GLIMPSE: lambda: "a picture for display",
-    Channel.STOP: lambda: "a look at the stop",
+    Channel.STOP: lambda: "a reading of the stop",
     Channel.LAY: lambda: "asking for the garment to be laid",
     Channel.BOARD: lambda place: f"asking for the board: {place}",
-    Channel.TAKE: lambda wanted: f"a look for a command of the operator ({', '.join(wanted)})",
+    Channel.TAKE: lambda wanted: f"a check for a command of the operator ({', '.join(wanted)})",
     Channel.WAIT: lambda wanted: f"waiting for a command of the operator ({', '.join(wanted)})",
     Channel.END: lambda: "the end of the run",
 }

@@ -20,13 +20,13 @@ JOINTS = 14
 
 @dataclass(frozen=True, eq=False)
 class SetPoints:
-    """Every command of a run to arms, grippers and head. Its time is the cell time that the executive had last
-    read or slept until [s].
+    """All commands of a run to arms, grippers and head. The time of a command is the cell time that the executive
+    last read before it, or until which it last slept [s].
 
-    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive asked for them [rad], [rad/s]: the left arm's
-    seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver sent less.
-    grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit [N].
-    head: (m, 2), rows of time [s], pan angle [rad].
+    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive requested them [rad], [rad/s]: the left arm's
+    seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver clipped the
+    request. grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit
+    [N]. head: (m, 2), rows of time [s], pan angle [rad].
     """
 
     t: Array

@@ -2,8 +2,9 @@
 
     foldcell transcript 1       the schema, one line
     {"cell": ...}               the head, one line of JSON: constants of the cell, names of channels and fields
-    size crc data               chunks until the end: 4 and 4 bytes, then zlib; a chunk holds whole exchanges, each
-                                channel (1), lengths of question and answer (4, 4), question, answer
+    size crc data               chunks until the end of the file: size and crc (4 bytes each), then data (zlib);
+                                the data are whole exchanges, each with channel (1 byte), lengths of question and
+                                answer (4 bytes each), question, answer
 
 A separate thread writes the file every 0.2 s. Therefore neither disk nor compression delays the arms, and a killed
 process loses only the last exchanges. A write error ends the transcript, not the run. Pictures are in the frame
@@ -36,7 +37,7 @@ SCHEMA = "foldcell transcript 1"
 EVERY_S = 0.2
 """Period of writing [s]."""
 PENDING = 256 << 20
-"""Largest amount of data that may wait to be written [bytes]. Beyond it the transcript ends."""
+"""Largest amount of data that may wait to be written [bytes]. If more data waits, the transcript ends."""
 CLOSE_S = 60.0
 LARGEST_CHUNK = 1 << 30
 
@@ -46,7 +47,7 @@ _EXCHANGE = struct.Struct("<BII")
 
 @dataclass(frozen=True)
 class CellConstants:
-    """Constants of a cell's ports. command_timeout [s], max_opening of each gripper [m]."""
+    """Constants of a cell's ports. command_timeout [s]; max_opening of each gripper [m]."""
 
     driver: str
     simulated: bool
@@ -131,7 +132,7 @@ class TranscriptWriter:
 
 
 class Transcript:
-    """Reads a transcript. `constants` are those of its cell, and iteration yields its exchanges."""
+    """Reads a transcript. `constants` are the constants of the recorded cell. Iteration yields the exchanges."""
 
     def __init__(self, path: Path) -> None:
         """Open a transcript. Raises StorageError if the file is missing or belongs to another version of
@@ -155,7 +156,8 @@ class Transcript:
             raise self._of_other_version(str(e)) from None
 
     def __iter__(self) -> Iterator[Exchange]:
-        """Yield the exchanges. A truncated file ends early. Raises StorageError if the file is damaged."""
+        """Yield the exchanges. If the file is truncated, iteration ends there. Raises StorageError if the file is
+        damaged."""
         count = 0
         with self.path.open("rb") as file:
             file.seek(self._begin)
@@ -203,7 +205,8 @@ class Transcript:
 
 
 def _create(path: Path, constants: CellConstants) -> BinaryIO:
-    """Create the file and write its head. It is unbuffered, so that a killed process loses no finished write."""
+    """Create the file and write its head. The file is unbuffered, so that a killed process loses no finished
+    write."""
     head = {
         "cell": dataclasses.asdict(constants),
         "channels": [channel.value for channel in Channel],

@@ -45,7 +45,7 @@ __all__ = ["ENUMS", "RECORDS", "Channel", "Exchange", "Picture", "Raised", "pack
 
 
 class Channel(Enum):
-    """The kinds of question. The values are their names in a transcript."""
+    """The kinds of question. The value of each kind is its name in a transcript."""
 
     NOW = "clock.now"
     SLEEP = "clock.sleep_until"
@@ -69,7 +69,7 @@ class Channel(Enum):
 
 @dataclass(frozen=True)
 class Picture:
-    """A camera frame by its name in the frame store: 64 hexadecimal digits."""
+    """A camera frame, represented by its name in the frame store: 64 hexadecimal digits."""
 
     name: str
 
@@ -83,7 +83,7 @@ class Raised:
 
 @dataclass(frozen=True)
 class Exchange:
-    """question: the packed arguments; answer: the packed answer."""
+    """A question and its answer. question: the packed arguments; answer: the packed answer."""
 
     channel: Channel
     question: bytes
@@ -99,7 +99,7 @@ _INT = struct.Struct("<cq")
 
 
 def pack(value: object) -> bytes:
-    """A value as bytes. Raises TypeError for a type that no port uses."""
+    """Pack a value into bytes. Raises TypeError for a type that no port uses."""
     packer = _PACKERS.get(type(value))
     if packer is None:
         raise TypeError(f"a {type(value).__name__} cannot be written to a transcript")
@@ -107,7 +107,7 @@ def pack(value: object) -> bytes:
 
 
 def pack_raised(error: Exception) -> bytes:
-    """An exception as an answer."""
+    """Pack an exception as an answer."""
     if isinstance(error, DriverError):
         figures = json.dumps(to_json(error.values))
         return b"!" + b"".join(map(_text, (error.kind.value, error.what, error.hint, figures)))
@@ -115,7 +115,7 @@ def pack_raised(error: Exception) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """The packed value: a Picture for a camera frame, a Raised for an exception. Raises ValueError for invalid
+    """Unpack a value: a camera frame gives a Picture, an exception gives a Raised. Raises ValueError for invalid
     bytes."""
     try:
         value, end = _unpack(memoryview(data), 0)
@@ -188,7 +188,7 @@ _PACKERS: Mapping[type, Callable[[Any], bytes]] = {
 
 
 def _unpack(data: memoryview, at: int) -> tuple[Any, int]:
-    """The value that begins at byte `at`, and the position of its end."""
+    """Return the value that begins at byte `at`, and the position of its end."""
     tag = bytes(data[at : at + 1])
     return _UNPACKERS[tag](data, at + 1)
 

@@ -20,19 +20,19 @@ IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
 
 
 def built_table(table: Table, noise: BuildNoise, rng: np.random.Generator) -> Table:
-    """The true table: its height [m] differs from the drawing."""
+    """Return the true table. Its height differs from the nominal height by a random error [m]."""
     return Table(table.height + noise.table_height * float(rng.standard_normal()), table.x, table.y)
 
 
 def built_lens(drawn: Intrinsics, noise: BuildNoise, rng: np.random.Generator) -> Intrinsics:
-    """The true intrinsics of the colour camera [px], which differ from the data sheet."""
+    """Return the true intrinsics of the colour camera [px]. They differ from the data sheet by random errors."""
     fx, fy = np.array([drawn.fx, drawn.fy]) * (1.0 + noise.focal * rng.standard_normal(2))
     cx, cy = np.array([drawn.cx, drawn.cy]) + noise.centre * rng.standard_normal(2)
     return Intrinsics(drawn.width, drawn.height, float(fx), float(fy), float(cx), float(cy))
 
 
 class WorldBoard:
-    """One printed board. `bring` moves it to a place and draws a new pose."""
+    """One printed calibration board. `bring` moves it to a place and draws a new random pose."""
 
     def __init__(self, noise: BoardNoise, rng: np.random.Generator) -> None:
         self._noise, self._rng = noise, rng
@@ -55,7 +55,7 @@ class WorldBoard:
         self._T = self._shown() if place is BoardPlace.SHOWN else self._held()
 
     def pose(self, T_base_camera: Array, T_base_tool: Mapping[Side, Array]) -> Array | None:
-        """(4, 4) present pose of the board in the base frame; None if its place is AWAY."""
+        """Return the present pose (4, 4) of the board in the base frame; None if its place is AWAY."""
         if self._place is BoardPlace.AWAY:
             return None
         if self._place is BoardPlace.SHOWN:
@@ -63,7 +63,7 @@ class WorldBoard:
         return np.asarray(T_base_tool[IN_HAND[self._place]] @ self._T)
 
     def _shown(self) -> Array:
-        """(4, 4) random pose in the camera frame: tilted, within the camera's view."""
+        """Draw a random pose (4, 4) of the board in the camera frame: tilted, within the camera's view."""
         rng, noise = self._rng, self._noise
         z = noise.shown_distance.draw(rng)
         T = np.eye(4)
@@ -76,7 +76,8 @@ class WorldBoard:
         return T
 
     def _held(self) -> Array:
-        """(4, 4) random pose in the tool frame: the board's tab between the pads, with a small error."""
+        """Draw a random pose (4, 4) of the board in the tool frame: its tab is between the pads, with a small
+        error."""
         rng, noise = self._rng, self._noise
         T = np.array(BOARD.T_tool_board)
         T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(noise.held_angle * rng.standard_normal(3))[0]

@@ -26,9 +26,9 @@ from skills.vocabulary import Array
 __all__ = ["Renderer", "SimulatedCamera"]
 
 PICTURE_TIMEOUT_S = 30.0
-"""Wall time without an answer after which the render process is restarted [s]."""
+"""If the render process gives no answer for this wall time, it is restarted [s]."""
 PICTURES_A_PROCESS = 400
-"""Number of pictures after which the render process is replaced, because the renderer leaks memory."""
+"""After this number of pictures the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2
 
 
@@ -146,7 +146,7 @@ class SimulatedCamera:
         return _Look(gain, (1.0 - noise.vignette * r2 / 2).astype(np.float32), self._grain(u.shape, lasting))
 
     def _grain(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Noise of standard deviation 1 with correlated neighbouring pixels."""
+        """Draw noise of standard deviation 1 in which neighbouring pixels are correlated."""
         width = self._noise.depth_grain_px
         blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
         return np.asarray(
@@ -154,7 +154,8 @@ class SimulatedCamera:
         )  # the factor makes the standard deviation 1 again after the blur
 
     def capture(self, exposures: int = 1) -> CameraFrame:
-        """A picture whose depth is the mean of `exposures`. Raises DriverError(CAMERA_FAULT) if `silent`."""
+        """Return a picture whose depth is the mean of `exposures` pictures. Raises DriverError(CAMERA_FAULT) if
+        `silent`."""
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
@@ -179,7 +180,8 @@ class SimulatedCamera:
 
     @sequence.setter
     def sequence(self, value: int) -> None:
-        """Set the number when a world is restored. The next picture gets the number `value` + 1."""
+        """Set the number of the last picture when a world is restored. The next picture gets the number `value` +
+        1."""
         self._sequence, self._last = value, None
 
     def _sense_colour(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -192,7 +194,8 @@ class SimulatedCamera:
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     def _sense_depth(self, depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-        """Errors of stereo triangulation: noise proportional to z squared, quantised disparity, gaps at edges."""
+        """Add the errors of stereo triangulation: noise proportional to z squared, quantised disparity, gaps at
+        edges."""
         noise = self._noise
         hit = np.isfinite(depth)
         z = np.where(hit, depth, 1.0).astype(np.float64)
@@ -208,7 +211,7 @@ class SimulatedCamera:
 
 
 def _edges(z: Array, jump: float) -> NDArray[np.bool_]:
-    """Pixels within one pixel of a step in depth larger than `jump` [m]."""
+    """Return the mask of the pixels within one pixel of a step in depth larger than `jump` [m]."""
     kernel = np.ones((3, 3), np.uint8)
     z32 = z.astype(np.float32)
     return np.asarray(cv2.dilate(z32, kernel) - cv2.erode(z32, kernel) > jump)

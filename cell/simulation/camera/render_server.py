@@ -1,9 +1,9 @@
 """The render process: a PyBullet world that is used for pictures only.
 
 PyBullet's TinyRenderer leaks memory and may crash. In a separate process this does not affect the cell. The
-garment is a puppet: a soft body without physics, whose vertices are set before each picture. Then the world must
-advance by one step (a microsecond), otherwise the camera shows the old shape. `cell.simulation.camera.camera`
-starts it with
+garment is a soft body without physics, whose vertices are set before each picture. The world must then advance by
+one step (a microsecond), otherwise the camera shows the old shape. `cell.simulation.camera.camera` starts the
+process with
 
     python -m cell.simulation.camera.render_server FD
 """
@@ -37,7 +37,8 @@ HIDDEN = -5.0  # height of hidden objects, below the floor [m]
 FLOOR = -0.924  # height of the floor, base frame [m]
 FLOOR_RGB = (112, 114, 118)
 FINE = 2
-"""Samples along each side of a pixel in pictures with the board. Its corners are located to a tenth of a pixel."""
+"""Samples along each side of a pixel in pictures with the board. One sample would not be enough, because the
+board's corners are located to a tenth of a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ class Picture:
 
 
 class _Stage:
-    """The loaded scene."""
+    """The scene, loaded into PyBullet."""
 
     def __init__(self, scene: Scene, folder: Path) -> None:
         self._scene = scene
@@ -100,7 +101,7 @@ class _Stage:
         n = pb.getNumJoints(self._robot, physicsClientId=self._client)
         infos = [pb.getJointInfo(self._robot, i, physicsClientId=self._client) for i in range(n)]
         self._joints = {info[1].decode(): info[0] for info in infos}
-        for link in range(-1, n):  # decimated meshes are not watertight
+        for link in range(-1, n):  # draw both sides: decimated meshes are not watertight
             pb.changeVisualShape(
                 self._robot, link, flags=pb.VISUAL_SHAPE_DOUBLE_SIDED, physicsClientId=self._client
             )
@@ -135,7 +136,8 @@ class _Stage:
         self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
 
     def _load_board(self, folder: Path) -> int | None:
-        """A card centred at the origin. Its front faces -z; x and y run along the picture's rows and columns."""
+        """Load the board as a card centred at the origin. Its front faces -z; x and y run along the picture's rows
+        and columns."""
         if self._scene.board is None:
             return None
         image, (w, h) = self._scene.board
@@ -202,8 +204,9 @@ class _Stage:
         return Picture(rgb, depth.astype(np.float32))
 
     def _projection(self, n: int) -> tuple[float, ...]:
-        """The projection matrix, shifted by half a pixel. TinyRenderer samples a pixel at its lower left corner,
-        but everywhere else integer coordinates mean pixel centres. n: samples along each side of a pixel."""
+        """Return the projection matrix, shifted by half a pixel. The shift is needed because TinyRenderer samples
+        a pixel at its lower left corner, but everywhere else integer coordinates mean pixel centres. n: samples
+        along each side of a pixel."""
         scene = self._scene
         x, y = NEAR / scene.focal[0], NEAR / scene.focal[1]
         shift = 0.5 - 0.5 / n  # the samples of a pixel are symmetric about its centre
@@ -213,12 +216,13 @@ class _Stage:
 
 
 def leading(triangles: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """The triangles (m, 3), with their corners rotated so that each of the n vertices is first in one of them.
+    """Return the triangles (m, 3) with rotated corners, so that each of the n vertices is the first corner of one
+    of them.
 
     When PyBullet loads the mesh, it attaches each drawn vertex to a face that contains it. Because of rounding,
-    this search can miss the vertex's own faces, except a face that begins with the vertex. The vertex would then
-    be attached to a face of another layer above it and move with that face. For the same reason no two faces may
-    be coplanar while the mesh is loaded.
+    this search can miss the faces of the vertex itself, except a face that begins with the vertex. The vertex
+    would then be attached to a face of another layer above it and move with that face. For the same reason no two
+    faces may be coplanar while the mesh is loaded.
     """
     m = np.arange(len(triangles))
     touches = csr_matrix((np.ones(3 * len(m)), (triangles.T.ravel(), np.tile(m, 3))), shape=(n, len(m)))
@@ -242,7 +246,7 @@ def _view(T_base_camera: Array) -> tuple[float, ...]:
 
 
 def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32], upright: bool = False) -> str:
-    """An OBJ file whose texture coordinates are numbered like its vertices. PyBullet keeps this order.
+    """Return an OBJ file whose texture coordinates are numbered like its vertices. PyBullet keeps this order.
 
     upright: all normals point up, as on flat cloth, because PyBullet never updates the normals of a soft body.
     """

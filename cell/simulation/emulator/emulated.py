@@ -1,6 +1,7 @@
 """The emulated robot: the simulated world behind ROS, used through the driver of the real robot.
 
-The world runs in another process. Its time passes whether or not commands arrive, at most as fast as wall time.
+The world runs in another process. Its time advances whether or not commands arrive, but never faster than the wall
+clock.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ __all__ = ["emulated_cell"]
 
 START_S = 60.0
 ANSWER_S = 120.0
-"""Largest wall time for one answer [s]. Laying a garment takes longest, because it must come to rest."""
+"""Longest wall time to wait for one answer [s]. Laying a garment takes longest, because the cloth must come to
+rest."""
 ROOT = Path(__file__).resolve().parents[3]
 
 _master: subprocess.Popen[bytes] | None = None
@@ -44,7 +46,7 @@ _starting = threading.Lock()
 def emulated_cell(
     settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
 ) -> Iterator[SimulatedCell]:
-    """A simulated cell whose ports are those of the ROS driver. limits: limits of the driver's set-points.
+    """Open a simulated cell whose ports are those of the ROS driver. limits: the driver clips set-points to them.
 
     Raises ConfigurationError if ROS is missing, and the errors of `open_simulated_cell`.
     """
@@ -105,8 +107,8 @@ class _World:
         self.ask("restore", saved)
 
     def ask(self, name: str, *arguments: Any) -> Any:
-        """The answer of the world's process. Raises the exceptions that were raised in it, and
-        DriverError(HARDWARE_FAULT) if the process has ended."""
+        """Return the answer of the world's process. Raises the exceptions that were raised in that process, and
+        DriverError(HARDWARE_FAULT) if it has ended."""
         with self._asking:
             try:
                 self._connection.send((name, *arguments))

@@ -27,12 +27,13 @@ __all__ = ["main"]
 
 
 SWITCH_S = 5e-4
-"""Switch interval of Python's threads [s]. Each topic has a thread, and with the default of 5 ms two of them would
-take a whole tick."""
+"""Time after which Python switches to another thread [s]. Each topic has a thread. With the default of 5 ms, two
+of these threads would take a whole tick."""
 
 
 PATIENCE_S = 0.3
-"""Longest time for which the emulator waits for a command [s]. Later commands are late, as on a real robot."""
+"""Longest time for which the emulator waits for a command [s]. A command that comes later is treated as late, as
+on a real robot."""
 
 
 def main() -> None:

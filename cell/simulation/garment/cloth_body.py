@@ -25,8 +25,8 @@ class ClothBody(Protocol):
     """The cloth of one garment, on the table z = 0 of the table frame. It advances in frames of 1 / FRAME_RATE
     [s].
 
-    The hands are 0 and 1. The pose of a hand is a position (3,) [m] and a rotation (3, 3) R_table_tool. A grip
-    uses the value that `pads` has at its beginning.
+    The hands are numbered 0 and 1. The pose of a hand is a position (3,) [m] and a rotation (3, 3) R_table_tool. A
+    grip uses the pad geometry that `pads` has when the grip begins.
     """
 
     pads: PadGeometry
@@ -62,7 +62,7 @@ class ClothBody(Protocol):
         """Mean force (3,) [N] of the cloth on the hand over the last frame."""
 
     def checkpoint(self) -> dict[str, Array]:
-        """The complete state as named arrays."""
+        """Return the complete state as named arrays."""
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Restore a checkpoint of a body with the same mesh, material and traits."""
@@ -104,7 +104,8 @@ def check_body(world: str, garment: str, layers: int) -> None:
 def build_body(
     world: str, mesh: ClothMesh, material: Material, positions: Array, traits: BodyTraits, pads: PadGeometry
 ) -> ClothBody:
-    """The cloth of `world`, at rest at `positions` (n, 3) [m]. Raises ConfigurationError like `check_body`."""
+    """Build the cloth of `world`, at rest at `positions` (n, 3) [m]. Raises ConfigurationError like
+    `check_body`."""
     check_body(world, "the garment", int(mesh.layer.max()) + 1)
     if world == "mujoco":
         from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings

@@ -20,7 +20,7 @@ FABRIC_HUES = (0, 6, 58, 88, 105, 115, 125, 150, 170)
 
 
 def table_texture(rng: np.random.Generator, surface: str) -> Texture:
-    """(SIZE, SIZE, 3) RGB: the surface's colour with a grain along x."""
+    """Draw a random texture (SIZE, SIZE, 3) RGB: the surface's colour with a grain along x."""
     hue, saturation, value = TABLE_HSV.get(surface, TABLE_HSV["bare_table"])
     streaks = _noise(rng, (4.0, 60.0)) * 12.0 + _noise(rng, (30.0, 60.0)) * 8.0 + _noise(rng, (0.8, 2.0)) * 4.0
     return _coloured(
@@ -29,7 +29,7 @@ def table_texture(rng: np.random.Generator, surface: str) -> Texture:
 
 
 def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture:
-    """(SIZE, SIZE, 3) RGB: a plain or striped weave with hems.
+    """Draw a random texture (SIZE, SIZE, 3) RGB: a plain or striped weave with hems.
 
     look: 'contrast' for a hue far from the table's, or 'table_hue' for the table's hue, slightly lighter or
     darker.
@@ -54,8 +54,8 @@ def fabric_texture(rng: np.random.Generator, look: str, surface: str) -> Texture
 
 
 def garment_uv(rest: Array, layer: NDArray[np.int32]) -> Array:
-    """(n, 2) texture coordinates of mesh vertices from their material coordinates (n, 2) and layers (n,). The
-    texture is mirrored on the upper layer, so that front and back do not match by accident."""
+    """Compute texture coordinates (n, 2) of mesh vertices from their material coordinates (n, 2) and layers (n,).
+    The texture is mirrored on the upper layer, so that front and back do not match by accident."""
     low, span = rest.min(axis=0), np.ptp(rest, axis=0)
     uv = (rest - low) / span
     uv[layer > 0, 0] = 1.0 - uv[layer > 0, 0]
@@ -63,7 +63,7 @@ def garment_uv(rest: Array, layer: NDArray[np.int32]) -> Array:
 
 
 def _stripes(rng: np.random.Generator) -> Array:
-    """(SIZE, SIZE) brightness of two bands of stripes across the fabric."""
+    """Draw the brightness (SIZE, SIZE) of two bands of stripes across the fabric."""
     u = np.linspace(0.0, 1.0, SIZE)
     band = np.zeros(SIZE)
     for centre in rng.uniform(0.08, 0.2, 1).tolist() + rng.uniform(0.8, 0.92, 1).tolist():
@@ -72,7 +72,7 @@ def _stripes(rng: np.random.Generator) -> Array:
 
 
 def _noise(rng: np.random.Generator, sigma: tuple[float, float]) -> Array:
-    """(SIZE, SIZE) smooth noise of standard deviation 1. sigma: correlation length along x and y [px]."""
+    """Draw smooth noise (SIZE, SIZE) of standard deviation 1. sigma: correlation length along x and y [px]."""
     field = cv2.GaussianBlur(rng.standard_normal((SIZE, SIZE)), (0, 0), sigmaX=sigma[0], sigmaY=sigma[1])
     return np.asarray(field / field.std(), dtype=np.float64)
 

@@ -21,7 +21,7 @@ __all__ = ["WorldGarment"]
 FINEST, COARSEST = 0.012, 0.024
 """Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
-"""Cloth up to this height above a fingertip counts as under it [m]."""
+"""Cloth counts as below a fingertip if its height exceeds the tip's height by less than this [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class _Pose:
 class WorldGarment:
     """One garment. `lay` puts it on the table. All its properties are drawn from `rng` at the start.
 
-    world: solver of its cloth. ideal: no errors. Raises ConfigurationError like `check_body`.
+    world: solver of its cloth. ideal: without errors. Raises ConfigurationError like `check_body`.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class WorldGarment:
 
     @property
     def flat(self) -> Array:
-        """(n, 2) vertices of the perfectly flat garment in the pose in which it is laid, table frame [m]."""
+        """Vertices (n, 2) of the perfectly flat garment in the pose in which it is laid, table frame [m]."""
         return self.pose.place(self.mesh.rest)
 
     @property
@@ -102,7 +102,7 @@ class WorldGarment:
         return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
 
     def _wrinkled(self) -> Array:
-        """(n, 3) vertices with waves in random directions. The outline shrinks so that the cloth keeps its
+        """Return vertices (n, 3) with waves in random directions. The outline shrinks, so that the cloth keeps its
         length."""
         lying = self.mesh.lay_flat(self.material.thickness)
         if self._ideal:
@@ -121,7 +121,7 @@ class WorldGarment:
         return np.column_stack((self.pose.place(shrunk), lying[:, 2] + height))
 
     def _draw_relief(self, rng: np.random.Generator) -> Array:
-        """(n,) height of small creases in the fabric [m]. Only the camera sees them."""
+        """Draw heights (n,) of small creases in the fabric [m]. Only the camera sees them."""
         height = np.zeros(len(self.mesh.rest))
         for _ in range(6):
             angle, phase = rng.uniform(0.0, np.pi), rng.uniform(0.0, 2 * np.pi)
@@ -140,7 +140,7 @@ class WorldGarment:
     # actions of the robot
 
     def grip(self, hand: int, position: Array, rotation: Array, stroke: float, force: float) -> PinchReport:
-        """Close the pads, which are `stroke` [m] apart, with `force` [N] at a pose in the table frame."""
+        """Close the pads from an opening of `stroke` [m] with `force` [N], at a pose in the table frame."""
         self._cloth.pads = replace(self._cloth.pads, stroke=stroke)
         return self._cloth.grip(hand, position, rotation, force)
 
@@ -155,7 +155,7 @@ class WorldGarment:
         self._cloth.set_grip_force(hand, force)
 
     def pull(self, hand: int) -> Array:
-        """Force (3,) [N] of the cloth on the hand."""
+        """Return the force (3,) [N] of the cloth on the hand."""
         return self._cloth.pinch_force(hand)
 
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
@@ -167,7 +167,8 @@ class WorldGarment:
     # measurements
 
     def stack(self, point: Array) -> float:
-        """Thickness of all layers under a fingertip at `point` (3,) if they are pressed flat [m]."""
+        """Return the thickness that all layers under a fingertip at `point` (3,) have when they are pressed flat
+        [m]."""
         if not self.laid:
             return 0.0
         x = self._cloth.positions
@@ -209,7 +210,8 @@ class WorldGarment:
 
 
 def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:
-    """The true fabric. Each property differs from the garment file by at most its share in the noise table."""
+    """Draw the true fabric. Each property differs from the garment file by at most its share in the noise
+    table."""
 
     def near(value: float, share: float) -> float:
         return value * (1.0 + share * rng.uniform(-1.0, 1.0))

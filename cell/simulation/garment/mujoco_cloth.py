@@ -34,7 +34,7 @@ AWAY = 50.0  # coordinate of unused capsules [m]
 CLOSING = 0.12  # time in which closing pads draw the cloth to their middle [s]
 HOLD_SOLREF = (0.004, 1.0)
 HAND_SOLREF = "0.01 1"
-STILL = 5e-5  # largest movement of cloth at rest [m]
+STILL = 5e-5  # cloth is at rest if no coordinate changes by more than this [m]
 STILL_FRAMES = 15  # cloth at rest for this number of frames is not computed until a capsule comes near
 NEAR = 0.02  # distance to a capsule that wakes cloth at rest [m]
 
@@ -82,8 +82,8 @@ class _Hold:
     rows: slice = field(default_factory=lambda: slice(0, 0))
 
     def targets(self, x: Array, position: Array, rotation: Array) -> Array:
-        """(m, 3) target positions of the points, for vertices x (n, 3). The layers keep their distances, and the
-        stack can turn freely about the held line."""
+        """Return target positions (m, 3) of the points, for vertices x (n, 3). The layers keep their distances.
+        The stack can turn freely about the line along which the pads hold it."""
         mean = self.height.mean()
         r = self.height - mean
         at = (self._points(x) - position) @ rotation
@@ -226,7 +226,7 @@ class MujocoCloth:
         self._model.eq_data[hold.rows, 0] = (targets - rest).ravel()
 
     def _pull(self, hold: _Hold) -> Array:
-        """Force (3,) [N] of the cloth on the hand in the last step."""
+        """Return the force (3,) [N] of the cloth on the hand in the last step."""
         data = self._data
         mine = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (data.efc_id >= hold.rows.start)
         mine &= data.efc_id < hold.rows.stop

@@ -25,7 +25,8 @@ EDGE_POINTS = 5
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """contour: (k, 2) counter-clockwise. keypoints: name -> (2,), on the contour. Garment frame [m]."""
+    """The outline of one garment. contour: (k, 2) counter-clockwise. keypoints: name -> (2,), on the contour.
+    Garment frame [m]."""
 
     contour: Array
     keypoints: Mapping[str, Array]
@@ -74,8 +75,8 @@ def _ships(garment: Garment) -> bool:
 
 
 def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
-    """(ARC_POINTS, 2) points on an arc of `radius` [m] that touches both edges. Short edges make the arc
-    smaller."""
+    """Round a corner: return points (ARC_POINTS, 2) on an arc of `radius` [m] that touches both edges. If an edge
+    is short, the arc is smaller. A corner of more than 160 degrees stays as it is: (1, 2)."""
     a, b = before - corner, after - corner
     la, lb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     a, b = a / la, b / lb
@@ -91,7 +92,7 @@ def _round(before: Array, corner: Array, after: Array, radius: float) -> Array:
 
 
 def _bowed(start: Array, end: Array, bow: float) -> Array:
-    """(EDGE_POINTS, 2) points between the ends, on a parabola whose middle is `bow` [m] to the right of the
+    """Return points (EDGE_POINTS, 2) between the ends, on a parabola whose middle is `bow` [m] to the right of the
     chord."""
     s = np.linspace(0.0, 1.0, EDGE_POINTS + 2)[1:-1, None]
     chord = end - start

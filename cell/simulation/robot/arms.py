@@ -27,7 +27,8 @@ __all__ = ["SimulatedRobot"]
 EXTRAPOLATION = 0.02
 """Longest time for which a set-point is extrapolated [s]."""
 MOVING = 0.05
-"""Joint speed at which jitter has its full size [rad/s]."""
+"""Joint speed from which jitter has its full size [rad/s]. Sudden drops happen only to an arm that moves
+faster."""
 HEAD_SPEED = 0.6  # [rad/s]
 SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
 """Index of S1 in a joint vector; positive rotation lowers the arm."""
@@ -118,7 +119,8 @@ class SimulatedRobot:
         return last_command
 
     def state(self) -> JointState:
-        """The measured state. Its noise depends only on the physics step, so that readings change nothing."""
+        """Return the measured state. Its noise depends only on the physics step, so that the number of readings
+        changes no other random number."""
         q, qd, _, pan = self._body.read()
         q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
         if not self._ideal:
@@ -146,7 +148,8 @@ class SimulatedRobot:
         self._enabled = False
 
     def snapshot(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """The state for a later `resume`: arrays, and plain values including the random generator's state."""
+        """Return the state for a later `resume`: arrays, and plain values including the random generator's
+        state."""
         q, _, _, pan = self._body.read()
         arrays = {"q": q, "target": self._target, "jitter": self._jitter}
         plain = {"pan": pan, "head": self._head, "goal": self._head_goal, "step": self._step, "t": self._t}
@@ -200,7 +203,7 @@ class SimulatedRobot:
         self._sent = self._target
 
     def _disturbance(self, t: float, dt: float) -> Array:
-        """(14,) offset from the set-point [rad]: jitter (Ornstein-Uhlenbeck process) and drops."""
+        """Return the offset (14,) from the set-point [rad]: jitter (Ornstein-Uhlenbeck process) and drops."""
         speed = np.abs(self._velocity)
         if self._ideal:
             offset = np.zeros(14)

@@ -20,7 +20,8 @@ HAND_FROM, HAND_TO = 0.110, 0.200
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness of the arm at the tool along z, of a rubber tip on the table, of a tip in cloth [N/m]."""
+    """Stiffness [N/m]. arm: of the arm at the tool, along z; tip: of a rubber tip on the table; cloth: of cloth
+    under a tip."""
 
     arm: float
     tip: float
@@ -29,20 +30,23 @@ class Stiffness:
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """force: (2,) on each tip along the tool's z [N]; lift: distance by which the table pushes the hand up [m]."""
+    """Result of `touch`. force: (2,) on each tip along the tool's z [N]; lift: distance by which the table pushes
+    the hand up [m]."""
 
     force: Array
     lift: float
 
 
 def fingertips(position: Array, rotation: Array, opening: float) -> Array:
-    """(2, 3) centres of the tips of fingers 0 and 1 (at the tool's +y and -y). opening: between the pads [m]."""
+    """Return the centres (2, 3) of the tips of fingers 0 and 1 (at the tool's +y and -y). opening: between the
+    pads [m]."""
     side = 0.5 * (opening + PAD_THICKNESS) * rotation[:, 1]
     return np.stack((position + side, position - side))
 
 
 def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
-    """Forces and lift. tips: (2, 3) commanded positions, table frame [m]; stack: (2,) thickness of the cloth [m].
+    """Compute forces and lift. tips: (2, 3) commanded positions, table frame [m]; stack: (2,) thickness of the
+    cloth [m].
 
     Arm and tips are springs in series against a rigid table: k_arm lift = sum k_tip max(0, -z - lift). Cloth is a
     softer spring above the table. It is fully compressed at the table's height and does not lift the arm.
@@ -60,9 +64,9 @@ def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
 def finger_axes(
     position: Array, rotation: Array, opening: float, floor: Array, raised: float
 ) -> tuple[Array, Array]:
-    """Lower and upper ends (2, 3), (2, 3) of the fingers' capsules. floor: (2,) smallest height of their
-    undersides [m], because soft tips do not press the cloth through the table. raised: height above the tips at
-    which the capsules begin [m]."""
+    """Return the lower and upper ends (2, 3), (2, 3) of the capsules that represent the fingers. floor: (2,)
+    smallest height of their undersides [m], because soft tips do not press the cloth through the table. raised:
+    height above the tips at which the capsules begin [m]."""
     back = -rotation[:, 2]
     tips = fingertips(position, rotation, opening)
     low = tips + (FINGER_RADIUS + raised) * back
@@ -71,6 +75,6 @@ def finger_axes(
 
 
 def hand_axis(position: Array, rotation: Array) -> tuple[Array, Array]:
-    """Ends (3,), (3,) of the gripper body's capsule."""
+    """Return the ends (3,), (3,) of the capsule that represents the gripper's body."""
     back = -rotation[:, 2]
     return position + HAND_FROM * back, position + HAND_TO * back

@@ -15,7 +15,7 @@ __all__ = ["SimulatedGripper"]
 
 _SNAPSHOT = ("opening", "pressing", "_goal", "_force", "_between", "_stroke", "_calibrated", "_t", "_step")
 MOVING = 5e-4
-"""The gripper reports that it moves while it is further than this from its goal [m]."""
+"""The gripper reports that it moves while its opening differs from its goal by more than this [m]."""
 
 
 class SimulatedGripper:

@@ -12,8 +12,8 @@ from robots.ports import Array, Side, TactileReading, frozen
 __all__ = ["SimulatedTactile"]
 
 DRIFT_PERIOD = 120.0  # [s]
-SPREAD = 0.006  # width of the pressure about the held line, along the pad [m]
-HELD_DEPTH = 0.006  # height of the held line above the tips [m]
+SPREAD = 0.006  # width of the pressure peak along the pad [m]
+HELD_DEPTH = 0.006  # height of the pressure peak above the tips: the pads hold the cloth there [m]
 
 
 class SimulatedTactile:
@@ -43,7 +43,7 @@ class SimulatedTactile:
         self._last: TactileReading | None = None
 
     def _pattern(self) -> Array:
-        """(rows, columns) share of the grip force on each cell."""
+        """Return the share (rows, columns) of the grip force on each cell."""
         z = (np.arange(self._noise.rows) + 0.5) * self._noise.spacing
         rows = np.exp(-(((z - HELD_DEPTH) / SPREAD) ** 2))
         columns = np.ones(self._noise.columns)
@@ -66,5 +66,5 @@ class SimulatedTactile:
         return self._last
 
     def forget(self) -> None:
-        """Forget the last sample, which belongs to another time after a world was restored."""
+        """Forget the last sample, because it belongs to another time after a world was restored."""
         self._last = None

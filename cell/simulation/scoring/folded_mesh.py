@@ -111,7 +111,7 @@ def _cut(columns: Array, triangles: NDArray[np.int32], line: FoldLine) -> tuple[
 
 
 def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]:
-    """(c, 2) edges on a fold line that separate moving from staying cloth."""
+    """Return the edges (c, 2) on a fold line that separate moving from staying cloth."""
     side = np.sign(distance[triangles].sum(axis=1))
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     on_line = (distance[edges] == 0.0).all(axis=1)
@@ -122,6 +122,7 @@ def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]
 
 
 def doubled_area(xy: Array, triangles: NDArray[np.int32]) -> Array:
-    """Twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2); negative if upside down."""
+    """Return twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2); negative if upside
+    down."""
     a, b = xy[triangles[:, 1]] - xy[triangles[:, 0]], xy[triangles[:, 2]] - xy[triangles[:, 0]]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

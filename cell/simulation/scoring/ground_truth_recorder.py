@@ -31,7 +31,7 @@ class GroundTruthRecorder:
         truth.watch(self._record)
 
     def score(self) -> dict[str, Any] | None:
-        """The figures of the final garment; None if no garment was laid."""
+        """Score the final garment and return the figures; None if no garment was laid."""
         self._truth.watch(None)
         garment = self._truth.now().garment
         if garment is None:

@@ -68,8 +68,8 @@ class FinalGarment:
 
 @dataclass(frozen=True)
 class ScoreLimits:
-    """Limits to pass. correspondence: fraction of the garment's diagonal; height: above the flat stack [m]; edges,
-    drift [m]; drift_angle [rad]."""
+    """Limits of the figures for a pass. correspondence: fraction of the garment's diagonal; height: above the flat
+    stack [m]; edges, drift [m]; drift_angle [rad]."""
 
     iou: float = 0.90
     correspondence: float = 0.025
@@ -86,7 +86,7 @@ DEFAULT_LIMITS = ScoreLimits()
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure and its limit. at_least: larger is better."""
+    """One figure and its limit. at_least: the figure must be at least the limit; else at most the limit."""
 
     value: float
     limit: float
@@ -201,7 +201,8 @@ def score_plan(
 
 
 def ways_to_fold(garment: Garment, keypoints: Mapping[str, Array]) -> tuple[tuple[FoldLine, ...], ...]:
-    """The fold lines for each combination of variants of the plan's steps, the preferred one first."""
+    """Return the fold lines for each combination of variants of the plan's steps, the preferred combination
+    first."""
     outline = np.array([keypoints[name] for name in garment.keypoints])
     state = GarmentState(garment.category, outline, keypoints, confidence=1.0)
     choices = [[(step.name, v.name) for v in step.variants] for step in garment.plan]
@@ -216,7 +217,7 @@ def _mean_distance(garment: FinalGarment) -> float:
 def named_edge_pairs(
     pairs: Sequence[tuple[Sequence[str], Sequence[str]]], keypoints: Mapping[str, Array]
 ) -> tuple[tuple[Array, Array], ...]:
-    """The edge pairs of a garment file as polylines between the garment's true key points."""
+    """Return the edge pairs of a garment file as polylines between the garment's true key points."""
     return tuple(
         (np.array([keypoints[n] for n in a], dtype=float), np.array([keypoints[n] for n in b], dtype=float))
         for a, b in pairs
@@ -224,7 +225,8 @@ def named_edge_pairs(
 
 
 def diagonal(material: Array) -> float:
-    """Largest distance between two points of the rest shape (n, 2) [m]. For a rectangle it is the diagonal."""
+    """Return the largest distance between two points of the rest shape (n, 2) [m]. For a rectangle it is the
+    diagonal."""
     return float(pdist(material[ConvexHull(material).vertices]).max())
 
 
@@ -250,7 +252,8 @@ class _Align:
 
 
 def _align(xy: Array, target: Array, weight: Array) -> tuple[_Align, Array, float]:
-    """The rigid motion onto the target, the drift of the centroid (2,) [m] and the turn of the shape [rad]."""
+    """Return the rigid motion of xy onto the target, the drift of the centroid (2,) [m] and the turn of the shape
+    [rad]."""
     a, b = np.average(xy, axis=0, weights=weight), np.average(target, axis=0, weights=weight)
     p, q = xy - a, target - b
     dot = float(weight @ (p * q).sum(axis=1))
@@ -273,16 +276,16 @@ def _length(polyline: Array) -> float:
 
 
 def _resample(polyline: Array, n: int) -> Array:
-    """n evenly spaced points on a polyline."""
+    """Return n evenly spaced points on a polyline."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(polyline, axis=0), axis=1))])
     at = np.linspace(0.0, s[-1], n)
     return np.column_stack([np.interp(at, s, polyline[:, 0]), np.interp(at, s, polyline[:, 1])])
 
 
 def _where_now(garment: FinalGarment, material: Array) -> Array:
-    """Present positions (k, 2) of material points (k, 2). A point beside the cloth is replaced by the nearest
-    point of the cloth, because true outlines have round corners and key points are often just beside the cloth.
-    """
+    """Return the present positions (k, 2) of material points (k, 2). A point beside the cloth is replaced by the
+    nearest point of the cloth, because true outlines have round corners and key points are often just beside the
+    cloth."""
     return np.array([_interpolate(garment, p) for p in material])
 
 
@@ -307,7 +310,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], flat: NDArray[np.bool_]) -> float:
-    """95th percentile over the silhouette away from the creases, or over all of it if all pixels are near
-    creases."""
+    """Return the 95th percentile over the silhouette away from the creases, or over all of it if all pixels are
+    near creases."""
     where = silhouette & flat
     return float(np.percentile(image[where if where.any() else silhouette], 95.0))

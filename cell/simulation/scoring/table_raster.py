@@ -37,11 +37,12 @@ class TableRaster:
         return (xy - self.origin) / PIXEL
 
     def render(self, xyz: Array, triangles: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32]]:
-        """Height of the upper surface (-inf without cloth) and number of triangles at each pixel."""
+        """Return the height of the upper surface (-inf without cloth) and the number of triangles at each
+        pixel."""
         return rasterise(self.pixels(xyz[:, :2]), xyz[:, 2].copy(), triangles, *self.shape)
 
     def away_from(self, segments: Array, margin: float) -> NDArray[np.bool_]:
-        """Mask of the pixels further than `margin` [m] from every segment (c, 2, 2)."""
+        """Return the mask of the pixels further than `margin` [m] from every segment (c, 2, 2)."""
         free = np.ones(self.shape, dtype=np.uint8)
         ends = np.rint(self.pixels(segments)).astype(np.int32)
         cv2.polylines(free, [*ends], False, (0.0,))
@@ -54,7 +55,8 @@ class TableRaster:
 def rasterise(
     xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
 ) -> tuple[Array, NDArray[np.int32]]:
-    """Highest z and number of triangles at each pixel centre. xy: in pixels. A shared edge counts once."""
+    """Return the highest z and the number of triangles at each pixel centre. xy: in pixels. A shared edge counts
+    once."""
     top = np.full((rows, columns), -np.inf)
     count = np.zeros((rows, columns), dtype=np.int32)
     for t in range(len(triangles)):

@@ -1,4 +1,4 @@
-"""Folders of logs and caches, and a check that the logs can be written, for use before anything moves."""
+"""Find the folders of logs and caches, and check that the logs can be written before anything moves."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ __all__ = [
 
 JOURNAL_FILE = "journal.db"
 MAX_SAME_NAME = 10_000
-"""Largest number that is appended to a folder's name to make it unique."""
+"""Limit of the number that is appended to a folder's name to make it unique."""
 LEAST_FREE_BYTES = 200 * 2**20
-"""Free space that a run requires; its recording and report take about a third of this."""
+"""Free space that a run requires [bytes]. Its recording and report take about a third of this."""
 
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
-    """The folder of journal and runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`, else the
-    user's data folder. It is not created."""
+    """Return the folder of the journal and the runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`,
+    else the user's data folder. The folder is not created."""
     environment = os.environ if environment is None else environment
     if option is not None:
         return option.expanduser().absolute()
@@ -48,13 +48,13 @@ def logs_directory(option: Path | None = None, environment: Mapping[str, str] | 
 
 
 def command_for(words: str, logs: Path) -> str:
-    """The command line `foldcell WORDS`, with --logs unless `logs` is the default folder."""
+    """Return the command line `foldcell WORDS`, with --logs unless `logs` is the default folder."""
     option = "" if logs == logs_directory() else f" --logs {shlex.quote(str(logs))}"
     return f"foldcell {words}{option}"
 
 
 def repository_root() -> Path | None:
-    """The checkout that this program runs from; None if it is installed as a package."""
+    """Return the root of the checkout that this program runs from; None if it is installed as a package."""
     root = Path(__file__).resolve().parents[3]
     checkout = (root / "pyproject.toml").is_file() and (root / "logs" / "README.md").is_file()
     return root if checkout else None
@@ -65,24 +65,24 @@ def journal_path(logs: Path) -> Path:
 
 
 def user_cache() -> Path:
-    """The user's cache folder of this program; its content can always be created again."""
+    """Return the user's cache folder for this program. Its content can always be created again."""
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("foldcell", appauthor=False))
 
 
 def free_bytes(path: Path) -> int:
-    """Free space on the file system of `path`, or of the nearest existing folder above it."""
+    """Return the free space [bytes] on the file system of `path`, or of the nearest existing folder above it."""
     while not path.exists() and path != path.parent:
         path = path.parent
     return shutil.disk_usage(path).free
 
 
 def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
-    """Create the folder, check that it can be written, and return it.
+    """Create the logs folder, check that it can be written, and return it.
 
-    Raises StorageError if it cannot be written or has less than `least_free` bytes; created folders are then
-    removed.
+    Raises StorageError if it cannot be written or has less than `least_free` bytes; the folders that were created
+    are then removed.
     """
     elsewhere = "or choose another folder with --logs DIR or FOLDCELL_LOGS"
     created = _missing_folders(logs)
@@ -113,13 +113,13 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
 
 
 def campaign_folder(logs: Path, kind: str) -> Path:
-    """Create a folder `KIND-time` in the logs for the runs of a campaign. Raises StorageError."""
+    """Create a folder `KIND-time` in the logs, for the runs of a campaign. Raises StorageError."""
     return new_folder(logs, f"{kind}-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}")
 
 
 def new_folder(logs: Path, name: str) -> Path:
-    """Create the folder `name` in the logs, or `name-2` and so on. `mkdir` makes this safe between processes.
-    Raises StorageError."""
+    """Create the folder `name` in the logs, or `name-2` and so on if it exists. `mkdir` makes this safe between
+    processes. Raises StorageError."""
     for i in range(1, MAX_SAME_NAME):
         folder = logs / (name if i == 1 else f"{name}-{i}")
         try:
@@ -137,7 +137,7 @@ def new_folder(logs: Path, name: str) -> Path:
 
 
 def _missing_folders(path: Path) -> list[Path]:
-    """The folders that `mkdir(parents=True)` would create, deepest first."""
+    """Return the folders that `mkdir(parents=True)` would create, deepest first."""
     missing = []
     while not path.exists() and path != path.parent:
         missing.append(path)

@@ -1,4 +1,4 @@
-"""Pictures and depth images from files, as arrays."""
+"""Read pictures and depth images from files, as arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ __all__ = ["known_depth", "read_depth", "read_picture"]
 
 MILLIMETRES = 1e-3
 DAMAGED = ("premature end", "Premature end", "bad Huffman code", "instead of RST")
-"""What libjpeg writes about a picture of which a part is missing or does not fit. It makes up the pixels."""
+"""Parts of libjpeg's messages about a picture with missing or invalid data. libjpeg returns such a picture with
+invented pixels."""
 
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
@@ -24,8 +25,8 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
 
 
 def read_depth(path: Path) -> NDArray[np.float32]:
-    """Read a depth image (H, W) [m], NaN where nothing was measured: `.npy` in metres, otherwise a 16-bit picture
-    in millimetres. Raises ConfigurationError for any other file."""
+    """Read a depth image (H, W) [m], NaN where nothing was measured. The file is `.npy` in metres, or a 16-bit
+    picture in millimetres. Raises ConfigurationError for any other file."""
     if path.suffix == ".npy":
         try:
             raw = np.load(path, allow_pickle=False)
@@ -48,7 +49,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
 
 
 def known_depth(metres: NDArray) -> NDArray[np.float32]:
-    """Depth (H, W) [m], with NaN in place of zero and negative values."""
+    """Return the depth (H, W) [m], with NaN in place of zero and negative values."""
     return np.where(metres > 0, metres, np.nan).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Write files whole or not at all."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ def write_whole(
     data: bytes | str,
     hint: str = "free some disk space, make its folder writable, or choose another one",
 ) -> None:
-    """Replace the file in one step: a reader finds the old content or the new one. Raises StorageError."""
+    """Replace the file in one step: at any time, a reader finds either the old content or the new content. Raises
+    StorageError."""
     content = data.encode() if isinstance(data, str) else data
     try:
         with tempfile.NamedTemporaryFile(
@@ -31,7 +32,7 @@ def write_whole(
                 os.replace(file.name, path)
                 _sync(path.absolute().parent)
             except BaseException:
-                with suppress(FileNotFoundError):  # already renamed: the failure came later
+                with suppress(FileNotFoundError):  # the file was already renamed
                     os.unlink(file.name)
                 raise
     except OSError as e:
@@ -39,7 +40,7 @@ def write_whole(
 
 
 def _sync(folder: Path) -> None:
-    """Flush the folder: without this, a power failure may leave the old file."""
+    """Flush the folder to disk. Without this, the old file may be back after a power failure."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,5 @@
-"""Signals while a cell is open: they trigger the stop circuit, and the run then ends as after any stop."""
+"""Handle signals while a cell is open: a signal triggers the stop circuit, and the run then ends as after any
+stop."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ __all__ = ["Interrupts", "taking_signals"]
 
 
 class Interrupts:
-    """Handles the signals of one run. received: the signals that requested an end, in order."""
+    """Handles the signals of one run. received: the signals that requested an end of the run, in order of time."""
 
     def __init__(self) -> None:
         self.received: list[int] = []
@@ -23,17 +24,18 @@ class Interrupts:
 
     @contextmanager
     def stop(self, ports: Ports, asked: bool) -> Iterator[None]:
-        """Within the context SIGINT and SIGTERM trigger the stop of `ports`. After the context, and until `leave`,
-        they do not interrupt the end of the run.
+        """Within the context, SIGINT and SIGTERM trigger the stop of `ports`. After the context and before
+        `leave`, a signal only prints a message, so that the end of the run is written completely.
 
-        SIGHUP stops the cell too, unless the run asks an operator (`asked`). In that case SIGHUP is ignored, and
-        the closed terminal ends the run. SIGCONT stops a robot, because someone may have come near while the
-        program was suspended. Outside the main thread no signal is handled.
+        SIGHUP also triggers the stop, except in a run that asks an operator (`asked`). In such a run SIGHUP is
+        ignored, and the closed terminal ends the run. With any driver except `sim`, SIGCONT triggers the stop,
+        because someone may have come near while the program was suspended. Outside the main thread no signal is
+        handled.
         """
         self._ports = ports
         self._install(signal.SIGINT, self._on_signal)
         self._install(signal.SIGTERM, self._on_signal)
-        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # it is ignored under nohup
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has made it ignored
             self._install(signal.SIGHUP, signal.SIG_IGN if asked else self._on_signal)
         if ports.driver != "sim":
             self._install(signal.SIGCONT, lambda *_: ports.stop.trigger("the program had been suspended"))
@@ -65,7 +67,7 @@ class Interrupts:
 
 @contextmanager
 def taking_signals() -> Iterator[Interrupts]:
-    """A context around a whole run, from opening the cell to the last line of the journal and the report."""
+    """Handle signals during a whole run, from opening the cell to the last line of the journal and the report."""
     interrupts = Interrupts()
     try:
         yield interrupts

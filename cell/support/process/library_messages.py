@@ -1,6 +1,7 @@
-"""Messages that libraries write past the program: OpenCV and its codecs, Rerun's log, warnings of Python packages.
+"""Suppress or capture messages that libraries print by themselves: OpenCV and its codecs, Rerun's log, warnings of
+Python packages.
 
-They are for programmers and not for the operator. The program states what went wrong in its own words.
+These messages are for programmers and not for the operator. The program states what went wrong in its own words.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from contextlib import contextmanager
 __all__ = ["captured_messages", "quiet_libraries"]
 
 QUIET: Mapping[str, str] = {"OPENCV_LOG_LEVEL": "SILENT", "RUST_LOG": "off"}
-"""Environment of OpenCV's and Rerun's logs, which read it when they are loaded."""
+"""Environment variables that switch off the logs of OpenCV and Rerun. They are read when these libraries are
+loaded."""
 
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
     """Switch off the logs of OpenCV and Rerun and the warnings of Python packages within the context.
 
-    A variable that the user has set, and Python's option -W, have priority.
+    A variable that the user has set has priority, and so has Python's option -W.
     """
     added = {name: value for name, value in QUIET.items() if name not in os.environ}
     os.environ.update(added)
@@ -38,14 +40,15 @@ def quiet_libraries() -> Iterator[None]:
 
 @contextmanager
 def captured_messages() -> Iterator[Callable[[], str]]:
-    """Keep back what C libraries write to the standard error of the process; yields a function that returns it.
+    """Capture the output of C libraries to the standard error of the process. Yields a function that returns the
+    captured text.
 
-    The codecs of pictures (libjpeg, libpng) write there, and nowhere else, that a picture is damaged. Another
-    thread's messages of that time are kept back too.
+    The codecs of pictures (libjpeg, libpng) report only there that a picture is damaged. What other threads write
+    there meanwhile is captured too.
     """
     try:
         before = os.dup(2)
-    except OSError:  # standard error is closed: there is nothing to keep back
+    except OSError:  # standard error is closed: there is nothing to capture
         yield lambda: ""
         return
     with tempfile.TemporaryFile() as file:

@@ -1,8 +1,9 @@
-"""Lock files: a cell has one owner at a time, and a run's lock shows that its process is alive.
+"""Lock files. They ensure that a cell has one owner at a time, and a run's lock shows that its process is alive.
 
 The lock is a kernel lock (`flock`). It ends with the process that holds it, however that process ends, so that a
-stale file never blocks a cell. A forked child releases its copy immediately, so that a renderer which outlives a
-killed executive does not hold the cell. The file contains the owner's pid, which is used in messages only.
+stale file never blocks a cell. A forked child immediately releases its copy of the lock. A renderer that outlives
+a killed executive therefore does not hold the cell. The file contains the owner's pid, which is used in messages
+only.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from robots.errors import ConfigurationError, StorageError
 __all__ = ["CellBusyError", "OwnerLock", "is_held"]
 
 _PATIENCE_S = 0.2
-"""`acquire` retries for this time [s], because `is_held` takes the lock for a moment."""
+"""`acquire` retries for this time [s], because `is_held` also takes the lock for a moment."""
 
 
 class CellBusyError(ConfigurationError):
-    """Another process holds the lock; `values["pid"]` is its pid. Nothing moved and nothing was written."""
+    """Another process holds the lock, and `values["pid"]` is its pid. Nothing was moved or written."""
 
 
 class OwnerLock:
@@ -36,7 +37,8 @@ class OwnerLock:
     def __init__(
         self, path: Path, what: str = "the cell", otherwise: str = ", or give this run another --logs DIR"
     ) -> None:
-        """what: name of the locked thing, for messages; otherwise: an alternative to waiting, for the hint."""
+        """what: name of the locked thing, for messages; otherwise: text for the hint that names an alternative to
+        waiting."""
         self.path = path
         self.what, self.otherwise = what, otherwise
         self._file: int | None = None

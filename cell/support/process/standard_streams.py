@@ -1,5 +1,6 @@
-"""Standard output and error that may fail: a closed pipe, a full disk, a closed stream. Such a failure changes
-neither the actions of a command nor its exit code.
+"""Let a command continue if standard output or error fails: a closed pipe, a full disk, a closed stream.
+
+cell/commands/exit_codes.py decides how such a failure affects the exit code.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ T = TypeVar("T")
 
 
 class LastingStream:
-    """A text stream that accepts text even if it can no longer be written.
+    """A text stream that still accepts text after it can no longer be written. The text is then discarded.
 
-    lost: the reason why the stream can no longer be written. A KeyboardInterrupt while waiting for the reader is
-    also such a reason; otherwise the program would wait for the same reader again when it ends.
+    lost: the reason why the stream can no longer be written; None while it works. A KeyboardInterrupt during a
+    write that waits for the reader is also such a reason. Otherwise the program would wait for the same reader
+    again when it ends.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -59,7 +61,7 @@ class LastingStream:
 
     def _lose(self, error: OSError | KeyboardInterrupt) -> None:
         self.lost = error
-        with suppress(OSError, ValueError):  # else Python writes the buffer again when it exits
+        with suppress(OSError, ValueError):  # otherwise Python writes the buffer again when it exits
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self._stream.fileno())
             os.close(nowhere)
@@ -67,11 +69,12 @@ class LastingStream:
 
 @contextmanager
 def lasting_streams() -> Iterator[LastingStream]:
-    """Replace sys.stdout and sys.stderr by lasting streams within the context; yields the one for standard output.
+    """Replace sys.stdout and sys.stderr by lasting streams within the context. Yields the stream of standard
+    output.
 
-    Characters that the encoding lacks are written as escapes. Closed file descriptors 0 to 2 are opened on the
-    null device. Otherwise a file that is opened later could get one of these numbers, and C libraries would write
-    their output into that file, in child processes too.
+    Characters that the encoding lacks are written as escapes. If one of the file descriptors 0 to 2 is closed, it
+    is opened on the null device. Otherwise a file that is opened later could get this number, and C libraries
+    would write their output into that file, in child processes too.
     """
     for number in range(3):
         try:

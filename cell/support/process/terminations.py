@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end a command like Ctrl-C: resources are closed and worker processes end."""
+"""Let SIGTERM and SIGHUP end a command as Ctrl-C does: resources are closed and worker processes end."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """Within the context the first SIGTERM and SIGHUP raise Terminated; a second one kills the process.
+    """Within the context, the first SIGTERM or SIGHUP raises Terminated; a second one of the same kind kills the
+    process.
 
     A signal that is ignored (nohup) stays ignored. While a cell is open, cell/support/process/interrupts.py
-    handles these signals. Outside the main thread this does nothing.
+    handles these signals. Outside the main thread this function does nothing.
     """
 
     def end(number: int, _: Any) -> None:

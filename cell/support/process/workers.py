@@ -1,4 +1,4 @@
-"""Worker processes. They end with their parent process, however it ends."""
+"""Start worker processes. They end with their parent process, however it ends."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ T = TypeVar("T")
 
 @contextmanager
 def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executor]:
-    """A pool of `workers` processes. tasks_each: a process is replaced after this number of tasks.
+    """Yield a pool of `workers` processes. tasks_each: a process is replaced after this number of tasks; None:
+    never.
 
-    An exception within the context, KeyboardInterrupt included, ends the running tasks and the processes. A task
-    that performs a run stops it and still writes its end.
+    An exception within the context, including KeyboardInterrupt, ends the running tasks and the processes. A task
+    that performs a run stops this run and still writes its end.
     """
     with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
@@ -43,11 +44,11 @@ def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executo
 
 
 class RenewedWorkers(Executor):
-    """Parallel processes, each replaced after `tasks_each` tasks. If a process dies, only its own task fails
-    (BrokenExecutor), and the next task gets a new process.
+    """An executor of parallel processes, each replaced after `tasks_each` tasks. If a process dies, only its own
+    task fails (BrokenExecutor), and the next task gets a new process.
 
-    `max_tasks_per_child` of the standard library cannot be used: with more waiting tasks than processes it stops
-    replacing them and waits for ever (CPython issue 115634).
+    `max_tasks_per_child` of the standard library cannot be used. With more waiting tasks than processes, it stops
+    replacing processes and waits for ever (CPython issue 115634).
     """
 
     def __init__(self, workers: int, tasks_each: int) -> None:
@@ -95,8 +96,8 @@ def _processes(number: int) -> ProcessPoolExecutor:
 
 
 def _end_children() -> None:
-    """Terminate the children, repeatedly. The first signal may stop a run, whose end is then written. Later
-    signals end the tasks that were already handed over to a process, as soon as they begin."""
+    """Terminate the child processes, repeatedly until none is left. The first signal may stop a run, whose end is
+    then written. Tasks that were already handed over to a process begin afterwards, and later signals end them."""
     while children := active_children():
         for child in children:
             child.terminate()
@@ -106,8 +107,8 @@ def _end_children() -> None:
 
 
 def _initialise() -> None:
-    """Set up a worker. It ignores Ctrl-C, which reaches every process of a terminal, because the parent ends the
-    work. If the parent is gone, the worker ends itself."""
+    """Set up a worker process. It ignores Ctrl-C, which reaches every process of a terminal, because the parent
+    ends the workers. If the parent is gone, the worker ends itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, name="follow-parent", daemon=True).start()
 

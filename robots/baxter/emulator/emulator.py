@@ -43,18 +43,18 @@ GRIPPER_PERIOD = 0.05
 CALIBRATION_S = 5.0
 """Longest time that a gripper takes to calibrate [s]."""
 MAX_LAG = 2 * TICK
-"""Largest lag behind the wall clock [s]. With a larger lag, the loop does not catch up."""
+"""Largest lag behind the wall clock [s]. If the lag is larger, the loop does not try to catch up."""
 TURNING = 0.01
 """Smallest speed at which the head counts as turning [rad/s]."""
 QUEUE = 100
-"""Queue length of topics on which no message may be lost."""
-ROUNDING = 1e-6  # of a tick
+"""Queue length of the topics on which no message may be lost."""
+ROUNDING = 1e-6  # tolerance of comparisons with a tick [ticks]
 
 T = TypeVar("T")
 
 
 class Emulator:
-    """A cell's ports as a Baxter on ROS, with the cell's clock on /clock.
+    """Serves a cell's ports as a Baxter on ROS, with the cell's clock on /clock.
 
     pace: largest ratio of cell time to wall time; None: no limit. patience: wall time for which the loop waits for
     the next command after a command [s], so that a program on a busy machine is not late. A real robot does not
@@ -108,7 +108,7 @@ class Emulator:
                 self._keep_pace(until)
         finally:
             self._tasks.end()
-            with contextlib.suppress(OSError):  # the master has ended, and its parameters with it
+            with contextlib.suppress(OSError):  # the master has ended, and so have its parameters
                 self._node.delete_parameter(USE_SIM_TIME)
 
     def perform(self, work: Callable[[], T]) -> Future[T]:
@@ -203,7 +203,7 @@ class Emulator:
 
     def _stop(self, _: Any) -> None:
         """Stop immediately, on the topic's thread."""
-        self._motors.stop(f"told so on {topics.STOP}")
+        self._motors.stop(f"a stop was requested on {topics.STOP}")
 
     def _hear_reset(self, _: Any) -> None:
         stops = self._motors.stops

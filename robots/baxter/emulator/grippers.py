@@ -32,9 +32,12 @@ GRIPPING = 3.0
 
 @dataclass(frozen=True)
 class GripperReport:
-    """Values of an EndEffectorState. stamp: cell time [s]; position, force [%]; refusal: why the last command was
-    refused, or else the error that needs a reset, or else empty; command, sender, sequence: of the last handled
-    command."""
+    """Values of an EndEffectorState.
+
+    stamp: cell time [s]; position, force [%]; refusal: the reason why the last command was refused; if it was not
+    refused, the error that needs a reset; empty if there is none. command, sender, sequence: of the last handled
+    command.
+    """
 
     stamp: float
     calibrated: bool
@@ -50,7 +53,7 @@ class GripperReport:
 
     @property
     def state(self) -> str:
-        """The error as JSON."""
+        """The content of the message's field `state`: the error as JSON."""
         return json.dumps({"error": self.refusal} if self.refusal else {})
 
 
@@ -60,7 +63,7 @@ class _RefusedError(Exception):
 
 class ElectricGripper:
     """One gripper. A command with the same sender and sequence as the last command is a repetition and is not
-    executed again. past: initial state. If it is calibrated, `Emulator` calibrates the port."""
+    executed again. past: the initial state. If it is calibrated, `Emulator` calibrates the port."""
 
     def __init__(self, port: Gripper, past: InitialState = NEW) -> None:
         self._port = port
@@ -73,7 +76,7 @@ class ElectricGripper:
         self._cleared = False
         """Whether the port's calibration was cleared."""
         self._calibrating = False
-        """Whether the port may still report its former calibration."""
+        """Whether the port may still report the calibration from before the present one."""
         self._handlers: Mapping[str, Callable[[str], None]] = {
             CALIBRATE: lambda _: self._calibrate(),
             CLEAR_CALIBRATION: lambda _: self._clear(),
@@ -153,7 +156,7 @@ class ElectricGripper:
             self._port.command(state.opening, self._holding())
 
     def _holding(self) -> float:
-        """Holding force [N]."""
+        """Return the holding force [N]."""
         return self._parameters["holding_force"] / 100.0 * FULL_FORCE
 
 

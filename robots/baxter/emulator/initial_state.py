@@ -12,8 +12,11 @@ __all__ = ["NEW", "USED", "InitialState"]
 
 @dataclass(frozen=True)
 class InitialState:
-    """Both grippers: calibrated; error: their error until a reset, empty for none; parameters [%]; echo: sender
-    and sequence of the last command that each gripper has handled, if any.
+    """Initial state of the emulated robot.
+
+    calibrated: both grippers are calibrated; error: the error of both grippers until a reset, empty for none;
+    parameters: the parameters of both grippers [%]; echo: sender and sequence of the last command that each
+    gripper has handled, if any.
 
     enabled: the motors are on. stopped: the red button was pressed and released, and the robot was not reset.
     head_pan: angle of the head [rad], if it was moved. timeout: validity of a joint command [s]. speed_ratio:

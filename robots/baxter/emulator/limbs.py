@@ -1,5 +1,5 @@
-"""Emulation of an arm that receives JointCommands: accepted commands, their validity, and the resulting
-set-point."""
+"""Emulation of an arm that receives JointCommands: it checks the commands and their validity, and computes the
+set-point that results from them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ TICK = 0.01
 MAX_INTERVAL = 0.05
 """Largest interval between commands from which a velocity is computed [s]."""
 MAX_DELAY = 2 * TICK
-"""Largest delay of the next command for which the last command is extrapolated [s]."""
+"""If the next command is later than this, the last command is no longer extrapolated [s]."""
 ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class _Command:
-    """at: time of arrival [s]; q: (7,) in the order of ARM_JOINTS [rad]; mode: POSITION or RAW_POSITION."""
+    """A JointCommand. at: time of arrival [s]; q: (7,) in the order of ARM_JOINTS [rad]; mode: POSITION or
+    RAW_POSITION."""
 
     at: float
     q: Array
@@ -96,8 +97,8 @@ class Limb:
         return now - self._heard <= self.timeout + ROUNDING
 
     def set_point(self, now: float, standing: Array) -> tuple[Array, Array]:
-        """Position and velocity (7,), (7,) of the set-point [rad], [rad/s]. standing: (7,) measured position, used
-        if there is no command.
+        """Return position and velocity (7,), (7,) of the set-point [rad], [rad/s]. standing: (7,) measured
+        position, used if there is no command.
 
         If the next command is late by one or two ticks, the last command is extrapolated with its velocity. After
         that the arm holds. In position mode the arm moves to the commanded position with at most the speed ratio,
@@ -113,7 +114,7 @@ class Limb:
         return q, qd
 
     def _wanted(self, now: float, standing: Array) -> tuple[Array, Array]:
-        """The commanded position and velocity (7,), (7,), without a speed limit."""
+        """Return the commanded position and velocity (7,), (7,), without a speed limit."""
         if self._held is None:
             self._held = np.array(standing)
         late = now - self._heard - TICK
@@ -123,7 +124,7 @@ class Limb:
         return self._held + max(late, 0.0) * qd, qd
 
     def _velocity(self) -> Array:
-        """(7,) velocity from the last two commands, clipped to the joints' limits [rad/s]."""
+        """Return the velocity (7,) from the last two commands, clipped to the joints' limits [rad/s]."""
         if self._newest is None or self._before is None:
             return np.zeros(7)
         interval = self._newest.at - self._before.at

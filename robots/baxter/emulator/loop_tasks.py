@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class LoopTasks:
-    """`ask` may be called from any thread. All other methods belong to the loop's thread."""
+    """A queue of tasks. `ask` may be called from any thread. All other methods belong to the loop's thread."""
 
     def __init__(self) -> None:
         self._lock = Lock()

@@ -32,7 +32,7 @@ def header(messages: Messages, t: float, frame: str = "") -> Any:
 
 
 def joint_state(messages: Messages, state: JointState) -> Any:
-    """JointState of arms and head, in the robot's order."""
+    """Return the JointState message of arms and head, with the joints in the robot's order."""
     return messages.joint_state(
         header=header(messages, state.stamp),
         name=list(PUBLISHED),
@@ -94,7 +94,7 @@ def tactile_state(messages: Messages, reading: TactileReading) -> Any:
 
 
 def picture(messages: Messages, frame: CameraFrame) -> tuple[Any, Any, Any]:
-    """Colour (rgb8), depth (32FC1 [m], NaN where there is no value) and CameraInfo, with the same stamp."""
+    """Return colour (rgb8), depth (32FC1 [m], NaN where there is no value) and CameraInfo, with the same stamp."""
     h, w = frame.depth.shape
     top = header(messages, frame.stamp, OPTICAL_FRAME)
     k = frame.intrinsics.matrix

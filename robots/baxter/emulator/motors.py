@@ -56,7 +56,8 @@ class Motors:
 
     @property
     def stops(self) -> int:
-        """Number of stops. A reset that arrived before the last stop must not lift that stop."""
+        """Number of stops so far. It identifies a reset that arrived before the last stop: such a reset must not
+        lift that stop."""
         return self._stops
 
     def state(self) -> MotorState:

@@ -30,8 +30,11 @@ ANSWER_S = 5.0
 
 @dataclass(frozen=True)
 class RosSettings:
-    """raw_position: switches the robot's own collision avoidance off and uses feed-forward for closer tracking.
-    tactile_rows: rows of cells on each pad. camera_settle: streaming time before a picture is used [s]."""
+    """Settings of the connection.
+
+    raw_position: switches the robot's own collision avoidance off and uses feed-forward for closer tracking.
+    tactile_rows: rows of cells on each pad. camera_settle: streaming time before a picture is used [s].
+    """
 
     camera: CameraTopics = field(default_factory=CameraTopics)
     raw_position: bool = False
@@ -44,9 +47,9 @@ def connected(
     settings: RosSettings, limits: JointLimits, attendant: Callable[[Stop], Attendant], *, driver: str,
     simulated: bool,
 ) -> Iterator[Ports]:  # fmt: skip
-    """The ports of the robot at ROS_MASTER_URI. limits: set-points are clipped to them. attendant: creates the
-    attendant from the stop port, because a stop ends the attendant's waiting. simulated: whether the robot is
-    simulated; results are marked accordingly.
+    """Connect to the robot at ROS_MASTER_URI and yield its ports. limits: set-points are clipped to them.
+    attendant: creates the attendant from the stop port, because a stop ends the attendant's waiting. simulated:
+    whether the robot is simulated; results are marked accordingly.
 
     Raises ConfigurationError if there is no ROS or no master, if a device does not answer, if there is more than
     one robot, or if another program commands the arms.
@@ -98,8 +101,8 @@ def connected(
 
 @contextmanager
 def connected_stop() -> Iterator[RosStop]:
-    """Connect only to the robot's stop circuit. Raises ConfigurationError if there is no ROS or no master, or if
-    the robot does not answer."""
+    """Connect only to the robot's stop circuit and yield its port. Raises ConfigurationError if there is no ROS or
+    no master, or if the robot does not answer."""
     node = open_node("foldcell")
     with ExitStack() as closing:
         closing.callback(node.close)
@@ -126,11 +129,11 @@ def _refuse_others(node: Node) -> None:
 
 
 def _clock_topics(clock: WallClock | TopicClock) -> list[TopicClock]:
-    """The clock, if its time comes from a topic; else empty."""
+    """Return the clock if its time comes from a topic; else an empty list."""
     return [clock] if isinstance(clock, TopicClock) else []
 
 
 def _silent(subscriptions: Sequence[TopicClock | LatestMessage[Any]]) -> list[str]:
-    """The topics without a valid message within ANSWER_S."""
+    """Return the topics without a valid message within ANSWER_S."""
     until = time.monotonic() + ANSWER_S
     return [s.topic for s in subscriptions if not s.wait(max(0.0, until - time.monotonic()))]

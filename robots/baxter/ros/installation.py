@@ -1,4 +1,4 @@
-"""Import of ROS 1's Python modules. No package index has them. A distribution installs them for the system
+"""Import of ROS 1's Python modules. No package index has them. Linux distributions install them for the system
 Python."""
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ PACKAGES = "python3-rospy python3-rosmaster python3-sensor-msgs python3-rosgraph
 
 
 def find_ros() -> Path | None:
-    """The folder that contains rospy, or None."""
+    """Return the folder that contains rospy, or None."""
     on_path = (Path(entry) for entry in sys.path if entry)
     return next((folder for folder in (*on_path, *FOLDERS) if (folder / "rospy").is_dir()), None)
 

@@ -1,7 +1,8 @@
 """Message classes of Baxter, its camera and its pads.
 
-Baxter's own messages come only with its SDK, so they are defined here. The names and types of fields and constants
-define the wire format. ROS checks it with a hash when two nodes connect. genpy generates the classes.
+Baxter's own messages come only with its SDK, so they are defined here. The names and types of the fields and
+constants define the wire format. When two nodes connect, ROS compares a hash of this format. genpy generates the
+classes.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Node:
             subscriber.unregister()
 
     def parameter(self, name: str, default: Any) -> Any:
-        """A value of ROS's parameter server."""
+        """Return a value of ROS's parameter server."""
         return self._rospy.get_param(name, default)
 
     def set_parameter(self, name: str, value: Any) -> None:
@@ -86,7 +86,8 @@ class Node:
         return str(self._rospy.get_name())
 
     def publishers(self, topic: str) -> list[str]:
-        """The live nodes that publish a topic. The master also lists nodes that died. They are left out."""
+        """Return the live nodes that publish a topic. The master also lists nodes that have died; they are left
+        out."""
         known = self._rospy.get_master().getSystemState()[2][0]
         nodes: list[str] = next((nodes for name, nodes in known if name == topic), [])
         return [node for node in nodes if node == self.name or self._is_alive(node)]
@@ -105,7 +106,7 @@ class Node:
         return True
 
     def close(self) -> None:
-        """Close all topics. If the master is gone, this gives up after CLOSE_S."""
+        """Close all topics. If the master is gone, give up after CLOSE_S."""
         closing = threading.Thread(target=self._stack.close, name="signing off", daemon=True)
         closing.start()
         closing.join(CLOSE_S)
@@ -137,7 +138,7 @@ def open_node(name: str) -> Node:
 
 
 def master_address() -> tuple[str, str, int]:
-    """The master's URI, host and port. Raises ConfigurationError for an invalid URI."""
+    """Return the master's URI, host and port. Raises ConfigurationError for an invalid URI."""
     uri = os.environ.get("ROS_MASTER_URI") or MASTER
     parsed = urlparse(uri)
     try:

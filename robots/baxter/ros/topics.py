@@ -1,4 +1,4 @@
-"""Names and message types of Baxter's topics (SDK 1.2)."""
+"""Names of Baxter's topics (SDK 1.2), each with its message type."""
 
 from __future__ import annotations
 
@@ -30,52 +30,53 @@ CLOCK = "/clock"
 JOINT_STATES = "/robot/joint_states"
 """sensor_msgs/JointState of arms and head_pan, 100 Hz, in any order of names."""
 ROBOT_STATE = "/robot/state"
-"""AssemblyState."""
+"""AssemblyState: motors, stop and emergency button."""
 ENABLE = "/robot/set_super_enable"
 """std_msgs/Bool: true switches the motors on. Published repeatedly until the robot's state agrees."""
 RESET = "/robot/set_super_reset"
 """std_msgs/Empty: clears the stop. The motors are then off."""
 STOP = "/robot/set_super_stop"
-"""std_msgs/Empty."""
+"""std_msgs/Empty: stops the robot."""
 HEAD_COMMAND = "/robot/head/command_head_pan"
-"""HeadPanCommand."""
+"""HeadPanCommand: turns the head."""
 HEAD_STATE = "/robot/head/head_state"
-"""HeadState."""
+"""HeadState: the head's pan."""
 
 
 def joint_command(side: Side) -> str:
-    """JointCommand of an arm."""
+    """Return the topic of an arm's commands: JointCommand."""
     return f"/robot/limb/{side}/joint_command"
 
 
 def command_timeout(side: Side) -> str:
-    """std_msgs/Float64 [s], latched."""
+    """Return the topic of the validity of an arm's commands: std_msgs/Float64 [s], latched."""
     return f"/robot/limb/{side}/joint_command_timeout"
 
 
 def inverse_dynamics(side: Side) -> str:
-    """trajectory_msgs/JointTrajectoryPoint: feed-forward in addition to raw positions."""
+    """Return the topic of feed-forward in addition to raw positions: trajectory_msgs/JointTrajectoryPoint."""
     return f"/robot/limb/{side}/inverse_dynamics_command"
 
 
 def speed_ratio(side: Side) -> str:
-    """std_msgs/Float64, latched: speed ratio of position moves, 0.3 by default."""
+    """Return the topic of the speed ratio of position moves: std_msgs/Float64, latched, 0.3 by default."""
     return f"/robot/limb/{side}/set_speed_ratio"
 
 
 def gripper_command(side: Side) -> str:
-    """EndEffectorCommand."""
+    """Return the topic of a gripper's commands: EndEffectorCommand."""
     return f"/robot/end_effector/{side}_gripper/command"
 
 
 def gripper_state(side: Side) -> str:
-    """EndEffectorState."""
+    """Return the topic of a gripper's state: EndEffectorState."""
     return f"/robot/end_effector/{side}_gripper/state"
 
 
 def tactile(side: Side) -> str:
-    """tactile_msgs/TactileState of a hand: channels `pad_0`, `pad_1` (cells row by row, row 0 at the tips, [N])
-    and `tips` (two, [N]), 100 Hz. The pads' reader publishes it, not Baxter itself."""
+    """Return the topic of a hand's pads: tactile_msgs/TactileState, 100 Hz, with the channels `pad_0`, `pad_1`
+    (cells row by row, row 0 at the tips, [N]) and `tips` (two, [N]). The pads' reader publishes it, not Baxter
+    itself."""
     return f"/tactile/{side}_gripper"
 
 

@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Geometry and bounds of the clusters along their predicted courses, for the search."""
+"""Computes geometry and bounds of the clusters along their predicted courses, for the search for pairs."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ __all__ = ["fit_clusters", "fit_ridges"]
 WIDE = np.uint32(LANES)
 ONE_ROW = np.uint64(1)
 ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / 3.0)
-TINY, FLAT = np.float32(1e-20), np.float32(1e-6)  # added to squares that may be 0; FLAT: of a sum of normals
+# added to denominators that may be 0; FLAT belongs to the squared length of a sum of unit normals
+TINY, FLAT = np.float32(1e-20), np.float32(1e-6)
 
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_box(first, last, place, course, slack, horizon, box, g, k):
-    """Bounds of corners first to last along the axes."""
+    """Store the bounds of corners first to last - 1 along the axes in lane k of row g of `box`."""
     for d in range(3):
         lo, hi, slow, fast = place[d, first], place[d, first], course[d, first], course[d, first]
         for c in range(first, last):
@@ -50,7 +51,7 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_normals(k, ring, start, geo, normal):
-    """Bounds of the normals of the triangles in and beside cluster k."""
+    """Store the least and the largest components of the normals of the triangles in and beside cluster k."""
     x_lo = y_lo = z_lo = ONE
     x_hi = y_hi = z_hi = -ONE
     for a in range(np.uint64(start[k]), np.uint64(start[k + 1])):
@@ -64,7 +65,8 @@ def _fit_normals(k, ring, start, geo, normal):
 
 @njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
 def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
-    """Mean normal of cluster k's triangles, and bounds along it."""
+    """Store the mean normal of cluster k's triangles, and the bounds of corners first to last - 1 along this
+    normal."""
     nx, ny, nz = TINY, ZERO, ZERO
     for a in range(LANES):
         nx, ny, nz = nx + geo[k, 6, a], ny + geo[k, 7, a], nz + geo[k, 8, a]
@@ -81,21 +83,21 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 @njit(nogil=True, forceinline=True)
 def _at(a, d, rows, at, later):
-    """Elements `at` of a[d], an array (3, rows, LANES): from the first of two `rows` or, where the bit of `later`
-    is set, from the second."""
+    """Read in each lane the element with index `at`, modulo LANES, of one row of a[d], where a is (3, rows,
+    LANES): of the second of the two `rows` where the bit of `later` is set, else of the first."""
     return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
 @njit(nogil=True, forceinline=True)
 def _three_at(a, rows, at, later):
-    """`_at` for three coordinates."""
+    """Read the elements `at` of three coordinates (see `_at`)."""
     return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
-    """Store the velocity of the triangles' middles along axis d. -> squared differences of the corners' velocities
-    from this velocity."""
+    """Store the velocity of the triangles' middles along axis d, from the velocities p, q and r of their corners.
+    Returns the squared differences of p, q and r from it."""
     mean = (p + q + r) * splat_f32x16(THIRD)
     store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean
@@ -104,8 +106,8 @@ def _fit_speeds(k, d, p, q, r, geo):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
-    """Store the geometry of the triangles of cluster k, whose corners are in two `rows` of place and course (3,
-    rows, LANES)."""
+    """Store the geometry of the triangles of cluster k. Its corners are in the two `rows` of place and course, (3,
+    rows, LANES) each; both are the same row if the cluster has LANES corners."""
     p, q, r = load_i32x16(at, k, 0), load_i32x16(at, k, 1), load_i32x16(at, k, 2)
     end = splat_i32x16(int32((rows[0] + ONE_ROW) * LANES - 1))
     in_p, in_q, in_r = mask_greater(p, end), mask_greater(q, end), mask_greater(r, end)
@@ -140,7 +142,7 @@ def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edge(i, j, place, course, slack, geo, row, a):
-    """Store the geometry of the edge between corners i and j in lane a of a row."""
+    """Store the geometry of the edge between corners i and j in lane `a` of row `row` of `geo`."""
     length2 = differs = ZERO
     for d in range(3):
         along = place[d, j] - place[d, i]
@@ -166,11 +168,12 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
 
 @njit(nogil=True, error_model="numpy")
 def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
-    """Update the geometry for the corners predicted for `horizon` [s] after the substep `now`: base + course x
-    time since the substep `born`, where a substep lasts `span` [s]. Clusters that neither move nor are stale are
-    not updated, unless `everything` is set. Bounds of normals are updated in stale clusters and their neighbours,
-    where the search reads them. Bent edges are updated in the fitted clusters and their neighbours. flat: cosine
-    of the angle from which an edge is a ridge (ridges.py)."""
+    """Update the geometry of the clusters for the time `horizon` [s] after the substep `now`. The predicted
+    position of a corner is base + course x time since the substep `born`, where a substep lasts `span` [s].
+    Clusters that neither move nor are stale are not updated, unless `everything` is set. The bounds of normals are
+    updated in stale clusters and their neighbours, because the search reads only these. The bent edges are updated
+    in the clusters with new geometry and their neighbours. flat: cosine of the angle from which an edge is a ridge
+    (ridges.py)."""
     place, box, corner_start, stale = clusters.place, clusters.box, clusters.corner_start, clusters.stale
     tri, tri_at, tri_geo, slab = clusters.tri, clusters.tri_at.view(np.uint32), clusters.tri_geo, clusters.slab
     edge = clusters.edge
@@ -219,8 +222,8 @@ def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon
 
 @njit(nogil=True, error_model="numpy")
 def fit_ridges(clusters, course, slack):
-    """Update the geometry of the ridges, packed in the rows of their cluster, for clusters that were fitted
-    (`fit_clusters`) or whose ridges changed."""
+    """Update the geometry of the ridges in the clusters that were fitted (`fit_clusters`) or whose ridges changed.
+    The ridges of a cluster are packed in its first rows."""
     edge, edge_at, start = clusters.edge, clusters.edge_at.view(np.uint32), clusters.edge_start
     ridge, before, place, fitted = clusters.ridge, clusters.ridge_before, clusters.place, clusters.fitted
     ridges, ridge_edge, geo, corner = clusters.ridges, clusters.ridge_edge, clusters.edge_geo, clusters.corner
@@ -251,7 +254,7 @@ def fit_ridges(clusters, course, slack):
 
 @njit(nogil=True, forceinline=True)
 def _differ(first, last, a, b):
-    """Whether two arrays differ in the rows first to last - 1."""
+    """Return whether two arrays differ in the rows first to last - 1."""
     found = False
     for row in range(first, last):
         found = found or a[row] != b[row]
@@ -260,7 +263,7 @@ def _differ(first, last, a, b):
 
 @njit(nogil=True, forceinline=True)
 def _beside_some(beside, start, which, k):
-    """Whether `which` is set for cluster k or a cluster beside it."""
+    """Return whether `which` is set for cluster k or a cluster beside it."""
     found = False
     for row in range(np.uint64(start[k]), np.uint64(start[k + 1])):
         found |= which[np.uint64(beside[row])]

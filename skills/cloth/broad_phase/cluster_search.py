@@ -1,16 +1,17 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Search for pairs that may touch: clusters against clusters, sixteen of their primitives at a time.
+"""Searches for pairs of primitives that may touch: clusters against clusters, sixteen of their primitives at a
+time.
 
-Two bounds are compared in the frame that moves with one of them, along axes that may separate them. Layers that
-travel together or slide past each other are thus not paired with everything on their path. The geometry is
-predicted for the middle of the horizon, so that one half of the horizon lies after this time and one half before
-it.
+Two moving bounds are compared in the frame that moves with one of them: they cannot meet if they stay apart along
+one of several axes. Layers that travel together or slide past each other are thus not paired with everything on
+their path. The geometry is predicted for the middle of the horizon, so that one half of the horizon is after this
+time and one half before it.
 
-A smooth region of cloth cannot touch itself: a cluster is not searched against itself or a neighbour when all
-their normals lie in one half space (Volino & Magnenat-Thalmann 1994), so that only layers that face each other
-cost anything. In a notch cloth meets itself edge to edge, however flat it is. Clusters with borders on the two
-sides of a notch are therefore always searched (the contour test of the same paper, made once per mesh in
-clusters.py).
+A smooth region of cloth cannot touch itself. Therefore a cluster is not searched against itself or a neighbour if
+all their normals lie in one half space (Volino & Magnenat-Thalmann 1994), and only layers that face each other
+take time. An exception is a notch in the outline, where cloth can meet itself edge to edge even if it is flat.
+Clusters with borders on the two sides of a notch are therefore always searched (the contour test of the same
+paper, made once per mesh in clusters.py).
 """
 
 from __future__ import annotations
@@ -47,20 +48,22 @@ from skills.cloth.simd.i32x16 import (
 
 __all__ = ["search_pairs"]
 
-ROOM = 3 * LEAF  # most tests of two clusters: each vertex or edge of one against the other
-# size of a batch: tests are first collected and then evaluated, so that loop lengths are known in advance
+# largest number of tests that two clusters add: each vertex or edge of one is tested against the other cluster
+ROOM = 3 * LEAF
+# Number of tests in a batch. Tests are first collected and then evaluated, so that loop lengths are known in
+# advance.
 TESTS = 16 * ROOM
-SMOOTH = 0.15  # least component of a smooth region's normals along a common direction
-ROUNDING = 2e-5  # [m] error of single precision
+SMOOTH = 0.15  # in a smooth region, the components of all normals along a common direction exceed this
+ROUNDING = 2e-5  # [m] added to distances for the rounding errors of single precision
 ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-TINY = np.float32(1e-20)  # in place of 0: for points and lines
+TINY = np.float32(1e-20)  # least denominator, which would be 0 for parallel edges and for edges without length
 BEYOND = np.float32(FAR)
-NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LANES)  # for indices
+NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LANES)  # unsigned, for indices
 
 
 @njit(nogil=True, forceinline=True)
 def _smooth(normal, a, b):
-    """Whether all normals of clusters a and b lean in one direction."""
+    """Return whether all normals of clusters a and b lean in one direction (SMOOTH)."""
     lean = 0.0
     d2 = 0.0
     for c in range(3):
@@ -73,7 +76,8 @@ def _smooth(normal, a, b):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
-    """A bit for each box of row h that comes within `near` of the bounds `own`."""
+    """Return a mask of 16 bits: bit i is set if the box in lane i of row `h` of `box` may come within `near` [m]
+    of the box `own`, (9,), at a time within +-horizon [s]."""
     sweep = splat_f32x16(horizon)
     gap = splat_f32x16(-BEYOND)
     for d in range(3):
@@ -86,7 +90,8 @@ def _boxes_near(box, h, own, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _points_within(geo, r, box, slab, b, near, horizon):
-    """A bit for each point of row r that comes within `near` of the box and the slab of cluster b."""
+    """Return a mask of 16 bits: bit i is set if the point in lane i of row `r` may come within `near` [m] of the
+    box and the slab of cluster b, within +-horizon [s]."""
     g, c, sweep = b // LANES, b % LANES, splat_f32x16(horizon)
     x, y, z, u, v, w = (
         load_f32x16(geo, r, 0),
@@ -107,14 +112,17 @@ def _points_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
-    """Least distances along axis d, within +-sweep [s], by which points at x with speeds u are outside a box."""
+    """Return the least distances along axis d, less `near`, by which points at x with speeds u are outside the box
+    of cluster g x LANES + c at a time within +-sweep [s]. A negative number means that the point may come within
+    `near`."""
     away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
     return away - splat_f32x16(box[g, d + 3, c] + near)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _edges_within(geo, r, box, slab, b, near, horizon):
-    """A bit for each edge of row r that comes within `near` of the box and the slab of cluster b."""
+    """Return a mask of 16 bits: bit i is set if the edge in lane i of row `r` may come within `near` [m] of the
+    box and the slab of cluster b, within +-horizon [s]."""
     g, c, sweep, half = b // LANES, b % LANES, splat_f32x16(horizon), splat_f32x16(HALF)
     dx, dy, dz = half * load_f32x16(geo, r, 3), half * load_f32x16(geo, r, 4), half * load_f32x16(geo, r, 5)
     x, y, z = load_f32x16(geo, r, 0) + dx, load_f32x16(geo, r, 1) + dy, load_f32x16(geo, r, 2) + dz
@@ -130,8 +138,8 @@ def _edges_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _triangles_near(geo, b, points, r, c, near, horizon):
-    """A bit for each triangle of cluster b that the point in lane c of row r may come within `near` of, within
-    +-horizon (by their boxes and planes)."""
+    """Return a mask of 16 bits: bit i is set if the triangle in lane i of cluster b may come within `near` [m] of
+    the point in lane c of row `r`, within +-horizon [s]. The boxes and the planes of the triangles are tested."""
     x, y, z = splat_f32x16(points[r, 0, c]), splat_f32x16(points[r, 1, c]), splat_f32x16(points[r, 2, c])
     nx, ny, nz, sweep = (
         load_f32x16(geo, b, 6),
@@ -153,8 +161,8 @@ def _triangles_near(geo, b, points, r, c, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _edges_near(geo, r, c, other, near, horizon):
-    """A bit for each edge in row `other` that the edge in lane c of row r may come within `near` of, within
-    +-horizon (Ericson 2005, 5.1.9)."""
+    """Return a mask of 16 bits: bit i is set if the edge in lane i of row `other` may come within `near` [m] of
+    the edge in lane c of row `r`, within +-horizon [s] (closest points: Ericson 2005, 5.1.9)."""
     zero, one, sweep = splat_f32x16(ZERO), splat_f32x16(ONE), splat_f32x16(horizon)
     dx, dy, dz, a = (
         splat_f32x16(geo[r, 3, c]),
@@ -179,8 +187,8 @@ def _edges_near(geo, r, c, other, near, horizon):
     s = vmin(vmax((h * t - g) * splat_f32x16(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
     # The line between the closest points has length d; motion across this line leaves the edges d apart. The edges
-    # are within reach if d^2 <= reach d + along. Since 2 reach d <= reach^2 + d^2, nearly with equality, the test
-    # below needs no square root.
+    # can touch only if d^2 <= reach d + along. Because 2 reach d <= reach^2 + d^2, they then also pass the test
+    # d^2 <= reach^2 + 2 along, which needs no square root and is hardly weaker.
     du = splat_f32x16(geo[r, 7, c]) - load_f32x16(geo, other, 7)
     dv = splat_f32x16(geo[r, 8, c]) - load_f32x16(geo, other, 8)
     dw = splat_f32x16(geo[r, 9, c]) - load_f32x16(geo, other, 9)
@@ -192,10 +200,12 @@ def _edges_near(geo, r, c, other, near, horizon):
 
 @njit(nogil=True)
 def search_pairs(clusters, thick, horizon, vt, ee):
-    """Find all pairs with a stale cluster that can come within the release distance in the time from -horizon to
-    +horizon [s] around the fitted state, provided that no corner strays from its course by more than its slack. ->
-    numbers of pairs; a number greater than the length of its list means that the list is too short. vt, ee: (k,
-    2), k at least LANES: every write covers LANES rows, so the last LANES rows stay unused."""
+    """Find all pairs of primitives, at least one of them in a stale cluster, that can come within the release
+    distance in the time from -horizon to +horizon [s] around the fitted state. The result is complete provided
+    that no corner strays from its course by more than its slack. Vertex-triangle pairs are written to vt and edge
+    pairs to ee, (k, 2) each. Returns both numbers of pairs; a number greater than the length of its list means
+    that the list is too short. k is at least LANES: every write covers LANES rows, so the last LANES rows stay
+    unused."""
     near = RELEASE * thick
     n_vt = n_ee = NONE
     stale, box, hit, slab, group = clusters.stale, clusters.box, clusters.hit, clusters.slab, clusters.group
@@ -218,7 +228,7 @@ def search_pairs(clusters, thick, horizon, vt, ee):
     which, of = np.empty(TESTS + LANES, np.uint32), np.empty(TESTS + LANES, np.uint32)
     found = np.empty(3 * TESTS, np.int32)
     done, left_out = np.zeros(len(group), np.int32), np.empty(len(group), np.int32)
-    for a in range(len(stale), len(group) * LANES):  # unused lanes
+    for a in range(len(stale), len(group) * LANES):  # unused lanes count as done
         done[a // LANES] |= int32(1 << (a % LANES))
     for a in range(len(stale)):
         if not stale[a]:
@@ -258,14 +268,14 @@ def search_pairs(clusters, thick, horizon, vt, ee):
 
 @njit(nogil=True, forceinline=True)
 def _counted(n, pairs):
-    """n, or a number above the length of the list if the list is too short. Every write covers LANES rows, so the
-    last LANES rows stay unused."""
+    """Return n, or a number above the length of the list if the list is too short. Every write covers LANES rows,
+    so the last LANES rows stay unused."""
     return np.int64(n) if np.int64(n) <= len(pairs) - LANES else len(pairs) + 1
 
 
 @njit(nogil=True, forceinline=True)
 def _leave_out_smooth(a, smooth, start, normal, left_out):
-    """Set the bits of the clusters that form one smooth region with cluster a."""
+    """Set the bits in `left_out` of the clusters that form one smooth region with cluster a."""
     for k in range(start[a], start[a + 1]):
         b = np.uint64(smooth[k])
         left_out[b // WIDE] |= int32(_smooth(normal, np.uint64(a), b)) << int32(b % WIDE)
@@ -273,11 +283,11 @@ def _leave_out_smooth(a, smooth, start, normal, left_out):
 
 @njit(nogil=True, forceinline=True)
 def _meeting(box, group, own, left_out, near, horizon, hit):
-    """Write to `hit` the clusters that a cluster with the bounds `own` can meet, except those whose bit in
-    `left_out` is set. -> their number."""
+    """Write to `hit` the clusters that may meet a cluster with the bounds `own`, except those whose bit in
+    `left_out` is set. Returns their number."""
     n = NONE
     for h in range(len(group)):
-        # first the common bounds of a whole row of boxes
+        # test the common bounds of a whole row of boxes first
         apart = False
         for d in range(3):
             sweep = horizon * abs(group[h, d + 6] - own[d + 6])
@@ -292,8 +302,8 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
-    """Append the tests of row r against cluster b, one for each set bit, from index m on. -> the index after
-    them."""
+    """Append to `which` and `of` one test of a lane of row r against cluster b for each set bit, from index m on.
+    Returns the index after the last test."""
     store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
     store_i32x16(of, m, splat_i32x16(int32(b)))
     return m + popcount(bits)
@@ -304,7 +314,7 @@ def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
     """Append pairs of vertices of cluster a with triangles of clusters hit[:met], and of triangles of a with
-    vertices of these clusters. -> the number of pairs."""
+    vertices of these clusters. Returns the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
     none = splat_i32x16(int32(-1))
     for turn in range(2 * met):
@@ -320,7 +330,7 @@ def _near_triangles(
             for k in range(m):
                 i, q = int32(vertex[which[k] // WIDE, which[k] % WIDE]), of[k]
                 t, vertices = load_i32x16(face, q, 0), splat_i32x16(i)
-                # without empty lanes, whose bounds are undefined
+                # clear the bits of unused lanes, whose bounds are undefined
                 bits = found[k] & mask_greater(t, none) & (int32(0) if i < 0 else int32(-1))
                 for d in range(1, 4):
                     bits &= mask_not_equal(load_i32x16(face, q, d), vertices)
@@ -332,13 +342,13 @@ def _near_triangles(
 
 @njit(nogil=True, forceinline=True)
 def _rows(n):
-    """Number of rows for n lanes."""
+    """Return the number of rows that n lanes fill."""
     return np.uint64(n + (LANES - 1)) // WIDE
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
-    """Append pairs of ridges of cluster a with ridges of clusters hit[:met]. -> the number of pairs."""
+    """Append pairs of ridges of cluster a with ridges of clusters hit[:met]. Returns the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)
     own, own_rows = np.uint64(start[a]), _rows(ridges[a])
     own_end = splat_i32x16(int32(start[a] * LANES + ridges[a]))
@@ -362,7 +372,7 @@ def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, ho
                 r, c, b = which[k] // WIDE, which[k] % WIDE, of[k]
                 e, i, j = ridge_edge[r, 0, c], ridge_edge[r, 1, c], ridge_edge[r, 2, c]
                 first, end = np.uint64(start[b]), int32(start[b] * LANES + ridges[b])
-                before = int32(which[k]) if b == a else int32(-1)  # a pair within one cluster is found once
+                before = int32(which[k]) if b == a else int32(-1)  # find a pair within one cluster once only
                 for other in range(first, first + _rows(ridges[b])):
                     place = iota(int32(other * WIDE))
                     u, v = load_i32x16(ridge_edge, other, 1), load_i32x16(ridge_edge, other, 2)

@@ -1,6 +1,6 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Lists of pairs that may touch: decides when clusters are searched again, and transfers sides and impulses from
-old pairs to new ones."""
+"""Maintains the lists of pairs that may touch: decides when clusters are searched again, and transfers sides and
+impulses from old pairs to new ones."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from skills.cloth.contact.ridges import note_ridges, stay_ridges
 from skills.cloth.simd.vec3 import load, store
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 
-SLACK = 0.001  # [m] that a corner may stray from its course before its cluster is searched again
-# x thickness: the slack of a cluster at rest. With it, edges of layers that lie on each other are no pairs in
-# cloth thicker than about 1.8 mm (edge_distance in contacts.py)
+SLACK = 0.001  # [m] distance by which a corner may stray from its course before its cluster is searched again
+# x thickness: slack of a cluster at rest. It is so small that, in cloth thicker than about 1.8 mm, the edges of
+# two layers that lie on each other are not listed as pairs (edge_distance in contacts.py)
 CALM_SLACK = 0.15
-STALE_SHARE = 0.4  # x slack: a cluster that strayed farther is included when another cluster must be searched
-HORIZON = 6  # phases that a search covers
+STALE_SHARE = 0.4  # x slack: a cluster that strayed farther is searched too when another cluster must be searched
+HORIZON = 6  # number of phases (contacts.py) for which the pairs of a search are valid
 NONE, ONE = np.uint64(0), np.uint64(1)
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio
-ROOMY = 8  # places of the table for each pair, so that few collide
-RENEW = 4  # phases after which a moving cluster is included in a search of others
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 divided by the golden ratio, for hashing
+ROOMY = 8  # places in the hash table per pair, so that few pairs collide
+RENEW = 4  # age of a course in phases: a moving cluster with an older course is included in the next search
 
 
 @njit(nogil=True)
 def needs_search(body, parameters, state):
-    """Whether pairs may be missing from the lists."""
+    """Return whether pairs may be missing from the lists, so that a search is necessary."""
     count = state.counts
     must = _expire(
         count[NOW],
@@ -52,8 +52,9 @@ def needs_search(body, parameters, state):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
-    """Whether a cluster left its predicted course, or its course runs out within the `pace` substeps for which
-    contacts are made now. Clusters for which this is true, or soon will be, are marked in `expired`."""
+    """Return whether a cluster left its predicted course, or whether its course runs out within the next `pace`
+    substeps, for which contacts are made now. Mark the clusters for which this is true, or soon will be, in
+    `expired`."""
     must = False
     for row in range(n):
         k = np.uint64(watched[row])
@@ -74,8 +75,8 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
 
 @njit(nogil=True)
 def search(body, parameters, state, pairs):
-    """Search the pairs of stale clusters again; near pairs keep their side. -> False if a list is too small; no
-    pair has changed then."""
+    """Search the pairs of stale clusters again; pairs that are near keep their side. Returns False if a list is
+    too small; in this case, no pair has changed."""
     count, clusters = state.counts, body.clusters
     now, ahead = count[NOW], 0.5 * HORIZON * parameters.phase * parameters.h
     _foresee(
@@ -128,7 +129,7 @@ def search(body, parameters, state, pairs):
 
 @njit(nogil=True)
 def _have_room(n_new, n, pair, stale, of_first, of_second):
-    """Whether n_new pairs fit into the list after removal of the pairs of stale clusters from its first n
+    """Return whether n_new pairs fit into the list after removal of the pairs of stale clusters from its first n
     pairs."""
     room = len(pair) - n
     if n_new > room:
@@ -205,8 +206,8 @@ def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _renew_edge_edge(clusters, width, pairs, count, n_new):
-    """The same for pairs of edges; a new pair inherits the normal and the impulse of an equal old pair that was
-    near."""
+    """Replace the pairs of edges of stale clusters by the new pairs. A new pair inherits the normal and the
+    impulse of an equal old pair that was near. Sleeping pairs that are not near are removed as well."""
     ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
     scratch, borne, memory, kept_normal = pairs.contact_vertices, pairs.ee_j, pairs.kept, pairs.kept_normal
     stale, of_edge = clusters.stale, clusters.of_edge.view(np.uint32)
@@ -243,8 +244,8 @@ def _renew_edge_edge(clusters, width, pairs, count, n_new):
 
 @njit(nogil=True)
 def _note(pair, n, width, key, row):
-    """Build a hash table (linear probing) that maps first * width + second of n pairs to their rows. -> the shift
-    of its hash function. In places without a key, row is 0."""
+    """Build a hash table (linear probing) that maps the key first * width + second of each of n pairs to its row.
+    Returns the shift of the hash function. In places without a key, row is 0."""
     bits = 6
     while (1 << bits) < ROOMY * n and (2 << bits) <= len(key):
         bits += 1
@@ -259,7 +260,8 @@ def _note(pair, n, width, key, row):
 
 @njit(nogil=True, forceinline=True)
 def _find(k, key, shift):
-    """Place of key k in the table, or the empty place for it (multiplicative hashing, Knuth 6.4)."""
+    """Return the place of key k in the table, or else the empty place for it (multiplicative hashing, Knuth
+    6.4)."""
     at, mask = (np.uint64(k) * GOLDEN) >> shift, (ONE << (np.uint64(64) - shift)) - ONE
     while (key[at] >= 0) & (key[at] != k):  # & instead of and: one branch
         at = (at + ONE) & mask

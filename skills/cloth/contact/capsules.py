@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Fingers and wrists, as capsules, that push the cloth."""
+"""Lets fingers and wrists, modelled as capsules, push the cloth."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numba import njit
 
 from skills.cloth.state import EDGES
 
-PUSH_SPEED = 0.6  # [m/s] at which cloth that is inside a capsule is pushed out
+PUSH_SPEED = 0.6  # [m/s] largest speed at which cloth inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 
 @njit(nogil=True)
 def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
-    """(m, 2) pairs of a capsule and a packed edge that can meet within frame f."""
+    """Return (m, 2): the pairs of a capsule and a packed edge (sleep.py) that can meet within frame f."""
     found = [(0, 0)]
     found.pop()
     frame = parameters.h * parameters.substeps
@@ -41,9 +41,10 @@ def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
 
 @njit(nogil=True)
 def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, wa):
-    """Kinematic capsules push edges (and so vertices) that come nearer than `near` [m]. busy: (m, 2) capsule and
-    edge. The ends of the capsules move from p0, q0 to p1, q1 (k, 3) during the frame. a0, a: time as a share of
-    the frame, at the beginning and at the end of the substep."""
+    """Push edges, and thus vertices, away from capsules. The motion of the capsules is given; an edge is pushed if
+    it comes nearer than `near` [m] to the surface of a capsule. busy: (m, 2) capsule and edge. The ends of the
+    capsules move from p0, q0 to p1, q1 (k, 3) during the frame. a0, a: time as a share of the frame, at the
+    beginning and at the end of the substep."""
     p, q, c, c0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for row in range(len(busy)):
         k, e = busy[row, 0], busy[row, 1]
@@ -62,8 +63,8 @@ def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, 
 
 @njit(nogil=True)
 def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
-    """Move the point (1 - s) i + s j of the cloth out of a ball of radius `reach` around c, which moved from
-    c0."""
+    """Move the point (1 - s) i + s j of edge i-j out of a ball of radius `reach` around c, with friction. The
+    centre of the ball moved from c0 to c in this substep."""
     b = 1.0 - s
     d = np.empty(3)
     old = np.empty(3)
@@ -98,7 +99,7 @@ def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
 
 @njit(nogil=True)
 def _closest_free(x, i, j, p, q):
-    """Parameters of the closest points of edge i-j and segment p-q."""
+    """Return the parameters (s, t), from 0 to 1, of the closest points of edge i-j and segment p-q."""
     a = e = f = c = b = 0.0
     for m in range(3):
         u, v, r = x[j, m] - x[i, m], q[m] - p[m], x[i, m] - p[m]
@@ -123,7 +124,7 @@ def _closest_free(x, i, j, p, q):
 
 @njit(nogil=True)
 def squared_distance(x, i, p, q):
-    """Squared distance of vertex i from segment p-q."""
+    """Return the squared distance of vertex i from segment p-q."""
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     rx, ry, rz = x[i, 0] - p[0], x[i, 1] - p[1], x[i, 2] - p[2]
     t = min(max((ax * rx + ay * ry + az * rz) / (ax * ax + ay * ay + az * az + 1e-30), 0.0), 1.0)

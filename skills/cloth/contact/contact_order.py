@@ -1,5 +1,6 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Orders of contacts in which successive contacts, or contacts that are solved together, have no common vertex.
+"""Computes orders of contacts in which successive contacts, or contacts that are solved together, have no common
+vertex.
 
 Neighbours in the list of contacts often share vertices; in list order, each contact would wait for the writes of
 the contact before it. Contacts that share a vertex keep their order, so the result is the same as for solving the
@@ -16,8 +17,8 @@ from skills.cloth.simd.vec3 import members
 
 __all__ = ["PARTS", "group_contacts", "take_turns"]
 
-# neighbours in the list often share vertices and cannot be in one group, so contacts are taken from this many
-# parts of the list in turn
+# Number of parts of the list from which contacts are taken in turn. Neighbours in the list often share vertices
+# and then cannot be in one group.
 PARTS = 4
 
 
@@ -25,8 +26,9 @@ PARTS = 4
 def take_turns(n, contact_vertices, taken, turn, level, first):
     """Find an order in which successive contacts seldom share a vertex, so that a contact need not wait for the
     writes of another contact. Contacts that share a vertex keep their order. turn: (n,) the contacts in the new
-    order: first all contacts that depend on no other, then those that depend on the first ones, and so on. taken:
-    (vertices,), level: (n,) and first: (n + 1,) scratch."""
+    order: first all contacts that depend on no other contact, then those that depend on the first ones, and so on.
+    A contact depends on an earlier contact if they share a vertex. taken: (vertices,), level: (n,) and first: (n +
+    1,) scratch."""
     one, count, levels = np.uint64(1), np.uint64(n), np.uint64(0)
     taken[:] = 0  # first free level of each vertex
     first[: n + 1] = 0
@@ -48,13 +50,13 @@ def take_turns(n, contact_vertices, taken, turn, level, first):
 
 @njit(nogil=True)
 def group_contacts(n, contact_vertices, taken, order, filled):
-    """Put the contacts into groups of up to EIGHT without a common vertex; a sweep solves a group together.
-    Contacts that share a vertex keep the order of the interleaved list, which takes one contact from each of the
-    PARTS parts of the list in turn. A sweep thus gives the same result as solving the contacts one by one in the
-    interleaved order. -> number of groups.
+    """Put the contacts into groups of up to EIGHT contacts without a common vertex; a sweep solves a group
+    together. Contacts that share a vertex keep the order of the interleaved list, which takes one contact from
+    each of the PARTS parts of the list in turn. A sweep thus gives the same result as solving the contacts one by
+    one in the interleaved order. Returns the number of groups.
 
-    order: (m, EIGHT) the contacts of each group, filled: (m,) number of contacts in each group (the remaining
-    places repeat its first contact). taken: (vertices,) scratch.
+    order: (m, EIGHT) the contacts of each group. filled: (m,) number of contacts in each group; the remaining
+    places of the group repeat its first contact. taken: (vertices,) scratch.
     """
     one, parts, count, full = np.uint64(1), np.uint64(PARTS), np.uint64(n), np.uint64(EIGHT)
     taken[:] = 0  # first free group of each vertex

@@ -10,15 +10,15 @@ earlier if a pair is fast enough to pass through before it, and later if no pair
 A substep repeats its sweep over the contacts until a sweep moves no contact by much: two sweeps where layers rest
 on each other, up to six where they are pressed or pulled hard, as at a pinch or where cloth is caught in cloth.
 
-Overlap that exists before the substep is released gradually, by the same shift of present and old positions. The
-release thus causes no velocity, which would throw layers apart. Coulomb friction acts at position level and is
-bounded by the total normal impulse of a contact in the substep.
+Overlap that exists before the substep is released gradually, by shifting the present and the old positions
+equally. The release thus causes no velocity, which would throw layers apart. Coulomb friction acts at position
+level and is bounded by the total normal impulse of a contact in the substep.
 
 The contacts of a narrow phase are stored in a list. Two other orders are computed (contact_order.py): the order of
 `take_turns`, in which overlap is released and initial impulses are applied, and groups of EIGHT, which the sweeps
-solve together. `lay_out` copies the data for the sweeps, group by group, into registers, where the impulses stay
-for the whole phase. After each substep `average_impulses` writes the mean impulses back to the list; the next
-substep begins with them.
+solve together. `lay_out` copies the data for the sweeps, group by group, into blocks of registers, where the
+impulses stay until the next narrow phase. After each substep `average_impulses` writes the mean impulses back to
+the list; the next substep begins with them.
 
 Every contact stores the mean of its impulses over some substeps and begins each substep with it (warm starting, as
 in sequential impulses: Catto 2005). A few sweeps then carry a stack of layers without creep and with true masses:
@@ -52,49 +52,51 @@ from skills.cloth.simd.f64x8 import (
 )  # fmt: skip
 from skills.cloth.simd.vec3 import dot, load, members, spread, store
 
-# A phase is the time from one narrow phase to the next: at most 1 / PHASES [s], but at least PHASE substeps.
+# A phase is the usual time from one narrow phase to the next: at most 1 / PHASES [s], but at least PHASE substeps.
 PHASE, PHASES = 4, 240
 # x thickness: if a contact may move farther in a phase, the next narrow phase comes after half a phase
 HASTE_WAY = 2.0
-LEISURE_WAY = 1.0  # x thickness: if no contact may move farther in two phases, it comes after two phases
-RELEASE = 1.25  # x contact distance: above it a pair is apart and its side follows the geometry
-GIVE_UP = 3.0  # x contact distance: a pair pressed through by more is dropped
-# Contact distance of edges: EDGE_SHARE x thickness, but in thin cloth, which a snag could pull through in a
-# substep, EDGE_DISTANCE [m], limited to MOST_EDGE_SHARE x thickness: layers lie a thickness apart, and their edges
-# must not push each other
+LEISURE_WAY = 1.0  # x thickness: if no contact may move farther in two phases, that phase comes after two phases
+RELEASE = 1.25  # x contact distance: at a larger distance a pair is apart and its side follows the geometry
+GIVE_UP = 3.0  # x contact distance: a pair that is pressed through by more than this forgets its side
+# Contact distance of edges: EDGE_SHARE x thickness. In thin cloth it is EDGE_DISTANCE [m], because a snag could
+# pull such cloth through other cloth within a substep. The upper limit is MOST_EDGE_SHARE x thickness: layers lie
+# a thickness apart, and their edges must not push each other.
 EDGE_SHARE, EDGE_DISTANCE, MOST_EDGE_SHARE = 0.5, 0.001, 0.8
-# lower bound of a contact's inverse mass, as a share of the largest inverse mass of its vertices. It matters if
-# few of the vertices can move: without it, a vertex with a small weight would be flung away
+# Lower bound of a contact's inverse mass, as a share of the largest inverse mass of its vertices. It has an effect
+# if few of the vertices can move: without it, a vertex with a small weight would be flung away.
 LEAST_SHARE = 0.25
-STRAY = 2.5e-4  # [m] motion between two narrow phases beyond the prediction from relative speed
-PARKED = 2**30  # due substep of a sleeping pair
+STRAY = 2.5e-4  # [m] allowance for motion until the next narrow phase that the relative speed does not predict
+PARKED = 2**30  # substep at which a sleeping pair is due: never
 MAX_WAIT = 12  # x pace: longest time for which a distant pair is not examined
-MEMORY = 0.05  # weight of a substep's impulse in a contact's mean: with 1 stacks oscillate
-LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # in a substep
+MEMORY = 0.05  # weight of the latest substep's impulse in a contact's mean impulse; with 1, stacks oscillate
+LEAST_SWEEPS, MOST_SWEEPS = 2, 6  # bounds of the number of sweeps in a substep
 TOLERANCE = 0.03  # x thickness: after LEAST_SWEEPS, a sweep that moved no contact by more than this is the last
 OVERLAP_SHARE = 0.4  # share of an existing overlap that is released in a substep
 OVERLAP_SPEED = 0.4  # [m/s] greatest speed of this release
-# places in a group's block: normals of its contacts (three registers), contact distances, effective masses;
-# separation at the beginning of the substep, impulse in this substep, and mean impulse (three registers each)
+# Places of the registers in a group's block. NORMAL: normals of the contacts (three registers), GAP: contact
+# distances, INVERSE: effective masses. APART: separation at the beginning of the substep, BORNE: impulse in this
+# substep, OF_LATE: mean impulse (three registers each). PLACES: number of registers.
 NORMAL, GAP, INVERSE, APART, BORNE, OF_LATE, PLACES = 0, 3, 4, 5, 8, 11, 14
 
 
 @njit(nogil=True, forceinline=True)
 def expect_places(block):
-    """Check that a block has all PLACES. The compiler then computes offsets from constants."""
+    """Check that a block has PLACES registers per group, so that the compiler can compute offsets from
+    constants."""
     if block.shape[1] != PLACES or block.shape[2] != EIGHT:
         raise ValueError("not blocks of so many registers")
 
 
 @njit(nogil=True, forceinline=True)
 def load_three(block, g, place):
-    """Load the coordinates of a vector for each contact of a group."""
+    """Load a vector for each contact of a group: the three registers of coordinates that begin at `place`."""
     return load_f64x8(block, g, place), load_f64x8(block, g, place + 1), load_f64x8(block, g, place + 2)
 
 
 @njit(nogil=True, forceinline=True)
 def store_three(block, g, place, a):
-    """The reverse of `load_three`."""
+    """Store three registers of coordinates, the reverse of `load_three`."""
     store_f64x8(block, g, place, a[0])
     store_f64x8(block, g, place + 1, a[1])
     store_f64x8(block, g, place + 2, a[2])
@@ -102,20 +104,21 @@ def store_three(block, g, place, a):
 
 @register_jitable
 def edge_distance(thick: float) -> float:
-    """Contact distance of edges [m] for a thickness [m]."""
+    """Return the contact distance of edges [m] for a thickness [m]."""
     return max(EDGE_SHARE * thick, min(MOST_EDGE_SHARE * thick, EDGE_DISTANCE))
 
 
 def phase_length(h: float, substeps: int) -> int:
-    """Substeps of `h` [s] from one narrow phase to the next; a frame has a whole number of phases."""
+    """Return the number of substeps of `h` [s] in a phase. A frame of `substeps` has a whole number of phases."""
     fitting = [n for n in range(PHASE, substeps + 1) if substeps % n == 0 and n * h * PHASES < 1.0 + 1e-9]
     return max(fitting, default=PHASE)
 
 
 @njit(nogil=True)
 def next_narrow_phase(s, substeps, phase, pace, way):
-    """The substep of the next narrow phase, and its pace. The contacts of the present narrow phase, in substep s,
-    are valid for `pace` substeps. way: largest approach in a substep of a pair that may touch, x thickness."""
+    """Return the substep of the next narrow phase, and its pace: the number of substeps for which its contacts
+    will be valid. The contacts of the present narrow phase, in substep s, are valid for `pace` substeps. way:
+    largest approach in a substep of a pair that may touch, x thickness."""
     step = phase // 2 if way * phase > HASTE_WAY else phase if 2 * way * phase > LEISURE_WAY else 2 * phase
     on_grid = s - s % phase + max(phase, min(step, pace))
     return min(s + step, on_grid, substeps), max(step, phase)
@@ -123,14 +126,14 @@ def next_narrow_phase(s, substeps, phase, pace, way):
 
 @njit(nogil=True, forceinline=True)
 def is_due(due, now, pace):
-    """Whether a pair has to be examined in this narrow phase, because the next one would be too late."""
+    """Return whether a pair has to be examined in this narrow phase, because the next one would be too late."""
     return due < now + pace
 
 
 @njit(nogil=True)
 def later(now, pace, free, reach):
-    """The substep in which a pair is to be examined again. The pair has to approach by `free` [m] to touch, and
-    can approach by `reach` [m] in `pace` substeps."""
+    """Return the substep in which a pair is to be examined again. The pair has to approach by `free` [m] to touch,
+    and can approach by `reach` [m] in `pace` substeps."""
     return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
@@ -148,7 +151,7 @@ def release_overlaps(
     xp,
     h,
 ):
-    """Move overlapping contacts apart, by the same shift of old and present positions."""
+    """Move overlapping contacts apart, shifting old and present positions equally, so that no velocity results."""
     most_way = OVERLAP_SPEED * h
     for place in range(np.uint64(n)):
         c = np.uint64(turn[place])
@@ -157,7 +160,7 @@ def release_overlaps(
         pi, pj, pk, pm = load(xp, i), load(xp, j), load(xp, k), load(xp, m)
         normal = load(contact_normals, c)
         overlap = contact_distances[c] - dot(normal, bi * pi + bj * pj + bk * pk + bm * pm)
-        # zero for a contact that is apart: half of the contacts are, and a branch would be mispredicted too often
+        # zero for a contact that is apart; about half are apart, so a branch would be mispredicted too often
         apart = (max(min(OVERLAP_SHARE * overlap, most_way), 0.0) * contact_masses[c]) * normal
         si, sj, sk, sm = spread(load(contact_mobilities, c))
         si, sj, sk, sm = si * apart, sj * apart, sk * apart, sm * apart
@@ -187,7 +190,7 @@ def apply_impulses(n, turn, contact_vertices, contact_mobilities, contact_impuls
 
 @njit(nogil=True)
 def room_for_groups(n):
-    """Uninitialised arrays for n groups."""
+    """Return uninitialised arrays for n groups: member, weight, share and block (see `lay_out`)."""
     member = np.empty((n * EIGHT, 4), np.uint32)
     weight, share = blocks(n, 4).reshape((n * EIGHT, 4)), blocks(n, 4).reshape((n * EIGHT, 4))
     return member, weight, share, blocks(n, PLACES)
@@ -210,8 +213,8 @@ def lay_out(
     block,
 ):
     """Copy the data for the sweeps in the order in which the sweeps read it. member, weight, share: (m * EIGHT, 4)
-    copies of contact_vertices, contact_weights and contact_mobilities; block: (m, PLACES, EIGHT) registers of each
-    group, filled except for APART."""
+    copies of contact_vertices, contact_weights and contact_mobilities. block: (m, PLACES, EIGHT) the registers of
+    each group; all are filled except APART."""
     expect_places(block)
     end, full = np.uint64(groups), np.uint64(EIGHT)
     for row in range(end * full):
@@ -231,7 +234,7 @@ def lay_out(
 
 @njit(nogil=True)
 def measure_sides(groups, member, weight, block, xp):
-    """Store the separation of the two sides of each contact at the beginning of the substep in APART."""
+    """Store in APART how far the two sides of each contact are apart at the beginning of the substep."""
     expect_places(block)
     for g in range(np.uint64(groups)):
         store_three(block, g, APART, gather(xp, member, weight, g))
@@ -239,11 +242,11 @@ def measure_sides(groups, member, weight, block, xp):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_contacts(groups, order, filled, member, weight, share, block, x, friction, back, tolerance, work):
-    """One sweep over the groups of contacts, in reverse order with `back`, with Coulomb friction. The two sides of
-    a contact come no nearer than the contact distance, or than their distance at the beginning of the substep if
-    this was less. BORNE: the impulse of each contact in this substep so far [kg m]; the sweep may reduce it, but
-    no contact pulls. -> whether the sweep moved the sides of a contact by more than `tolerance` [m]. work: (n, 4)
-    scratch, a row for each of n contacts."""
+    """Do one sweep over the groups of contacts, in reverse order if `back` is set, with Coulomb friction. The
+    sweep keeps the two sides of a contact at least the contact distance apart, or their distance at the beginning
+    of the substep if this was less. BORNE: the impulse of each contact in this substep so far [kg m]; the sweep
+    may reduce it, but no contact pulls. Returns whether the sweep moved the sides of a contact by more than
+    `tolerance` [m]. work: (n, 4) scratch, one row per contact."""
     one, end, moved, nothing, unit = np.uint64(1), np.uint64(groups), False, splat_f64x8(0.0), splat_f64x8(1.0)
     mu, most_way, full = splat_f64x8(friction), splat_f64x8(tolerance), np.uint8(EIGHT)
     expect_places(block)

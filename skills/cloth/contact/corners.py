@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""The corners of triangles as one register, for compiled code."""
+"""Compares the corners of two triangles in one register each, for compiled code."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _ANY = ir.IntType(4)
 
 @operation
 def common_corner(typingctx, array, i, j):
-    """Whether rows i and j of an array (n, 4 or more) of 32-bit integers have a number in common in columns 1 to
-    3.
+    """Return whether rows i and j of an array (n, 4 or more) of 32-bit integers have a number in common in columns
+    1 to 3.
 
     Nine successive comparisons would be nine branches to predict.
     """

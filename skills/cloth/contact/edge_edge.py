@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Narrow phase of edges against edges: which pairs touch, and on which side."""
+"""Narrow phase of edges against edges: finds which pairs touch, and on which side."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE,
 from skills.cloth.contact.vertex_triangle import find_due
 from skills.cloth.simd.vec3 import cross, dot, load, store, vector
 
-NEAR_PARALLEL = 0.02  # sin^2 of the angle of two edges below which vertex-triangle contacts replace theirs
+# sin^2 of an angle: two edges at a smaller angle count as parallel, and vertex-triangle contacts keep them apart
+NEAR_PARALLEL = 0.02
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _closest_on_segments(a, b, r):
-    """Parameters of the closest points of two segments along a and b whose starts are r apart (Ericson 2005,
-    5.1.9)."""
+    """Return the parameters (s, t), from 0 to 1, of the closest points of two segments along the vectors a and b;
+    r is the vector from the start of the second segment to the start of the first (Ericson 2005, 5.1.9)."""
     aa, bb = dot(a, a) + 1e-30, dot(b, b) + 1e-30
     f, c, ab = dot(b, r), dot(a, r), dot(a, b)
     den = aa * bb - ab * ab
@@ -31,7 +32,8 @@ def _closest_on_segments(a, b, r):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
-    """Normal and gap of two crossing edges on their remembered side."""
+    """Return the normal and the gap of two crossing edges on their remembered side. Updates what is remembered of
+    pair c: whether it is near, and its normal."""
     lean = dot(n, load(normal, c)) if near[c] else d
     if lean < 0.0:
         n, d = -n, -d
@@ -48,7 +50,8 @@ def _sided(c, n, d, near, normal, release, give_up):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
-    from row n on. -> number of rows, and the largest distance that one of these pairs may move in this time [m].
+    from row n on. Returns the number of rows, including the first n, and the largest distance that one of these
+    pairs may move in this time [m].
 
     rim: (e,) True for edges of hems and seams. Two rim edges that meet edge-on, as when two sheets slide towards
     each other on the table, have no normal except the shortest line between them.

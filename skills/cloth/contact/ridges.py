@@ -1,16 +1,16 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Edges that can touch other edges: rims, and ridges, where the cloth is bent.
+"""Finds the edges that can touch other edges: rims, and ridges, where the cloth is bent.
 
 An edge between two nearly coplanar triangles needs no contacts with other edges. Vertex-triangle contacts hold the
 ends of a crossing edge a thickness above these triangles, so the straight line between the ends is about as far
 away. With an angle a between the triangles and a crossing edge of length l, the line can come nearer by a l / 4
-(as the ridge of a roof rises above the middle of its eaves). Up to a = 4 (thickness - d) / l, the two edges stay
-apart by the contact distance d of edges. A contact with such a flat edge would bear no load, so only pairs of
-ridges or rims are searched. A third of the pairs of a folded shirt remain.
+(as the ridge of a roof rises above the line between its eaves). Up to a = 4 (thickness - d) / l, the two edges
+stay apart by the contact distance d of edges. A contact with such a flat edge would bear no load, so only pairs of
+ridges or rims are searched. In a folded shirt, a third of the pairs remain.
 
 Edges are classified in the state predicted for the middle of the search horizon. A cluster with new ridges since
-its last search is included in the next search. An edge that bends faster than the margin allows becomes a ridge a
-frame late, in this next search; before that, vertex-triangle contacts keep it apart from other edges.
+its last search is included in the next search. An edge that bends faster than the margin (SHARE) allows becomes a
+ridge a frame late, in this next search; before that, vertex-triangle contacts keep it apart from other edges.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # x allowed angle: above it an edge is a ridge, since the angle may grow until the next search
-MOST_ANGLE = 0.5  # [rad] above it an edge is always a ridge, however thick the cloth is
-EVERY_EDGE = np.float32(2.0)  # a cosine with which every edge is a ridge
+SHARE = 0.5  # x allowed angle: from here on an edge is a ridge, since the angle may grow until the next search
+MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is
+EVERY_EDGE = np.float32(2.0)  # a value for `flat` with which every edge is a ridge
 WIDE = np.uint32(LANES)
 
 
 def flat_cosine(thickness: float, edge: float) -> float:
-    """Cosine of the angle between two triangles at which the edge between them becomes a ridge; `edge`: mean
-    length of the mesh's edges [m]."""
+    """Return the cosine of the angle between two triangles at which the edge between them becomes a ridge; `edge`:
+    mean length of the mesh's edges [m]."""
     return float(np.cos(min(MOST_ANGLE, SHARE * 4.0 * (thickness - edge_distance(thickness)) / edge)))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def find_ridges(row, edges, beside, geo, flat):
-    """A bit for each edge of a row that is a ridge. beside: (rows, 2, LANES) the triangles beside the edges, as
-    cluster x LANES + lane; geo: (clusters, 15, LANES), with normals in rows 6 to 8 (clusters.py)."""
+    """Return a bit mask: bit i is set if the edge in lane i of the row is a ridge. beside: (rows, 2, LANES) the
+    triangles beside the edges, as cluster x LANES + lane; geo: (clusters, 15, LANES), with normals in rows 6 to 8
+    (clusters.py)."""
     bits = np.int32(0)
     for a in range(LANES):
         s, t = beside[row, 0, a], beside[row, 1, a]
@@ -60,9 +61,9 @@ def stay_ridges(n, pair, near, at, ridge):
 
 @njit(nogil=True)
 def note_ridges(stale, start, ridge, searched, expired):
-    """Record the ridges with which stale clusters were searched, in `searched` (rows,). Mark the other clusters
-    that have ridges not yet recorded as `expired`: they are included in the next search. An edge that is no longer
-    a ridge is removed from the record, so that it counts as new when it bends again."""
+    """Record in `searched` (rows,) the ridges with which stale clusters were searched. Mark the other clusters
+    that have ridges not yet recorded as `expired`, so that they are included in the next search. An edge that is
+    no longer a ridge is removed from the record, so that it counts as new when it bends again."""
     for k in range(len(stale)):
         expired[k] = False
         for row in range(start[k], start[k + 1]):

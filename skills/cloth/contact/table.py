@@ -8,19 +8,20 @@ from numba import njit
 
 from skills.cloth.simd.vec3 import load, store, vector
 
-LOW = 0.004  # [m] vertices higher than this above their rest height do not reach the table within a substep
-# vertices inside the table are pushed out by SUNK_SHARE of their depth per substep, at most at SUNK_SPEED [m/s].
-# Old positions are not shifted, unlike those of overlapping layers: with this push more folded piles came to rest
+LOW = 0.004  # [m] vertices that are higher than this above their rest height cannot reach the table in a substep
+# Vertices inside the table are pushed out by SUNK_SHARE of their depth per substep, but not faster than SUNK_SPEED
+# [m/s]. Their old positions are not shifted, unlike those of overlapping layers, because more folded piles came to
+# rest in this way.
 SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
-SLIDING = 0.02  # [m/s] from which friction with the table is dynamic
+SLIDING = 0.02  # [m/s] speed from which friction with the table is fully dynamic
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
-    """List the vertices of awake[:count] that contacts of this substep may press onto the table, their lowest
-    heights `floor`, and the table's friction coefficient for each. The coefficient changes gradually with the
-    speed of the vertex: with an abrupt change, a vertex that yields a little while loads settle would keep
-    sliding. Resets `press`. -> their number."""
+    """List in `low` the vertices of awake[:count] that contacts of this substep may press onto the table, in
+    `floor` their lowest heights, and in `friction` the table's friction coefficient for each. The coefficient
+    changes gradually with the speed of the vertex: with an abrupt change, a vertex that yields a little while
+    loads settle would keep sliding. Resets `press`. Returns the number of these vertices."""
     nothing = vector(0.0, 0.0, 0.0)
     rest = 0.5 * thickness
     n = 0
@@ -40,9 +41,10 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def press_on_table(count, low, rest, floor, friction, x, xp, press):
-    """Push vertices onto the table (the plane z = 0), with Coulomb friction; vertices of a single layer rest at z
-    = `rest`. It is called before each sweep over the contacts, so that layers rest on the vertices that the table
-    holds, and once after the sweeps. press: the sum of its displacements in this substep."""
+    """Lift vertices that are below their lowest height `floor` up to it, with Coulomb friction of the table (the
+    plane z = 0); vertices of a single layer rest at z = `rest`. The function is called before each sweep over the
+    contacts, so that layers rest on the vertices that the table holds, and once after the sweeps. press: the sum
+    of its displacements of each vertex in this substep."""
     for c in range(count):
         i = low[c]
         borne = press[i, 2]

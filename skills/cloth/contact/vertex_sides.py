@@ -1,14 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Positions of vertices relative to triangles: side, distance, nearest point, and the distance to maintain. LANES
-pairs are evaluated together, in single precision, relative to a corner of the triangle.
+"""Evaluates positions of vertices relative to triangles: side, distance, nearest point, and the distance to
+maintain. LANES pairs are evaluated together, in single precision, relative to a corner of the triangle.
 
-While a pair is apart, its side follows the geometry; while it is near, its side is fixed. A vertex beside the
-triangle has contact with the nearest point of the border, on the remembered side or, without one, on the side on
-which it clearly is. Without this contact it could slip through at a corner that points towards it. While the
-vertex is farther from the border than the thickness, it may slide parallel to the triangle, but not sink towards
-its plane. A vertex that has slid past the border sinks gradually around it, as around a rounded edge. If its
-contact ended suddenly, the load on the vertex would throw it past the border before the next examination, and the
-edge contacts that take over would remember the wrong side.
+While a pair is apart, its side follows the geometry; while it is near, its side is fixed. A vertex is beside a
+triangle if its projection is outside the triangle. It then has contact with the nearest point of the border, on
+the remembered side or, if no side is remembered, on the side on which it clearly is. Without this contact it could
+slip through at a corner that points towards it. While the vertex is farther from the border than the thickness, it
+may slide parallel to the triangle, but not sink towards its plane. A vertex that has slid past the border sinks
+gradually around it, as around a rounded edge. If its contact ended suddenly, the load on the vertex would throw it
+past the border before the next examination, and the edge contacts that take over would remember the wrong side.
 
 All quantities are rows of LANES numbers in one flat array. With constant offsets in one array, the compiler can
 tell that no two rows overlap, and vectorises the loop.
@@ -27,12 +27,13 @@ __all__ = [
     "TO_SECOND", "TO_THIRD", "TO_VERTEX", "VERDICT", "WAIT", "WITHIN", "judge_sides",
 ]  # fmt: skip
 
-BORDER = 0.05  # barycentric coordinate: a vertex nearer to an edge is over the border of two triangles
+# A vertex is over the border of two triangles if its least barycentric coordinate is between -BORDER and BORDER.
+BORDER = 0.05
 # A vertex begins to sink around a border when it is so far past the border that, at the height of a thickness, its
 # distance from the border would exceed a thickness by SLIP [m]. It sinks by at most SINK x thickness per
 # examination.
 SLIP, SINK = 0.5 * STRAY, 0.1
-LEAN = 0.5  # sine of the least elevation at which a vertex beside a triangle clearly is on one side of it
+LEAN = 0.5  # sine of the elevation above the plane from which a vertex beside a triangle clearly is on one side
 
 # Input rows: vectors from a corner of the triangle to the two other corners and to the vertex; velocity of the
 # vertex relative to this corner; remembered side.
@@ -41,19 +42,20 @@ TO_SECOND, TO_THIRD, TO_VERTEX, SLIDE, SIDE = 0, 3, 6, 9, 12
 # next examination in units of the pace (rounded down, `later` in contacts.py), else 0; REACH: distance that the
 # pair may move within the span. Of the contact: NORMAL; SECOND, THIRD: weights of the second and third corner;
 # WITHIN: the least barycentric coordinate, always below -BORDER where the vertex sinks around the border; LEAST:
-# the distance that can be maintained without a push from a triangle that the vertex does not touch; GAP: the
-# distance, negative over the triangle on the wrong side.
+# the distance to maintain: the thickness, or less for a vertex beside the triangle that does not touch its border,
+# since the contact must not push such a vertex; GAP: the distance, negative if the vertex is over the triangle on
+# the wrong side.
 VERDICT, WAIT, REACH, NORMAL, SECOND, THIRD, WITHIN, LEAST, GAP = 13, 14, 15, 16, 19, 20, 21, 22, 23
 ROWS = 24
 AWAY, TOUCHES = 1.0, 2.0
 
-ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # tiny: in place of 0
-NO_AREA = np.float32(1e-20)  # [m4] square of twice the area below which a triangle has no normal
+ZERO, ONE, TINY = np.float32(0.0), np.float32(1.0), np.float32(1e-30)  # TINY: added to denominators that may be 0
+NO_AREA = np.float32(1e-20)  # [m4] a triangle has no normal if the square of twice its area is less
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def judge_sides(work, thick, span):
-    """Evaluate LANES pairs, given and returned in the rows of `work`, (ROWS * LANES,) float32. thick [m]: the
+    """Evaluate LANES pairs. Inputs and results are in the rows of `work`, (ROWS * LANES,) float32. thick [m]: the
     contact distance; span [s]: time until the next examination."""
     release, give_up = np.float32(RELEASE) * thick, np.float32(GIVE_UP) * thick
     for k in range(LANES):
@@ -95,7 +97,7 @@ def judge_sides(work, thick, span):
         away = np.sqrt(wx * wx + wy * wy + wz * wz)
         out = away * away - d * d  # squared distance past the border
         slips = beside & (remembered != ZERO) & (out > np.float32(SLIP) * (thick + thick + np.float32(SLIP)))
-        # the gap cannot close within the span: the pair is apart, on whichever side
+        # true if the gap cannot close within the span: the pair is then apart, on whichever side
         far = (abs(d) > release + reach) | (beside & (away > thick + reach))
         gap = away if beside else abs(d)
         released = (away > release) if beside else ((remembered * d > release) | (remembered * d < -give_up))
@@ -106,7 +108,7 @@ def judge_sides(work, thick, span):
         touches = (side * d > ZERO if beside else side * d <= thick + reach) & (not far) & (nn > NO_AREA)
         stops = beside & (away < thick)
         inverse = ONE / (away + TINY)
-        # a fast vertex may have passed through at the next examination, so its side is fixed from now on
+        # a fast vertex may have passed through by the next examination, so its side is fixed from now on
         work[SIDE * LANES + k] = side if touches else (ZERO if far & (gap > release) else kept)
         work[VERDICT * LANES + k] = np.float32(AWAY) if far else (np.float32(TOUCHES) if touches else ZERO)
         wait = ONE + min(max(gap - release - reach, ZERO) / reach, np.float32(MAX_WAIT))

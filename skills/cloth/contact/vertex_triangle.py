@@ -1,10 +1,10 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Narrow phase of vertices against triangles: which pairs touch, reduced to one contact where a vertex is near
-several triangles of one sheet.
+"""Narrow phase of vertices against triangles: finds which pairs touch, and keeps one contact where a vertex is
+near several triangles of one sheet.
 
 Fetching the data of pairs and mispredicted branches take nearly all of the time. Therefore LANES pairs are
-evaluated together (vertex_sides.py), and those that touch are stored in short rows. The rows are then reduced
-until each vertex meets each sheet once; only the remaining rows become contacts.
+evaluated together (vertex_sides.py), and those that touch are stored in short rows, one per pair. The rows are
+then reduced until each vertex meets each sheet once; only the remaining rows become contacts.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.simd.f64x8 import blocks
 from skills.cloth.simd.vec3 import load, store, store_singles, vector
 
-AT_BEND = -2  # entry of `better` for a row at a bend without a better row
+AT_BEND = -2  # value in `better` of a row that is at a bend and has no better row (`_meet_once`)
 ONE, FULL, ZERO = np.uint64(1), np.uint64(LANES), np.float32(0.0)
 OVER = np.nextafter(np.float32(BORDER), ZERO)  # the largest float32 below BORDER
-# least cosine between the normals of neighbouring triangles that a vertex over their border meets as one
+# A vertex over the border of two neighbouring triangles meets them as one if the cosine between their normals
+# exceeds this.
 ALIKE = np.float32(0.9)
-NEARLY = 0.5  # x thickness: a row that is nearer by more than this stays, as where layers are joined at a hem
+NEARLY = 0.5  # x thickness: a row that is nearer by more than this is not replaced (layers joined at a hem)
 NEVER = np.float32(2.0)  # more than any cosine
-# A row, one cache line: indices of the triangle, its corners and the vertex, then the contact (vertex_sides.py):
-# normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
+# Columns of a row, which fills one cache line: indices of the triangle, its corners and the vertex, then the
+# contact (vertex_sides.py): normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
 TRIANGLE, CORNERS, VERTEX = 0, 1, 4
 DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 
@@ -54,8 +55,8 @@ DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 @njit(nogil=True)
 def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
-    from row 0 on. -> number of contacts, and the largest distance that a near pair may move in this time [m]. top:
-    (n,) scratch, filled with -1."""
+    from row 0 on. Returns the number of contacts, and the largest distance that a near pair may move in this time
+    [m]. top: (n,) scratch, filled with -1."""
     near, ids = pairs.near_row, pairs.near_row.view(np.uint32)
     n, bearing, farthest = _find_near(
         count, now, pace, h, thick, tri, x, v, w, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, pairs.some,
@@ -79,9 +80,9 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Update the sides of the pairs that are due, and store rows for the pairs that can touch. -> number of rows,
-    number of rows with an impulse, and the largest distance that such a pair may move [m]. asked: scratch, the
-    pairs examined now."""
+    """Update the sides of the pairs that are due, and store rows for the pairs that can touch. Returns the number
+    of rows, the number of rows with an impulse, and the largest distance that such a pair may move [m]. asked:
+    scratch, the pairs examined now."""
     work, of, hit = (
         blocks(ROWS, 1).view(np.float32).reshape(ROWS * LANES),
         np.zeros(LANES, np.uint64),
@@ -129,8 +130,8 @@ def _find_near(
 def _put_down(
     hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
 ):  # fmt: skip
-    """Append the touching pairs as rows from n on, except pairs in which nothing can move. hit[:hits]: lanes in
-    `work` and `of`. borne: the bits of `memory`."""
+    """Append the touching pairs as rows from n on, except pairs in which nothing can move. hit[:hits]: the lanes
+    of the touching pairs in `work` and `of`. borne: the bits of `memory`."""
     for m in range(hits):
         k = hit[m]
         o = of[k]
@@ -156,15 +157,15 @@ def _put_down(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _inverse_mass(i, p, q, r, b1, b2, w):
-    """Inverse mass of vertex i against the point of a triangle with weights b1, b2 of the second and third
-    corner."""
+    """Return the inverse mass of vertex i against the point of a triangle with weights b1, b2 of the second and
+    third corner."""
     b0 = 1.0 - b1 - b2
     return w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
 
 
 @njit(nogil=True, forceinline=True)
 def find_due(count, now, pace, due, asked):
-    """Write the pairs to be examined now to `asked`. -> their number."""
+    """Write the pairs that have to be examined now to `asked`. Returns their number."""
     n = np.uint64(0)
     for c in range(np.uint64(count)):
         asked[n] = c
@@ -174,8 +175,8 @@ def find_due(count, now, pace, due, asked):
 
 @njit(nogil=True, forceinline=True)
 def _join(n, near, ids, rank, ring, top):
-    """Link the rows of each vertex in a ring and find the row of the highest rank, `top`. A row ranks higher the
-    further inside its triangle the vertex is; among equal rows the lower triangle index ranks higher."""
+    """Link the rows of each vertex in a ring, and find the row of the highest rank, `top`. A row ranks higher if
+    the vertex is farther inside its triangle; among equal rows, the lower triangle index ranks higher."""
     for c in range(n):  # branch-free
         i, t = np.uint64(ids[c, VERTEX]), ids[c, TRIANGLE]
         rank[c] = (np.uint64(_ordered(near[c, INSIDE])) << np.uint64(32)) | np.uint64(np.uint32(~t))
@@ -188,8 +189,9 @@ def _join(n, near, ids, rank, ring, top):
 
 @njit(nogil=True, forceinline=True)
 def _ordered(a):
-    """An unsigned integer that sorts like the float (its bits, all inverted for negative numbers)."""
-    bits = np.float32(a + ZERO).view(np.int32)  # -0 is 0
+    """Return an unsigned integer that sorts like the float: its bits with the sign bit inverted, or all inverted
+    if it is negative."""
+    bits = np.float32(a + ZERO).view(np.int32)  # adding 0 turns -0 into 0
     return np.uint32(bits ^ ((bits >> np.int32(31)) | np.int32(-(2**31))))
 
 
@@ -199,7 +201,7 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
     vertex over their common border meets only the triangle that it is farthest inside, and no border of the
     triangles beside it. The rows of these other triangles get a `better` row. There is one exception: if the
     vertex is over both triangles, a row is not replaced by a row that is farther away by more than `nearly` [m].
-    On the border itself both rows describe the same contact, so no contact jumps, and the choice depends on
+    On the border itself both rows describe the same contact; therefore no contact jumps, and the choice depends on
     positions alone. A row is AT_BEND if its vertex is beside its triangle and the triangle is joined to another
     one at an angle.
 
@@ -244,14 +246,14 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _stands_for(o, c, nearly, near, ids):
-    """Whether row o replaces row c. The vertex, which is farther inside the triangle of row o, then need not meet
-    the triangle of row c."""
+    """Return whether row o replaces row c, so that the vertex, which is farther inside the triangle of row o, need
+    not meet the triangle of row c."""
     return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _alike(o, c, near):
-    """Cosine between the normals of two rows."""
+    """Return the cosine between the normals of two rows."""
     return (
         near[c, DIRECTION] * near[o, DIRECTION]
         + near[c, DIRECTION + 1] * near[o, DIRECTION + 1]
@@ -261,9 +263,9 @@ def _alike(o, c, near):
 
 @njit(nogil=True, forceinline=True)
 def _least_alike(o, c, nearly, near):
-    """Cosine above which row o replaces row c. If the vertex is over one of the triangles only, the border of the
-    other triangle must not block it, whichever of the two is nearer. If it is over both, o must not replace c when
-    o belongs to a layer behind c."""
+    """Return the cosine above which row o replaces row c. If the vertex is over one of the triangles only, the
+    border of the other triangle must not block it, whichever of the two is nearer. If it is over both, o must not
+    replace c when o belongs to a layer behind c."""
     over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
     over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
     return ZERO if over_one else over_both
@@ -288,10 +290,10 @@ def _enter(
     count, thick, w, better, left, memory, near, ids, near_c, contact_vertices, contact_weights,
     contact_mobilities, contact_normals, contact_impulses, contact_pairs, contact_distances, contact_masses
 ):  # fmt: skip
-    """Write the contacts of the rows without a better row. -> their number. left: scratch, these rows.
+    """Write the contacts of the rows without a better row. Returns their number. left: scratch, these rows.
 
     Beside a border, a vertex is held up as if it were over the triangle, so that hems rest on hems. At a bend,
-    however, the plane of one triangle passes nearer than the thickness to a vertex that lies over the other
+    however, the plane of one triangle passes nearer than the thickness to a vertex that is over the other
     triangle. The contact must not push there: vertices would be thrown up, fall back and hop for ever.
     """
     nothing, n = vector(0.0, 0.0, 0.0), np.uint64(0)

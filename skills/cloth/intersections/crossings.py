@@ -1,5 +1,5 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Edges of a cloth that pass through its triangles. A physically possible state has none."""
+"""Finds the edges of a cloth that pass through its triangles. A physically possible state has none."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ __all__ = ["count_crossings", "crosses", "find_crossings"]
 
 
 def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(k, 3): the two vertices of an edge and the triangle that it passes through. Pairs with a common vertex are
-    left out. positions: (n, 3), triangles: (m, 3)."""
+    """Return (k, 3): the two vertices of an edge and the triangle that it passes through. Pairs with a common
+    vertex are left out. positions: (n, 3), triangles: (m, 3)."""
     tri = np.asarray(triangles, dtype=np.int32)
     half = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
     edge = np.unique(np.sort(half, axis=1), axis=0).astype(np.int32)
@@ -25,7 +25,7 @@ def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np
 
 
 def count_crossings(positions: Array, triangles: NDArray[np.int32]) -> int:
-    """Number of edge-triangle intersections."""
+    """Return the number of edge-triangle intersections."""
     return len(find_crossings(positions, triangles))
 
 
@@ -65,7 +65,7 @@ def _scan(x, tri, edge, order, lo, hi):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def crosses(x, i, j, p, q, r):
-    """Whether edge i-j passes through triangle p, q, r (Moeller & Trumbore 1997)."""
+    """Return whether edge i-j passes through triangle p, q, r (Moeller & Trumbore 1997)."""
     dx, dy, dz = x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2]
     ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
     vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]

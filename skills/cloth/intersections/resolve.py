@@ -1,13 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Resolving lasting intersections by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
+"""Resolves lasting intersections by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
 Surface Collisions through Intersection Contour Minimization).
 
 Contacts hold every pair on its remembered side. Where neighbours remember different sides, the cloth is locked in
 an intersection that no contact undoes. Two sheets intersect along a contour. For each edge that passes through a
-triangle there is a direction, relative to the triangle, in which the contour gets shorter; neighbouring crossings
-are given a common direction. The sides of the pairs involved are set according to this direction, and the contacts
-then separate the sheets. The edge and the triangle are also moved a little in this direction, since there may be
-no pair between them. The method does not need to know an inside or outside of the cloth.
+triangle (a crossing) there is a direction, relative to the triangle, in which the contour gets shorter;
+neighbouring crossings are given a common direction. The sides of the pairs involved are set according to this
+direction, and the contacts then separate the sheets. The edge and the triangle are also moved apart a little along
+this direction, since there may be no pair between them. The method does not need to know an inside or outside of
+the cloth.
 
 Cloth without intersections is not changed. Crossings that contacts undo within some frames, like most crossings of
 a fast pinch, are left to the contacts, which have more information. Cloth that fell asleep with an intersection
@@ -27,20 +28,20 @@ from skills.cloth.intersections.crossings import crosses
 from skills.cloth.simd.vec3 import cross, dot, load
 
 STEP = 0.1  # x thickness: how far an examination moves the edge and the triangle of a crossing apart
-PATIENCE = 3  # examinations for which a crossing is left to the contacts
-SLANT = 0.2  # lower bound of the sine of an edge's angle with its triangle, in the gradient
-GLANCE = 4  # frames between examinations while nothing crosses; else every frame
-REACH = 1.5  # x thickness: the edges of a vertex that is nearer to a triangle are examined
-FAINT = 0.05  # directions of smaller length are ignored: flat parts that cross have no direction
-MOST = 512  # most crossings that are resolved together; others wait
+PATIENCE = 3  # number of examinations for which a crossing is left to the contacts
+SLANT = 0.2  # lower bound, in the gradient, of the sine of the angle between an edge and its triangle
+GLANCE = 4  # frames between examinations while there are no crossings; otherwise every frame is examined
+REACH = 1.5  # x thickness: if a vertex is nearer than this to a triangle, its edges are examined
+FAINT = 0.05  # directions shorter than this are ignored, since flat parts that cross have no direction
+MOST = 512  # largest number of crossings that are resolved together; other crossings wait
 
 
 class Intersections(NamedTuple):
-    """Results of the examinations. found: (1,) number of crossings at the last one (MOST at most); cross: (found,
-    2) edges and the triangles that they pass through. age: (n,) consecutive examinations at which a vertex was
-    part of a crossing. Scratch: old: (MOST, 2) crossings that are being resolved; way: (MOST, 3) directions in
-    which their edges should move relative to the triangles, table frame, without unit; wish: (n, 3) sums of unit
-    directions at the vertices."""
+    """Results of the examinations. found: (1,) number of crossings at the last examination (MOST at most); cross:
+    (MOST, 2) edges and the triangles that they pass through; the first found[0] rows are valid. age: (n,) number
+    of consecutive examinations at which a vertex was part of a crossing. Scratch: old: (MOST, 2) crossings that
+    are being resolved; way: (MOST, 3) directions in which their edges should move relative to the triangles, table
+    frame, without unit; wish: (n, 3) sums of unit directions at the vertices."""
 
     found: NDArray[np.int64]
     cross: NDArray[np.int32]
@@ -93,8 +94,9 @@ def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, th
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _agree(n, cross, edge, tri, way, wish):
-    """Give neighbouring crossings a common direction: the sum of the directions of all crossings that share a
-    vertex on the same side."""
+    """Give neighbouring crossings a common direction: the sum of the directions of all crossings with a common
+    vertex. A direction is subtracted if the vertex belongs to the edge of one crossing and to the triangle of the
+    other."""
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
         for d in range(3):
@@ -123,7 +125,7 @@ def _agree(n, cross, edge, tri, way, wish):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
     """Find crossings: of the edges at a vertex with a triangle near the vertex, and of each edge of a near pair
-    with the triangles beside the other edge. -> their number."""
+    with the triangles beside the other edge. Returns their number."""
     n, one = 0, np.uint64(1)
     for c in range(np.uint64(n_vt)):
         if vt_due[c] > soon:
@@ -234,10 +236,11 @@ def _put_edges(n, pair, near, normal, memory, e, sides, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def shorten(x, edge, beside, tri, t, way):
-    """Direction in which an edge (2,) has to move against triangle t to shorten the contour, into `way` (3,): the
-    sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the direction of steepest descent
-    of the contour's length for the point of this crossing. As in the publication, the part along the normal, which
-    separates edge and triangle, counts twice."""
+    """Write to `way` (3,) the direction in which an edge (2,) has to move against triangle t to shorten the
+    contour: the sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the direction of
+    steepest descent of the contour's length for the point of this crossing, where E is the direction of the edge,
+    N the normal of triangle t, and R the direction, away from the edge, of the contour in a triangle beside the
+    edge. As in the publication, the part along the normal, which separates edge and triangle, counts twice."""
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
     normal, along, inward, out = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _normal(x, p, q, r, normal)
@@ -279,7 +282,7 @@ def shorten(x, edge, beside, tri, t, way):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _normal(x, p, q, r, out):
-    """Unit normal."""
+    """Write the unit normal of triangle p, q, r to `out` (3,)."""
     ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]
     vx, vy, vz = x[r, 0] - x[p, 0], x[r, 1] - x[p, 1], x[r, 2] - x[p, 2]
     out[0], out[1], out[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx

@@ -1,7 +1,7 @@
-"""Arrays that begin at a cache line.
+"""Allocates arrays that begin at a cache line.
 
-A register is as long as a cache line or half of one. In an array that does not begin at a line, every register or
-every second register spans two lines, and reading it takes twice as long.
+A SIMD register is as long as a cache line (64 bytes) or half as long. In an array that does not begin at a cache
+line, every register or every second register spans two lines, and reading it takes twice as long.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LINE_BYTES = 64
 
 
 def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike = float) -> NDArray[Any]:
-    """Zeros, aligned to a cache line."""
+    """Return an array of zeros that begins at a cache line."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     flat = np.zeros(size + LINE_BYTES, np.uint8)
     first = -flat.ctypes.data % LINE_BYTES
@@ -25,7 +25,7 @@ def aligned_zeros(shape: int | tuple[int, ...], dtype: DTypeLike = float) -> NDA
 
 
 def aligned(a: NDArray[Any]) -> NDArray[Any]:
-    """A copy, aligned to a cache line."""
+    """Return a copy of `a` that begins at a cache line."""
     made = aligned_zeros(a.shape, a.dtype)
     made[...] = a
     return made

@@ -1,13 +1,14 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""LANES single precision numbers in one register, for compiled code.
+"""SIMD type of LANES (16) single precision numbers in one register, for compiled code.
 
 `load_f32x16(a, i, j)` reads a[i, j] of a float32 array (m, k, LANES) and `store_f32x16` writes it.
 `splat_f32x16(s)` returns a register with s in every lane. a + b, a - b, a * b, a / b, `vabs`, `vsqrt`, `vmin` and
-`vmax` work lane by lane. `permute(a, i)` returns a[i] in each lane, for integers i (i32x16.py).
-`mask_less_equal(a, b)` returns integer bits, with bit k set where a <= b in lane k; `where(bits, a, b)` selects by
-such bits and `ctz` gives the position of the lowest set bit. The same code written as loops compiles to
-instructions half as wide that collect the bits one by one. Products and sums may be contracted, as everywhere in
-the solver.
+`vmax` work lane by lane. In `permute(a, i)`, lane k of the result is lane i[k] of a, where i is a register of
+integers (i32x16.py). `mask_less_equal(a, b)` returns an integer whose bit k is set if a <= b in lane k.
+`where(bits, a, b)` takes the lanes whose bit is set from a and the others from b, and `ctz(bits)` returns the
+position of the lowest set bit. If the same code were written as loops, it would compile to instructions that are
+half as wide and that collect the bits one by one. The compiler may contract products and sums (fused
+multiply-add), as everywhere in the solver.
 
 Nothing checks that the last axis of an array has LANES elements.
 """
@@ -47,7 +48,7 @@ __all__ = [
 _REGISTER = ir.VectorType(ir.FloatType(), LANES)
 _FLAGS = ("contract", "nnan", "nsz")
 
-# position of the lowest bit that is set; an intrinsic that numba uses for sets
+# ctz(bits): position of the lowest bit that is set (an internal intrinsic of numba)
 ctz: Any = trailing_zeros
 
 
@@ -70,7 +71,7 @@ def _check_singles(array: Any) -> None:
         raise TypingError(f"lanes are rows of a C-ordered array (m, k, {LANES}) of singles, not of {array}")
 
 
-# a[i, j] of an array (m, k, LANES)
+# read and write a[i, j] of an array (m, k, LANES)
 load_f32x16, store_f32x16 = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
 splat_f32x16 = splat_of(_lanes, _REGISTER, types.float32)
 _plus, _minus, _times, _div = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
@@ -93,7 +94,7 @@ vmin, vmax = _chosen("<"), _chosen(">")
 
 @operation
 def vsqrt(typingctx, a):
-    """Square root."""
+    """Return the square root of each lane."""
 
     def generate(context, builder, signature, arguments):
         kind = ir.FunctionType(_REGISTER, [_REGISTER])
@@ -106,7 +107,7 @@ def vsqrt(typingctx, a):
 
 @operation
 def vabs(typingctx, a):
-    """|a|"""
+    """Return |a| in each lane."""
 
     def generate(context, builder, signature, arguments):
         bits = builder.and_(builder.bitcast(arguments[0], WHOLE), ir.Constant(WHOLE, [0x7FFFFFFF] * LANES))
@@ -117,7 +118,7 @@ def vabs(typingctx, a):
 
 @operation
 def mask_less_equal(typingctx, a, b):
-    """A bit for each lane where a <= b."""
+    """Return an integer whose bit k is set if a <= b in lane k."""
 
     def generate(context, builder, signature, arguments):
         met = builder.fcmp_ordered("<=", *arguments, flags=_FLAGS)
@@ -142,10 +143,10 @@ for _sign, _function in (
 
 @operation
 def permute(typingctx, a, i):
-    """a[i] in each lane, i modulo LANES."""
+    """Return a register whose lane k is lane i[k] of a; i[k] is taken modulo LANES."""
 
     def generate(context, builder, signature, arguments):
-        # written so that the compiler emits a single instruction where the processor has one
+        # in this form the compiler emits a single instruction, if the processor has one
         a, i = arguments
         i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
         made = ir.Constant(_REGISTER, ir.Undefined)
@@ -161,7 +162,7 @@ def permute(typingctx, a, i):
 
 @operation
 def where(typingctx, bits, a, b):
-    """a where the bit is set, else b."""
+    """Take the lanes whose bit is set from a, the other lanes from b."""
 
     def generate(context, builder, signature, arguments):
         return builder.select(flags(builder, arguments[0]), *arguments[1:])
@@ -171,13 +172,13 @@ def where(typingctx, bits, a, b):
 
 @njit(nogil=True, forceinline=True)
 def expect_rows(array, k):
-    """Check that an array is (m, k, LANES). The compiler then computes offsets from constants."""
+    """Check that an array has the shape (m, k, LANES), so that the compiler can compute offsets from constants."""
     if array.shape[1] != k or array.shape[2] != LANES:
         raise ValueError("not an array of so many rows of lanes")
 
 
 @njit(nogil=True, forceinline=True)
 def expect_columns(array, k):
-    """Check that an array is (m, k)."""
+    """Check that an array has the shape (m, k), so that the compiler can compute offsets from constants."""
     if array.shape[1] != k:
         raise ValueError("not an array of so many columns")

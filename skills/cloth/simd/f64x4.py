@@ -1,14 +1,15 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""FOUR double precision numbers in one register, one for each of four edges or vertices, for compiled code.
+"""SIMD type of FOUR double precision numbers in one register, one per edge or vertex, for compiled code.
 
 `load_f64x4` reads consecutive numbers, `gather_f64x4` reads numbers at four indices, `splat_f64x4(s)` returns a
-register with s in every lane, and `dots` computes the products of four pairs of vectors (vec3.py). `spread`
-(vec3.py) turns a register into four weights of vectors. a + b, a - b, a * b, s * a (s a float), -a, `vdiv` and
-`where_above` work lane by lane. `ends` reads the vertices of four edges. Products and sums may be contracted,
-except those of `dots`, which rounds as `dot` of vectors does (test_f64x4.py). Indices are not checked.
+register with s in every lane, and `dots` computes the scalar products of four pairs of vectors (vec3.py). `spread`
+(vec3.py) turns one register into four, each with one of its numbers in every lane, as weights of vectors. a + b, a
+- b, a * b, s * a (s a float), -a, `vdiv` and `where_above` work lane by lane. `ends` reads the vertices of four
+edges. The compiler may contract products and sums (fused multiply-add), except in `dots`, which rounds as `dot` of
+vectors does (test_f64x4.py). Indices are not checked.
 
-These registers have the compiler's type of a vector, but their fourth number is not zero: never store one in an
-array of vectors.
+For the compiler, these registers have the same type as a vector, but their fourth number is not zero: never store
+one in an array of vectors.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from skills.cloth.simd.vec3 import WIDTH, vector_type
 
 __all__ = ["FOUR", "dots", "ends", "gather_f64x4", "load_f64x4", "splat_f64x4", "vdiv", "where_above"]
 
-FOUR = WIDTH  # the same register type as a vector, so its operators apply
+FOUR = WIDTH  # the same register type as a vector, so the operators of vectors apply
 _INDEX = ir.IntType(32)
 _REGISTER = ir.VectorType(ir.DoubleType(), FOUR)
 _PLACES = types.UniTuple(types.uint32, FOUR)
@@ -33,7 +34,8 @@ _PLACES = types.UniTuple(types.uint32, FOUR)
 
 @operation
 def ends(typingctx, array, i):
-    """The first and the second numbers of rows i to i + FOUR of an array (n, 2) of unsigned 32-bit integers."""
+    """Return two tuples: the first and the second numbers of rows i to i + FOUR - 1 of an array (n, 2) of unsigned
+    32-bit integers."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.uint32
     if not fits or array.layout != "C":
         raise TypingError(f"ends are rows of a C-ordered array (n, 2) of unsigned integers, not of {array}")
@@ -62,7 +64,7 @@ def _check_flat(array: Any) -> None:
 
 @operation
 def load_f64x4(typingctx, array, i):
-    """FOUR numbers from index i of a flat array."""
+    """Read the FOUR numbers that begin at index i of a flat array."""
     _check_flat(array)
 
     def generate(context, builder, signature, arguments):
@@ -74,7 +76,7 @@ def load_f64x4(typingctx, array, i):
 
 @operation
 def gather_f64x4(typingctx, array, places):
-    """The numbers at FOUR indices of a flat array."""
+    """Read the numbers at the FOUR indices `places` of a flat array."""
     _check_flat(array)
 
     def generate(context, builder, signature, arguments):
@@ -90,7 +92,7 @@ def gather_f64x4(typingctx, array, places):
 
 @operation
 def dots(typingctx, a, b):
-    """a . b of FOUR pairs of vectors, not contracted."""
+    """Return the scalar products of FOUR pairs of vectors, without contraction."""
 
     def generate(context, builder, signature, arguments):
         a, b = (cgutils.unpack_tuple(builder, four) for four in arguments)

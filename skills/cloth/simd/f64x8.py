@@ -1,11 +1,11 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""EIGHT double precision numbers in one register, one for each of eight contacts, for compiled code.
+"""SIMD type of EIGHT double precision numbers in one register, one per contact, for compiled code.
 
-`gather` and `coordinates` read the vectors (vec3.py) of eight contacts into three such registers, one for each
-coordinate; `add_shares` and `scatter` write them back. a + b, a - b, a * b, `vdiv`, `vsqrt`, `vmin`, `vmax` and
-`where_above` work contact by contact. Products and sums may be contracted, except those of `dots`, which rounds as
-`dot` of vectors does. Arrays have four columns unless a function states another shape. Types are checked; shapes
-and indices are not.
+`gather` and `coordinates` read one vector (vec3.py) for each of eight contacts into three such registers, which
+contain the x, y and z coordinates. `add_shares` and `scatter` write them back. a + b, a - b, a * b, `vdiv`,
+`vsqrt`, `vmin`, `vmax` and `where_above` work contact by contact. The compiler may contract products and sums
+(fused multiply-add), except in `dots`, which rounds as `dot` of vectors does. Arrays have four columns unless a
+function states another shape. Types are checked; shapes and indices are not.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _called(builder: Any, name: str, a: Any) -> Any:
 
 @njit(nogil=True)
 def blocks(n, k):
-    """(n, k, EIGHT) doubles, uninitialised, each register within one cache line."""
+    """Return an uninitialised array (n, k, EIGHT) of doubles. Each register [i, j] fills one cache line."""
     flat = np.empty((n * k + 1) * EIGHT)
     first = -(flat.ctypes.data // 8) % EIGHT
     return flat[first : first + n * k * EIGHT].reshape((n, k, EIGHT))
@@ -92,7 +92,7 @@ _EVEN, _ODD = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
 
 
 def _columns(builder: Any, rows: list[Any]) -> list[Any]:
-    """Eight rows -> three registers of coordinates."""
+    """Convert eight rows (x, y, z, 0) to three registers: all x, all y and all z."""
     a, b, c, d = (_mixed(builder, rows[i], rows[i + 2], list(range(8))) for i in (0, 1, 4, 5))
     first, second = _mixed(builder, a, b, _EVEN), _mixed(builder, c, d, _EVEN)
     x, z = (_mixed(builder, first, second, [k + o for k in (0, 1, 4, 5, 8, 9, 12, 13)]) for o in (0, 2))
@@ -101,7 +101,7 @@ def _columns(builder: Any, rows: list[Any]) -> list[Any]:
 
 
 def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
-    """Three registers of coordinates -> eight rows (x, y, z, 0)."""
+    """Convert three registers, all x, all y and all z, to eight rows (x, y, z, 0)."""
     nothing, rows = ir.Constant(_REGISTER, [0.0] * EIGHT), [None] * EIGHT
     for k, places in enumerate((_EVEN, _ODD)):
         xy, z0 = _mixed(builder, x, y, places), _mixed(builder, z, nothing, places)
@@ -111,7 +111,8 @@ def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
 
 
 def _check(array: Any, dimensions: int, number: Any) -> None:
-    """Check type and layout; the length of the rows is not part of the type."""
+    """Check number type and layout of an array. The length of its rows is not part of its type and is not
+    checked."""
     fits = isinstance(array, types.Array) and array.ndim == dimensions and array.dtype == number
     if not fits or array.layout != "C":
         raise TypingError(f"eights are of C-ordered arrays of {dimensions} axes of {number}, not of {array}")
@@ -129,7 +130,7 @@ def _read(builder: Any, row: Any) -> Any:
 
 
 def _who(context: Any, builder: Any, kind: Any, order: Any, group: Any) -> list[Any]:
-    """The eight indices in row `group` of an array (k, EIGHT)."""
+    """Read the eight indices in row `group` of an array (k, EIGHT)."""
     data = context.make_array(kind)(context, builder, order).data
     first = builder.mul(group, ir.Constant(group.type, EIGHT))
     places = (builder.add(first, ir.Constant(group.type, k)) for k in range(EIGHT))
@@ -137,15 +138,15 @@ def _who(context: Any, builder: Any, kind: Any, order: Any, group: Any) -> list[
 
 
 def _each(builder: Any, data: Any, at: Any) -> Any:
-    """The number at an index, in four lanes."""
+    """Return a register with the number at index `at` in all four lanes."""
     return splat(builder, _ROW, builder.load(builder.gep(data, [at])))
 
 
 def _four(
     context: Any, builder: Any, kinds: Any, x: Any, members: Any, share: Any, group: Any
 ) -> Callable[[int], list[Any]]:
-    """A function that maps the index of a contact in a group to four pairs, one per member: a pointer to the
-    member's row of x, and a register with the member's share in every lane."""
+    """Return a function that maps the index of a contact in its group to four pairs, one per member of the
+    contact: a pointer to the member's row of x, and a register with the member's share in every lane."""
     rows, shares = _data(context, builder, kinds[0], x, _ROW), _data(context, builder, kinds[2], share, _DOUBLE)
     first = builder.mul(group, ir.Constant(group.type, EIGHT * _WIDTH))
     member = builder.gep(context.make_array(kinds[1])(context, builder, members).data, [first])
@@ -164,8 +165,9 @@ def _four(
 
 @operation
 def gather(typingctx, x, members, share, group):
-    """For each contact of a group, the weighted sum of the rows of x of its four `members` (m, 4), with the
-    weights `share` (m, 4). The sums are returned as coordinates. Both arrays have EIGHT rows for each group."""
+    """Compute a weighted sum for each contact of a group: the rows of x of the contact's four `members` (m, 4),
+    with the weights `share` (m, 4). Returns the sums as three registers of coordinates. Both arrays have EIGHT
+    rows per group, one per contact."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)
@@ -187,8 +189,8 @@ def gather(typingctx, x, members, share, group):
 
 @operation
 def add_shares(typingctx, x, members, share, group, ax, ay, az):
-    """Add the vector (ax, ay, az) of each contact, times the share of each of its members, to the rows of x of
-    these members. All members of the group must differ."""
+    """Add the vector (ax, ay, az) of each contact of a group, multiplied by the share of each member of the
+    contact, to the member's row of x. All members of the group must differ."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)
@@ -207,7 +209,7 @@ def add_shares(typingctx, x, members, share, group, ax, ay, az):
 
 @operation
 def coordinates(typingctx, a, order, group):
-    """Read rows order[group] of a as coordinates."""
+    """Read the EIGHT rows order[group] of a, (n, 4), into three registers of coordinates."""
 
     _check(a, 2, types.float64)
     _check(order, 2, types.uint32)
@@ -223,7 +225,7 @@ def coordinates(typingctx, a, order, group):
 
 @operation
 def scatter(typingctx, a, order, group, x, y, z):
-    """Write coordinates to rows order[group] of a."""
+    """Write three registers of coordinates to the EIGHT rows order[group] of a, (n, 4)."""
 
     _check(a, 2, types.float64)
     _check(order, 2, types.uint32)
@@ -242,7 +244,7 @@ def _check_block(array: Any) -> None:
     _check(array, 3, types.float64)
 
 
-# a[i, j] of an array (m, k, EIGHT)
+# read and write a[i, j] of an array (m, k, EIGHT)
 load_f64x8, store_f64x8 = load_of(_eight, _REGISTER, _check_block), store_of(_eight, _REGISTER, _check_block)
 splat_f64x8 = splat_of(_eight, _REGISTER, types.float64)
 _plus, _minus, _times = (elementwise(_eight, name, _FLAGS) for name in ("fadd", "fsub", "fmul"))
@@ -251,7 +253,7 @@ vdiv = elementwise(_eight, "fdiv", ())
 
 @operation
 def dots(typingctx, ax, ay, az, bx, by, bz):
-    """a . b, not contracted."""
+    """Return the scalar products a . b, without contraction."""
 
     def generate(context, builder, signature, arguments):
         products = [builder.fmul(arguments[k], arguments[3 + k]) for k in range(3)]
@@ -263,7 +265,7 @@ def dots(typingctx, ax, ay, az, bx, by, bz):
 
 @operation
 def vsqrt(typingctx, a):
-    """Square root."""
+    """Return the square root of each lane."""
 
     def generate(context, builder, signature, arguments):
         return _called(builder, "sqrt", arguments[0])
@@ -288,7 +290,7 @@ where_above = where_above_of(_eight)
 
 @operation
 def any_above(typingctx, a, b):
-    """Whether a > b anywhere."""
+    """Return whether a > b in any lane."""
 
     def generate(context, builder, signature, arguments):
         met = builder.bitcast(builder.fcmp_ordered(">", *arguments), ir.IntType(EIGHT))

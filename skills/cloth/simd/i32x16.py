@@ -1,14 +1,15 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""LANES 32-bit integers in one register, for compiled code.
+"""SIMD type of LANES (16) integers of 32 bits in one register, for compiled code.
 
 `load_i32x16(a, i, j)` reads a[i, j] of an array (m, k, LANES). `splat_i32x16(s)` returns a register with s in
-every lane, `iota(s)` one with s, s + 1, ... `vmin_i32x16` and `vmax_i32x16` work lane by lane; `mask_greater` and
-`mask_not_equal` compare and return a bit for each lane. `compress(a, bits)` moves the lanes whose bit is set to
-the front. `store_i32x16` and `store_interleaved` then write all LANES together, of which the first
-`popcount(bits)` are valid. Selected values are thus written without a branch, which the processor would often
-predict wrongly.
+every lane, `iota(s)` returns a register with s, s + 1, ... `vmin_i32x16` and `vmax_i32x16` work lane by lane.
+`mask_greater` and `mask_not_equal` compare two registers and return an integer with one bit per lane. `compress(a,
+bits)` moves the lanes whose bit is set to the front. `store_i32x16` and `store_interleaved` then write all LANES
+together, of which the first `popcount(bits)` are valid. Selected values are thus written without a branch, which
+the processor would often predict wrongly.
 
-Nothing checks that the last axis of an array has LANES elements, nor that there is room for all that is written.
+Nothing checks that the last axis of an array has LANES elements, nor that there is room for all lanes that are
+written.
 """
 
 from __future__ import annotations
@@ -69,13 +70,13 @@ def _check_rows(array: Any) -> None:
     _check_whole(array, 3)
 
 
-load_i32x16 = load_of(whole, WHOLE, _check_rows)  # a[i, j] of an array (m, k, LANES)
+load_i32x16 = load_of(whole, WHOLE, _check_rows)  # reads a[i, j] of an array (m, k, LANES)
 splat_i32x16 = splat_of(whole, WHOLE, types.int32)
 
 
 @operation
 def iota(typingctx, first):
-    """first, first + 1, first + 2, ..."""
+    """Return a register with first, first + 1, first + 2, ..."""
 
     def generate(context, builder, signature, arguments):
         first = splat(builder, WHOLE, arguments[0])
@@ -85,13 +86,13 @@ def iota(typingctx, first):
 
 
 def flags(builder: Any, bits: Any) -> Any:
-    """The bits as a register of booleans."""
+    """Convert the bits to a register of booleans."""
     return builder.bitcast(builder.trunc(bits, ir.IntType(LANES)), ir.VectorType(ir.IntType(1), LANES))
 
 
 @operation
 def compress(typingctx, a, bits):
-    """The lanes of a whose bit is set, moved to the front; the lanes behind them are undefined."""
+    """Move the lanes of a whose bit is set to the front; the lanes behind them are undefined."""
 
     def generate(context, builder, signature, arguments):
         mask = flags(builder, arguments[1])
@@ -105,7 +106,7 @@ def compress(typingctx, a, bits):
 
 @operation
 def store_i32x16(typingctx, array, at, a):
-    """Store a at indices at, at + 1, ... of a flat array."""
+    """Store the lanes of a at indices at, at + 1, ... of a flat array."""
     _check_whole(array, 1)
 
     def generate(context, builder, signature, arguments):
@@ -156,13 +157,14 @@ def _selected(sign: str) -> Any:
     return apply
 
 
-mask_greater, mask_not_equal = _compared(">"), _compared("!=")  # a bit for each lane where a > b, where a != b
+# integers whose bit k is set if a > b, or a != b, in lane k
+mask_greater, mask_not_equal = _compared(">"), _compared("!=")
 vmin_i32x16, vmax_i32x16 = _selected("<"), _selected(">")
 
 
 @operation
 def popcount(typingctx, bits):
-    """Number of bits that are set."""
+    """Return the number of bits that are set."""
 
     def generate(context, builder, signature, arguments):
         return builder.zext(builder.ctpop(arguments[0]), ir.IntType(64))

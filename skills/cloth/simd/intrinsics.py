@@ -1,4 +1,4 @@
-"""Builders of compiled operations on registers, shared by the modules of this folder."""
+"""Makes compiled operations on registers; the SIMD types of this folder use them."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ __all__ = [
 
 
 def operation(definition: Callable[..., Any]) -> Any:
-    """Make a definition an intrinsic. Compiled code calls it without the typing context."""
+    """Turn a definition into an intrinsic. Compiled code calls it without the first argument, the typing
+    context."""
     return intrinsic(definition)
 
 
 def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> Any:
-    """An operation on two registers of a `kind`, lane by lane: an `instruction` of llvmlite's builder ("fadd",
-    ...) with its fast-math `flags`."""
+    """Make an operation that combines two registers of type `kind` lane by lane, with an `instruction` of
+    llvmlite's builder ("fadd", ...) and its fast-math `flags`."""
 
     def apply(typingctx: Any, a: Any, b: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -41,7 +42,8 @@ def elementwise(kind: types.Type, instruction: str, flags: tuple[str, ...]) -> A
 
 
 def where_above_of(kind: types.Type) -> Any:
-    """An operation on four registers of a `kind`: lane by lane `yes` where a > b, else `no`."""
+    """Make an operation on four registers a, b, yes, no of type `kind`: each lane is `yes` where a > b, else
+    `no`."""
 
     def apply(typingctx: Any, a: Any, b: Any, yes: Any, no: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -53,7 +55,7 @@ def where_above_of(kind: types.Type) -> Any:
 
 
 def splat_of(kind: types.Type, register: Any, number: types.Type) -> Any:
-    """An operation on a number: a register of a `kind` with the number in every lane."""
+    """Make an operation that returns a register of type `kind` with a given number in every lane."""
 
     def apply(typingctx: Any, s: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -65,7 +67,7 @@ def splat_of(kind: types.Type, register: Any, number: types.Type) -> Any:
 
 
 def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
-    """An operation on an array of three axes and two indices: row [i, j] as a register."""
+    """Make an operation that reads row [i, j] of an array of three axes as a register of type `kind`."""
 
     def apply(typingctx: Any, array: Any, i: Any, j: Any) -> Any:
         check(array)
@@ -80,7 +82,7 @@ def load_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> An
 
 
 def store_of(kind: types.Type, register: Any, check: Callable[[Any], None]) -> Any:
-    """An operation that stores a register as row [i, j] of an array of three axes."""
+    """Make an operation that stores a register of type `kind` as row [i, j] of an array of three axes."""
 
     def apply(typingctx: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
         check(array)
@@ -101,7 +103,7 @@ def _row_of(context: Any, builder: Any, kind: types.Array, arguments: Any, regis
 
 
 def splat(builder: Any, register: Any, s: Any) -> Any:
-    """A register with s in every lane."""
+    """Return a register with s in every lane."""
     first = builder.insert_element(ir.Constant(register, ir.Undefined), s, ir.Constant(ir.IntType(32), 0))
     zeros = ir.Constant(ir.VectorType(ir.IntType(32), register.count), [0] * register.count)
     return builder.shuffle_vector(first, ir.Constant(register, ir.Undefined), zeros)
@@ -110,8 +112,8 @@ def splat(builder: Any, register: Any, s: Any) -> Any:
 def place_of(
     context: Any, builder: Any, kind: types.Array, array: Any, place: Sequence[Any], register: Any
 ) -> Any:
-    """Pointer to the `register` that begins at an index of an array. Negative indices are not supported, and
-    nothing checks the indices."""
+    """Return a pointer to the `register` that begins at index `place` of an array. Negative indices are not
+    supported, and nothing checks the indices."""
     found = context.make_array(kind)(context, builder, array)
     pointer = cgutils.get_item_pointer(context, builder, kind, found, list(place), wraparound=False)
     return builder.bitcast(pointer, ir.PointerType(register))

@@ -1,12 +1,13 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
-"""Points and directions as one register of four doubles, for compiled code.
+"""SIMD type of a point or direction, one register of four doubles, for compiled code.
 
-Arrays of vectors have four columns (`rows`); the fourth is zero and stays so. `load` and `store` move a row,
-`store_singles` stores a vector in single precision. a + b, a - b, -a, s * a (s a float), `dot`, `cross` and
-`vector` compute. A row of four weights is not a vector but can be loaded as one: `spread` makes a register of each
-weight, which a * b multiplies with a vector. `members` reads the four vertices that the weights belong to.
-Products and sums may be contracted, as everywhere in the solver. Nothing checks the number of columns: an array
-with fewer would be read and written beyond its rows.
+Arrays of vectors have four columns (`rows` allocates them); the fourth column is always zero. `load` reads a row
+and `store` writes it; `store_singles` stores a vector in single precision. `vector(x, y, z)` makes a vector. a +
+b, a - b, -a, s * a (s a float), `dot` and `cross` compute with vectors. A row of four weights is not a vector but
+can be loaded like one: `spread` then returns four registers, each with one weight in every lane, and a * b
+multiplies such a register with a vector. `members` reads the four vertices that the weights belong to. The
+compiler may contract products and sums (fused multiply-add), as everywhere in the solver. Nothing checks the
+number of columns: an array with fewer than four would be read and written beyond its rows.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ vector_type = _vector = _Vector(name="Vector")
 
 
 def _check(array: Any) -> None:
-    """Check type and layout; the number of columns is not part of the type."""
+    """Check type and layout of an array. The number of columns is not part of its type and is not checked."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.float64
     if not fits or array.layout != "C":
         raise TypingError(f"vectors are rows of a C-ordered array (n, {WIDTH}) of doubles, not of {array}")
@@ -55,19 +56,19 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def rows(n: int) -> Array:
-    """(n, WIDTH) zeros, each row within one cache line."""
+    """Return zeros (n, WIDTH) in which each row is within one cache line."""
     return aligned_zeros((n, WIDTH))
 
 
 def _row(context: Any, builder: Any, kind: Any, array: Any, i: Any) -> Any:
-    """Pointer to row i. The constant WIDTH saves a multiplication by the array's shape."""
+    """Return a pointer to row i. The constant WIDTH saves a multiplication by the array's shape."""
     data = context.make_array(kind)(context, builder, array).data
     return builder.gep(builder.bitcast(data, ir.PointerType(_REGISTER)), [i])
 
 
 @operation
 def load(typingctx, array, i):
-    """Row i of an array (n, WIDTH)."""
+    """Read row i of an array (n, WIDTH)."""
     _check(array)
 
     def generate(context, builder, signature, arguments):
@@ -80,7 +81,7 @@ def load(typingctx, array, i):
 
 @operation
 def members(typingctx, array, i):
-    """The four numbers in row i of an array (n, 4) of unsigned 32-bit integers."""
+    """Read the four numbers in row i of an array (n, 4) of unsigned 32-bit integers."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.uint32
     if not fits or array.layout != "C":
         raise TypingError(f"members are rows of a C-ordered array (n, 4) of unsigned integers, not of {array}")
@@ -130,7 +131,7 @@ def store_singles(typingctx, array, at, step, v):
 
 @operation
 def vector(typingctx, x, y, z):
-    """A vector of three floats."""
+    """Make a vector of three floats."""
 
     def generate(context, builder, signature, arguments):
         made = ir.Constant(_REGISTER, [0.0] * WIDTH)
@@ -147,7 +148,7 @@ _plus, _minus, _times = (elementwise(_vector, name, _FLAGS) for name in ("fadd",
 
 @operation
 def spread(typingctx, v):
-    """Four registers: register k has number k of v in all lanes."""
+    """Return four registers: register k has number k of v in all lanes."""
 
     def generate(context, builder, signature, arguments):
         def repeated(k: int) -> Any:
@@ -161,7 +162,7 @@ def spread(typingctx, v):
 
 @operation
 def _turned(typingctx, v):
-    """(y, z, x)."""
+    """Return (y, z, x) of v = (x, y, z)."""
 
     def generate(context, builder, signature, arguments):
         order = ir.Constant(ir.VectorType(_INDEX, WIDTH), [1, 2, 0, 3])
@@ -172,7 +173,7 @@ def _turned(typingctx, v):
 
 @operation
 def dot(typingctx, a, b):
-    """a . b"""
+    """Return a . b."""
 
     def generate(context, builder, signature, arguments):
         products = builder.fmul(*arguments, flags=_FLAGS)
@@ -184,7 +185,7 @@ def dot(typingctx, a, b):
 
 @njit(nogil=True)
 def cross(a, b):
-    """a x b"""
+    """Return a x b."""
     return _turned(_minus(_times(a, _turned(b)), _times(_turned(a), b)))
 
 

@@ -66,7 +66,7 @@ class RosArms:
             )
 
     def state(self) -> JointState:
-        """The latest joint state. Before the first message its values are NaN and its stamp is -inf."""
+        """Return the latest joint state. Before the first message its values are NaN and its stamp is -inf."""
         unknown = frozen(np.full(14, np.nan))
         return self.joints.newest or JointState(-np.inf, unknown, unknown, unknown, np.nan)
 
@@ -103,7 +103,7 @@ class RosArms:
             )
         if not robot.enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the motors are off", "enable them first")
-        if now - self.state().stamp > COMMAND_TIMEOUT:  # then a command might also arrive too late
+        if now - self.state().stamp > COMMAND_TIMEOUT:  # then a command might also arrive late
             raise DriverError(
                 FailureKind.STALE_STATE, "the positions of the arms are unknown", "check the network to the robot"
             )
@@ -122,7 +122,7 @@ class RosArms:
         return setpoint
 
     def _last(self, now: float) -> JointSetpoint:
-        """The last set-point if it is still valid, otherwise the measured position of the arms."""
+        """Return the last set-point if it is still valid, otherwise the measured position of the arms."""
         if self._sent is not None and now - self._sent.stamp <= COMMAND_TIMEOUT:
             return self._sent
         return JointSetpoint(now, self.state().q, frozen(np.zeros(14)), False)

@@ -31,12 +31,14 @@ ANSWER_S = 4.0
 """Wall time within which the camera has to answer [s]."""
 POLL_S = 0.02
 GRACE_S = 1.0
-"""Additional wall time after which the thread that fetches a picture counts as stuck [s]."""
+"""Additional wall time [s]. If the thread that fetches a picture needs longer than its limit plus this time, it
+counts as stuck."""
 EXPOSED_S = 0.42
-"""Cell time after which a still picture uses only the exposures that have arrived [s]. A camera may be slow, and
-the caller accepts no picture older than half a second."""
+"""Cell time from the first exposure that a still picture uses [s]. After it, the picture uses only the exposures
+that have arrived. The limit is needed because a camera may be slow, and the caller accepts no picture older than
+half a second."""
 LAST_S = 0.3
-"""Cell time to wait for one more exposure [s]."""
+"""Longest cell time to wait for one more exposure [s]."""
 GLIMPSE_AGE_S = 0.5
 """Largest age of a glimpse, in cell time [s]."""
 TOGETHER_S = 0.025
@@ -65,7 +67,8 @@ class _Shots:
                 self.pairs.append((t, now, colour, self.depth[near]))
 
     def chosen(self, wanted: _Wanted, now: float, last: bool = False) -> list[tuple[float, float, Any, Any]]:
-        """The pairs for the picture; empty while more pairs must arrive. last: do not wait for more pairs."""
+        """Return the pairs for the picture; empty while more pairs must arrive. last: do not wait for more
+        pairs."""
         if self.info is None:
             return []
         late = [p for p in self.pairs[wanted.first - 1 :] if p[1] >= self.pairs[0][1] + wanted.settle]
@@ -105,8 +108,9 @@ class RosCamera:
         self._glimpse: Future[CameraFrame] | None = None
 
     def capture(self) -> CameraFrame:
-        """A still picture taken after the request. The first picture that arrives is skipped, because it may be
-        older. Raises DriverError: CAMERA_FAULT if the picture is missing, frozen or unreadable; STOPPED."""
+        """Take a still picture after the request. The first picture that arrives is skipped, because it may be
+        older than the request. Raises DriverError: CAMERA_FAULT if the picture is missing, frozen or unreadable;
+        STOPPED."""
         picture = self._fetch(_Wanted(2, self._settle, self._exposures))
         until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
         while not wait([picture], POLL_S).done:
@@ -116,7 +120,7 @@ class RosCamera:
         return picture.result()
 
     def glimpse(self) -> CameraFrame | None:
-        """The latest requested picture, or None while it has not arrived. A thread fetches it."""
+        """Return the latest requested picture, or None while it has not arrived. A separate thread fetches it."""
         if self._glimpse is not None and self._glimpse.done():
             taken, self._glimpse = self._glimpse, None
             frame = taken.result()
@@ -197,7 +201,8 @@ class RosCamera:
 
 
 def read_colour(message: Any) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB of a sensor_msgs/Image. Raises DriverError(CAMERA_FAULT) for another encoding."""
+    """Return the pixels (H, W, 3), RGB, of a sensor_msgs/Image. Raises DriverError(CAMERA_FAULT) for another
+    encoding."""
     if message.encoding not in ("rgb8", "bgr8"):
         raise _unread(message, "rgb8 or bgr8")
     rgb = _pixels(message, np.dtype(np.uint8), 3).reshape(message.height, message.width, 3)
@@ -205,8 +210,8 @@ def read_colour(message: Any) -> NDArray[np.uint8]:
 
 
 def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
-    """(H, W) depth [m], NaN where there is no value. Raises DriverError(CAMERA_FAULT) for another encoding, or if
-    the depth is not registered to the colour picture."""
+    """Return the depth (H, W) [m], NaN where there is no value. Raises DriverError(CAMERA_FAULT) for another
+    encoding, or if the depth is not registered to the colour picture."""
     if (message.height, message.width) != (colour.height, colour.width):
         raise DriverError(
             FailureKind.CAMERA_FAULT,
@@ -223,7 +228,7 @@ def read_depth(message: Any, colour: Any) -> NDArray[np.float32]:
 
 
 def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
-    """The intrinsics in a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) if they do not fit the
+    """Return the intrinsics in a sensor_msgs/CameraInfo. Raises DriverError(CAMERA_FAULT) if they do not fit the
     picture."""
     if (info.height, info.width) != (colour.height, colour.width) or not (info.K[0] > 0.0 and info.K[4] > 0.0):
         raise DriverError(
@@ -235,7 +240,7 @@ def read_intrinsics(info: Any, colour: Any) -> Intrinsics:
 
 
 def _pixels(message: Any, kind: np.dtype, channels: int) -> NDArray:
-    """(H, W * channels) pixels without row padding."""
+    """Return the pixels (H, W * channels) without row padding."""
     row = message.width * channels
     rows = np.frombuffer(message.data, dtype=np.uint8)
     if message.step < row * kind.itemsize or rows.size < message.height * message.step:

@@ -20,7 +20,7 @@ SILENCE_S = 20.0
 """If the clock of a simulated robot does not advance for this wall time, it counts as dead [s]."""
 ROUNDING = 1e-6
 WALL = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""The boot-time clock, because Linux's monotonic clock stops while the machine is suspended."""
+"""The boot-time clock. It is used because Linux's monotonic clock stops while the machine is suspended."""
 
 
 class RosClock(Protocol):
@@ -87,5 +87,5 @@ class TopicClock:
 
 
 def cell_clock(node: Node) -> WallClock | TopicClock:
-    """The clock that the parameter /use_sim_time selects."""
+    """Return the clock that the parameter /use_sim_time selects."""
     return TopicClock(node) if node.parameter("/use_sim_time", False) else WallClock()

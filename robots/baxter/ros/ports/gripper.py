@@ -53,7 +53,7 @@ DEAF = "check whether the gripper is plugged in and free to move, then start aga
 
 @dataclass(frozen=True)
 class _Order:
-    """A command in the queue. force: grip force that it configures [N]."""
+    """A command in the queue. force: the grip force that it configures [N]; None for other commands."""
 
     what: str
     message: Any
@@ -83,7 +83,7 @@ class RosGripper:
         self._uncalibrated = False
         """Whether the last requested calibration was given up."""
         self._force: float | None = None
-        """The configured grip force [N]."""
+        """The grip force that is configured in the robot [N]; None if it is unknown."""
         self._last: tuple[float, float] | None = None
         """Opening [m] and force [N] of the last command."""
         self._fault: DriverError | None = None
@@ -103,7 +103,7 @@ class RosGripper:
             if heard is not None and heard[0].error == 1:
                 self._add(RESET)
             if again or (heard is not None and heard[0].calibrated == 1):
-                self._add(CLEAR_CALIBRATION)  # otherwise the end of the new calibration is not visible
+                self._add(CLEAR_CALIBRATION)  # without it, the end of the new calibration is not visible
             self._add(CALIBRATE)
 
     def command(self, opening: float, force: float) -> None:
@@ -135,8 +135,8 @@ class RosGripper:
             self._add(GO, json.dumps({"position": _percent(opening, FULL_OPENING)}))
 
     def state(self) -> GripperState:
-        """The latest state, with its time of arrival. Before the first message its values are NaN and its stamp is
-        -inf. While a command is unhandled, the pads count as moving."""
+        """Return the latest state, with its time of arrival. Before the first message its values are NaN and its
+        stamp is -inf. While a command is unhandled, the pads count as moving."""
         waiting = self._waiting  # read before the latest message, which may empty the queue
         heard = self.hearing.newest
         if heard is None:
@@ -159,7 +159,7 @@ class RosGripper:
             )
 
     def _waited(self) -> float:
-        """Time since the first waiting order was sent for the first time [s]."""
+        """Return the time since the first waiting order was sent for the first time [s]."""
         return self._clock.now() - self._begun
 
     def _forget(self) -> None:
@@ -170,7 +170,7 @@ class RosGripper:
     def _give_up(self) -> None:
         """Cancel the waiting orders. The next command raises the fault."""
         self._uncalibrated = self._uncalibrated or _calibrates(self._waiting)
-        self._fault = self._error(f"does not do what it is told ({self._waiting[0].what})", DEAF)
+        self._fault = self._error(f"does not execute the command ({self._waiting[0].what})", DEAF)
         self._forget()
 
     def _add(self, what: str, arguments: str = "", force: float | None = None) -> None:
@@ -195,7 +195,7 @@ class RosGripper:
         message, _ = heard
         with self._lock:
             if self._stopped():
-                self._forget()  # otherwise the robot would execute it after the stop
+                self._forget()  # otherwise the robot would execute them after the stop
             if not self._waiting:
                 return
             first = self._waiting[0]
@@ -209,7 +209,8 @@ class RosGripper:
                 self._tell()
 
     def _advance(self, done: _Order, message: Any) -> None:
-        """Start the next order. If the robot refused a force, the motion with that force is dropped."""
+        """Start the next order. If the robot refused to configure a force, the motions with that force are
+        dropped."""
         self._calibrating = False
         self._waiting = self._waiting[1:]
         if done.force is not None:
@@ -228,7 +229,7 @@ class RosGripper:
 
 
 def _read(message: Any, stamp: float) -> tuple[Any, float] | None:
-    """The message and its arrival time; None if a value is not finite."""
+    """Return the message and its arrival time; None if a value is not finite."""
     return (message, stamp) if math.isfinite(message.position) and math.isfinite(message.force) else None
 
 
@@ -237,7 +238,7 @@ def _calibrates(waiting: Sequence[_Order]) -> bool:
 
 
 def _kept(waiting: tuple[_Order, ...]) -> tuple[_Order, ...]:
-    """The orders that a new command does not replace: the first order, and all orders up to the last
+    """Return the orders that a new command does not replace: the first order, and all orders up to the last
     calibration."""
     last = max((k for k, order in enumerate(waiting) if order.what == CALIBRATE), default=0)
     return waiting[: last + 1]
@@ -249,7 +250,8 @@ def _echoes(message: Any, order: Any) -> bool:
 
 
 def _done(what: str, message: Any) -> bool:
-    """Whether a handled order has finished. The state must show the result of CALIBRATE and CLEAR_CALIBRATION."""
+    """Whether a handled order has finished. Most orders have finished as soon as the robot has handled them.
+    CALIBRATE and CLEAR_CALIBRATION have finished when the robot's state shows their result."""
     if what == CALIBRATE:
         return bool(message.calibrated == 1 and message.moving != 1 and message.ready != 0)
     return what != CLEAR_CALIBRATION or bool(message.calibrated != 1)

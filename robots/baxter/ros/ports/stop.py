@@ -101,7 +101,7 @@ class RosStop:
             self._wake_thread(b"s")  # send a new stop, if there is one
 
     def close(self) -> None:
-        """Close, after repeating a stop that the robot has not confirmed for up to CLOSE_S."""
+        """Close the port. If the robot has not confirmed a stop, first repeat the stop for up to CLOSE_S."""
         if self._until == math.inf:
             self._until = time.monotonic() + CLOSE_S
             self._wake_thread(b"c")

@@ -26,7 +26,8 @@ class RosTactile:
         self.hearing = LatestMessage(node, clock, tactile(side), load_messages().tactile_state, self._read)
 
     def reading(self) -> TactileReading:
-        """The latest reading, with its time of arrival. Before the first message it is NaN with stamp -inf."""
+        """Return the latest reading, with its time of arrival. Before the first message its values are NaN and its
+        stamp is -inf."""
         unknown = np.full((2, self._rows, 1), np.nan), np.full(2, np.nan)
         return self.hearing.newest or TactileReading(-np.inf, self.side, *map(frozen, unknown))
 

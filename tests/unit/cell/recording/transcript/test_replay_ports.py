@@ -164,7 +164,7 @@ def test_additional_questions_are_reported(tmp_path: Path) -> None:
     assert there.ports().clock.now() == 0.0
     with pytest.raises(NoRecordedAnswer) as caught:
         there.ports().clock.now()
-    assert (caught.value.then, caught.value.now) == ("the end of the run", "a look at the clock")
+    assert (caught.value.then, caught.value.now) == ("the end of the run", "a reading of the clock")
 
 
 def test_a_truncated_transcript_is_no_deviation(tmp_path: Path) -> None:

@@ -288,7 +288,7 @@ def test_a_command_that_timed_out_is_not_executed_later(calibrate: bool) -> None
     bench.hand.deaf, told = False, bench.wire.count
     bench.states(LONG)
     assert bench.wire.count == told and bench.hand.position == 40.0
-    assert "does not do what it is told" in fault(bench)
+    assert "does not execute the command" in fault(bench)
     if calibrate:
         assert "not calibrated" in fault(bench)
         bench.calibrate()
