@@ -1,1 +1,2 @@
-"""Benchmarks of the program and of its peers (`foldcell bench NAME`), and scripts for the pictures of the docs."""
+"""Benchmarks of the program and of other programs, its peers (`foldcell bench NAME`), and scripts that make the
+pictures of the docs."""

@@ -2,15 +2,15 @@
 
     python -m benchmarks.adaptation [GARMENT...] [--seeds N] [--friction LOW HIGH]
 
-Each seed draws a world: its friction, another mesh, slightly different bending stiffness, hands that lean and
-tools that are off target. The second-to-last fold is made in this world. The executive observes only the outline
-of the result, with a camera's error.
+A world is drawn for each seed. It differs from the executive's prediction in its friction, its mesh and slightly
+in its bending stiffness; its hands lean and its tools are off target. The second-to-last fold is made in this
+world. Only the outline of the result is observed, with the error of a camera.
 
-The last fold is then chosen with the friction of the garment file, with the learned friction
-(calibration/identify.py, bounded as in a run), and with the world's true friction. The third choice is the limit
-for any learning. Each choice is made as in a run: it takes the arcs of a search with the nominal fabric if they
-reach their promised D, otherwise the result of a search that begins from them. All choices are executed in the
-same world with the same errors. The result is D on the world's mesh.
+The arcs of the last fold are then chosen three times: with the friction of the garment file, with the learned
+friction (calibration/identify.py, bounded as in a run), and with the world's true friction. The third choice shows
+the best result that any learning could reach. Each choice is made as in a run: it takes the arcs of a search with
+the nominal fabric if they reach their promised D, otherwise the result of a search that begins from them. All
+choices are executed in the same world with the same errors. The result is D on the world's mesh.
 """
 
 from __future__ import annotations
@@ -37,14 +37,16 @@ from skills.trajectory.paths import fold_paths, lifted
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
 
 SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05
-"""Standard deviation of an observed outline's error, and its correlation length along the outline [m]."""
+"""Standard deviation of the error of an observed outline, and correlation length of this error along the
+outline [m]."""
 FINER = 0.85
 BUDGET = 25
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """One drawn world: its mesh, its fabric, the lean of each hand [rad] and the offset of the tools [m]."""
+    """One drawn world. mesh, material: of its garment. lean: of each hand [rad]. off: (3,) offset of the
+    tools [m]."""
 
     mesh: ClothMesh
     material: Material
@@ -65,7 +67,7 @@ class World:
         return cls(mesh, fabric, lean, np.append(rng.uniform(-0.003, 0.003, 2), 0.0))
 
     def fold(self, positions: Array, step: FoldStep, trajectory: GraspTrajectory) -> Array:
-        """Vertices (n, 3) after the fold with this world's fabric and errors."""
+        """Make the fold with this world's fabric and errors. Return the vertices (n, 3) after it."""
         executed = {
             i: replace(path, position=path.position + self.off, pitch=path.pitch + self.lean[i])
             for i, path in planned(step, trajectory).items()
@@ -80,8 +82,8 @@ def planned(step: FoldStep, trajectory: GraspTrajectory) -> dict[GraspId, ToolPa
 
 
 def seen(shape: shapely.Geometry, rng: np.random.Generator) -> Array:
-    """Outline (k, 2) of a shape as a camera would observe it, with an error that is correlated along the
-    outline."""
+    """Return the outline (k, 2) of a shape as a camera would observe it, with an error that is correlated along
+    the outline [m]."""
     ring = max(getattr(shape, "geoms", [shape]), key=lambda part: part.area).exterior
     k = max(24, round(ring.length / SEEN_LENGTH))
     error = np.repeat(rng.normal(0.0, SEEN_SIGMA, (k, 2)), 4, axis=0)
@@ -90,7 +92,7 @@ def seen(shape: shapely.Geometry, rng: np.random.Generator) -> Array:
 
 
 class Choice:
-    """Chooses the last fold's arcs for a believed fabric, as a run does."""
+    """Chooses the arcs of one fold for a believed fabric, as a run does."""
 
     def __init__(self, garment: Garment, step: FoldStep, mesh: ClothMesh, threads: ThreadPoolExecutor) -> None:
         self.garment, self.step, self.mesh, self.threads = garment, step, mesh, threads
@@ -105,8 +107,8 @@ class Choice:
 
 
 def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> list[dict[str, float | str]]:
-    """One row per seed: true and learned friction relative to the file's; D [mm] without learning, with learning,
-    and with the true friction."""
+    """Compute one row per seed: true and learned friction relative to the friction of the garment file; D [mm]
+    without learning, with learning, and with the true friction."""
     garment = load_garment(name, "bare_table")
     state = garment.flat_state(*garment.poses.middle)
     *_, first, last = plan_folds(state, garment).unwrap()

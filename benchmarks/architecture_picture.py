@@ -1,8 +1,9 @@
 """Draws the packages and their imports: `python -m benchmarks.architecture_picture`.
 
-The packages are in the order of `[tool.importlinter]`, from top to bottom. A row shows the imports of one package:
-the darker a square, the more imports. An import of a higher package would lie to the left of the diagonal. `grimp`
-is installed with import-linter (the extra `dev`).
+The packages are in the order of `[tool.importlinter]`, from top to bottom. The row of a square is the importing
+package, its column the imported package; the darker the square, the more imports. An import of a higher package,
+which is forbidden, would lie to the left of the diagonal. `grimp` is installed with import-linter
+(the extra `dev`).
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ ABOVE = ("foldcell",)
 BELOW = ("calibration", "skills", "robots")
 CELL, LEFT, TOP = 30, 150, 118
 SHADES = ((1, "#d6e4f7"), (5, "#8fb4e8"), (15, "#3f76c9"), (40, "#1d3f7a"))
-"""Least number of imports of each shade."""
+"""For each shade: minimum number of imports, and colour."""
 
 
 def packages() -> list[str]:
-    """The packages in their order: those above `cell`, those within it, those below."""
+    """Return the packages from top to bottom: those above `cell`, those within it, those below it."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     layers = next(c["layers"] for c in settings["contracts"] if c.get("containers") == ["cell"])
     inner = [f"cell.{name}" for layer in layers for name in layer.split("|")]
@@ -29,7 +30,7 @@ def packages() -> list[str]:
 
 
 def imports(names: list[str]) -> Counter[tuple[str, str]]:
-    """Number of imports of modules from one package by another."""
+    """Count the imports between packages; the key is (importing package, imported package)."""
     import grimp
 
     graph = grimp.build_graph("cell", *ABOVE, *BELOW)

@@ -1,21 +1,21 @@
-"""D_relax: the dissimilarity D of an ideal fold after it has settled. The optimiser is compared with it.
+"""Computes D_relax, the dissimilarity D of an ideal fold after it has settled. The optimiser is compared with it.
 
     python -m benchmarks.attainable_dissimilarity [GARMENT...]
 
-The start is the garment after the earlier steps, each made ideally and settled. The fold is then made without
+The fold starts from the garment after the earlier steps, each made ideally and settled. It is made without
 grippers (benchmarks/turn_fold.py): cloth that lies flat is moved exactly to its target, which is the isometry of
 this fold and the earlier ones with layers at k x thickness. The garment then settles for one second. The remaining
-D is due to the cloth: creases open, and earlier creases lift the layers above them. D is the paper's: 3-D,
-unaligned, over all layers, area-weighted over barycentres. Triangles are cut at the fold lines, so that each has
-one place in the target.
+D is due to the cloth: creases open, and earlier creases lift the layers above them. D is defined as in the paper:
+3-D, unaligned, over all layers, area-weighted over barycentres. Triangles are cut at the fold lines, so that each
+has one place in the target.
 
-Mapping every vertex to its target is not enough. An earlier crease, some 20 mm high, would be compressed to the
+It is not enough to move every vertex to its target. An earlier crease, some 20 mm high, would be compressed to the
 height of its layers, and the strain would throw the cloth about. If the crease started flat instead, it would have
-to open under the layers that now lie on it. Where several layers are folded together, mapped triangles across the
-line also pass through one another. This causes 130 to 1500 crossings, which remain and hold the crease shut. The D
-of mapped vertices is printed too (flat_mm, with flat_crossings). For the first fold of a single layer, where
-nothing can cross, both figures agree. Cutting the simulated mesh at the line does not help: the crease locks onto
-the row of vertices and does not open at all.
+to open under the layers that now lie on it. Where several layers are folded together, moved triangles at the line
+also pass through one another. This causes 130 to 1500 crossings, which remain and hold the crease shut. The D of
+vertices that were moved to their targets is printed too (flat_mm, with flat_crossings). For the first fold of a
+single layer, where nothing can cross, both figures agree. Cutting the simulated mesh at the line does not help:
+the crease then follows the row of vertices and does not open at all.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from skills.planning.plan import plan_folds
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85
-"""Maximum edge length of the evaluation mesh: absolute [m], and relative to the optimiser's."""
+"""Maximum edge length of the evaluation mesh: EDGE [m], and FINER times that of the optimiser's mesh."""
 SETTLE_S = 1.0
 
 _SETTLED: dict[tuple[object, ...], Array] = {}
-"""Shapes settled by this process; later steps begin from them."""
+"""Settled shapes that this process has computed. Later steps begin from them, so each is computed once."""
 
 
 def d_relax(
     mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material, settings: SolverSettings | None = None
 ) -> tuple[float, Array]:
-    """D_relax [m] of the step whose line is the last of `lines`, and the settled vertices (n, 3)."""
+    """Compute D_relax [m] of the step whose line is the last of `lines`, and the settled vertices (n, 3)."""
     x = ideal_fold(mesh, lines, material, settings)
     return distance_to_target(mesh, lines, material, x), x
 
@@ -56,8 +56,8 @@ def d_relax(
 def ideal_fold(
     mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material, settings: SolverSettings | None = None
 ) -> Array:
-    """Vertices (n, 3) after all folds, each made without grippers and settled before the next. Without lines: laid
-    flat."""
+    """Make all folds without grippers, and let the garment settle after each. Return the vertices (n, 3). Without
+    lines, they are those of the flat garment."""
     if not lines:
         return mesh.lay_flat(material.thickness)
     settings = settings or SolverSettings()
@@ -71,19 +71,20 @@ def ideal_fold(
 
 
 def mapped_fold(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material) -> Array:
-    """Vertices (n, 3) that were mapped to their targets and then settled. All creases start flat and sharp."""
+    """Move all vertices to their targets and let the garment settle. Return the vertices (n, 3). All creases start
+    flat and sharp."""
     return settled(mesh, material, target_vertices(mesh, lines, material), SolverSettings())
 
 
 def settled(mesh: ClothMesh, material: Material, start: Array, settings: SolverSettings) -> Array:
-    """Vertices (n, 3) one second after `start` (n, 3), without grippers."""
+    """Simulate one second from `start` (n, 3), without grippers. Return the vertices (n, 3)."""
     simulation = ClothSimulation(mesh, material, start, settings)
     simulation.advance(frames=round(SETTLE_S * settings.frame_rate))
     return simulation.positions
 
 
 def distance_to_target(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material, x: Array) -> float:
-    """The paper's D [m] of a shape (n, 3) against the ideal fold, on triangles cut at the fold lines."""
+    """Compute the paper's D [m] of a shape x (n, 3) from the ideal fold, on triangles cut at the fold lines."""
     cut = fold_mesh(mesh.rest, mesh.triangles, lines, np.column_stack([mesh.rest, mesh.layer, x]))
     centre = cut.attributes[cut.triangles].mean(axis=1)
     sheets = int(mesh.layer.max()) + 1
@@ -94,12 +95,13 @@ def distance_to_target(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: M
 
 
 def evaluation_edge(garment: Garment, scale: float = 1.0) -> float:
-    """Edge length [m] of the mesh that evaluates a garment's folds. scale: factor on the garment's size."""
+    """Edge length [m] of the mesh on which a garment's folds are evaluated. scale: factor on the garment's
+    size."""
     return min(EDGE, FINER * garment.mesh_edge_m * scale)
 
 
 def table(garment: Garment) -> list[dict[str, float | int | str | bool]]:
-    """One row per step: D_relax, and the score of the settled ideal shape."""
+    """Compute one row per step: D_relax, and the score of the settled ideal shape."""
     state = garment.flat_state(*garment.poses.middle)
     mesh = mesh_from_contour(state.contour, evaluation_edge(garment), garment.layers)
     rows: list[dict[str, float | int | str | bool]] = []

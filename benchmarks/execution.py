@@ -1,10 +1,11 @@
-"""Effect of the arms' lag, jitter and sudden drops on a fold: whole runs with the robot's errors scaled.
+"""Measures how the arms' errors (lag, jitter, sudden dips) affect a fold, by whole runs with scaled errors.
 
     foldcell bench execution        or  python -m benchmarks.execution
 
-The same worlds (garment, noise, and the times of the drops, by seed) are folded with lag, jitter and depth of
-drops of cell/simulation/noise.yaml times 0, 1 and 2. Everything is simulated. The sizes of the errors in
-noise.yaml are assumed.
+The lag, the jitter and the depth of sudden dips of an arm (`drop_depth` in cell/simulation/noise.yaml) are
+multiplied by 0, 1 and 2. Apart from this, the runs at the three scales are the same: a seed determines the
+garment, all other noise, and the times of the dips. Everything is simulated. The sizes of the errors in noise.yaml
+are assumed.
 """
 
 from __future__ import annotations
@@ -41,14 +42,15 @@ SCORES = ("iou", "correspondence_m", "edges_m", "drift_m")
 
 
 def scaled_errors(noise: NoiseTable, scale: float) -> NoiseTable:
-    """The noise table with lag, jitter and depth of drops times `scale`."""
+    """Return the noise table with lag, jitter and depth of sudden dips multiplied by `scale`."""
     robot = noise.robot
     lag, depth = (Range(scale * r.low, scale * r.high) for r in (robot.lag, robot.drop_depth))
     return replace(noise, robot=replace(robot, lag=lag, jitter=scale * robot.jitter, drop_depth=depth))
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Means over the seeds at each scale: flat figures with units in the keys. quick: one seed."""
+    """Perform the runs. Return one flat mapping of figures with units in the keys, most of them means over the
+    seeds at each scale. quick: one seed."""
     seeds = range(1 if quick else 5)
     return compare(tell, seeds)
 
@@ -74,8 +76,8 @@ def compare(tell: Callable[[str], None], seeds: range) -> dict[str, Any]:
 
 
 def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array]:
-    """The result of one run, and each tool's distance (n,) [m] between commanded and measured position at every
-    tick of its motions."""
+    """Perform one run. Return its result, and the distances (n,) between commanded and measured position of the
+    tools [m], two for every tick of the arms' motions."""
     noise = scaled_errors(load_noise(), scale)
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -89,8 +91,8 @@ def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array
 
 @contextmanager
 def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
-    """Collects the distance of each tool [m] between every set-point of a streamed motion and the position
-    measured when it is sent. With ideal arms only the encoders' error remains."""
+    """Collect, for both tools and every set-point of a motion, the distance between the commanded position and the
+    position measured when the command is sent [m]. With ideal arms, only the error of the encoders remains."""
     off: list[float] = []
     before: JointState | None = None
     streamed = False
@@ -110,7 +112,8 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
         return read
 
     def noted(motion: Callable[..., Motion[JointState]]) -> Callable[..., Motion[JointState]]:
-        """Set-points count only while this motion runs. Those of the grasping hands do not count."""
+        """Wrap a motion, so that set-points count only while such a motion runs. Those of the grasping hands do
+        not count."""
 
         def run(*given: Any) -> Motion[JointState]:
             nonlocal streamed

@@ -16,9 +16,11 @@ USAGE = 64
 
 
 def read_figures(path: Path, bench: str) -> dict[str, Any]:
-    """The JSON object in the file, or on its last line: the output of `foldcell bench NAME --json`.
+    """Read the JSON object that is the file's content, or its last line: the output of `foldcell bench NAME
+    --json`.
 
-    Raises ConfigurationError for a file that cannot be read or holds no object.
+    bench: NAME, for the hint of an error. Raises ConfigurationError for a file that cannot be read or that
+    contains no object.
     """
     hint = f"give the output of: foldcell bench {bench} --json"
     try:
@@ -38,8 +40,8 @@ def read_figures(path: Path, bench: str) -> dict[str, Any]:
 
 
 def command(main: Callable[[Sequence[str]], int]) -> int:
-    """Exit code of `main` over the command line. A user error gives a message and exit code 64, without a
-    traceback."""
+    """Call `main` with the arguments of the command line, and return its exit code. An error of the user gives a
+    message and exit code 64, without a traceback."""
     try:
         return main(sys.argv[1:])
     except CellError as e:

@@ -1,7 +1,8 @@
-"""A short film of a whole run in the simulated cell, for the README: `python -m benchmarks.film [GARMENT] [SEED]`.
+"""Makes a short film of a whole run in the simulated cell for the README: `python -m benchmarks.film
+[GARMENT] [SEED]`.
 
-Writes docs/pictures/GARMENT_folded.webp: the simulated garment and the tool centre points, faster than in the
-cell. Moments at which no hand holds the garment are left out.
+The film is docs/pictures/GARMENT_folded.webp. It shows the simulated garment and the tool centre points, faster
+than in the cell. Moments at which no hand holds the garment are left out.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ SIZE = 560, 400
 DEFAULT = ("long_sleeve_shirt_small", "1")
 FRAME_MS, LAST_MS = 60, 1500
 EVERY = 4
-"""One frame is taken from every fourth recorded moment, that is 12 per second of cell time."""
+"""Every fourth recorded moment becomes a frame of the film: 12 frames per second of cell time."""
 
 
 def main() -> int:

@@ -1,11 +1,12 @@
-"""Mesh convergence of the simulated world: score of a twice folded towel over the mesh's edge length.
+"""Measures the mesh convergence of the simulated world: the score of a towel, folded twice, over the mesh's edge
+length.
 
     python -m benchmarks.mesh_convergence [GARMENT]
 
-The loop of an unpressed crease is about two bending lengths wide. If the mesh's edges are as long as that, the
-loop becomes a polygon that is too high and pushes the layer above away. Fabrics and grasp errors are drawn as in
-the world, but with fewer kinds of errors than in noise.yaml. They are the same for every mesh. The arcs are not
-optimised.
+The cloth of an unpressed crease forms a loop, about two bending lengths wide. If the mesh's edges are as long as
+that, the loop becomes a polygon that is too high and pushes the layer above away. Fabrics and grasp errors are
+drawn as for the simulated world, but with fewer kinds of errors than in noise.yaml. They are the same for every
+mesh. The arcs are plain arcs (PLAIN_H), not optimised.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from skills.trajectory.paths import fold_duration, fold_paths
 from skills.vocabulary import FoldStep, Material, frozen
 
 EDGES = (0.026, 0.022, 0.018, 0.015, 0.0125)
-"""Edge lengths [m]. The last one approximates the limit."""
+"""Edge lengths of the compared meshes [m]. The result with the last one approximates the converged result."""
 GRASP_ERROR = 0.003
 PLAIN_H = 0.45
 SUBSTEPS = 16
@@ -57,7 +58,7 @@ def main() -> None:
 
 
 def fold_both(garment: Garment, edge: float, seed: int) -> Score:
-    """Score of one drawn towel after both folds, on a mesh of this edge length [m]."""
+    """Draw a towel, make both folds on a mesh of this edge length [m], and return the score."""
     rng = np.random.default_rng(seed)
     fabric = _draw(garment.material, rng)
     state = garment.flat_state(*garment.poses.middle)

@@ -1,7 +1,8 @@
-"""The paper's table of folding tests with ours beside it: `python -m benchmarks.paper_table [CAMPAIGN_FOLDER]`.
+"""Writes the paper's table of folding tests, with our results beside it, to docs/results/paper_table.md.
+
+    python -m benchmarks.paper_table [CAMPAIGN_FOLDER]
 
 Without a folder, the campaign benchmarks/campaigns/paper.yaml is performed first (about ten minutes on two cores).
-Writes docs/results/paper_table.md.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ PAGE = ROOT / "docs" / "results" / "paper_table.md"
 
 @dataclass(frozen=True)
 class PaperRow:
-    """A row of the paper's last table: ten trials on a real Baxter. time_s: average over the successful trials."""
+    """A row of the paper's last table: ten trials with a real Baxter. time_s: mean over the successful
+    trials [s]."""
 
     folds: int
     successes: int
@@ -60,7 +62,7 @@ without waiting for a person.
 
 
 def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
-    """The page as Markdown."""
+    """Write the page as Markdown."""
     origin = campaign.origin
     rows = [_row(name, [t for t in trials if t.request.garment == name]) for name in PAPER]
     ours = [t for t in trials if t.performed]

@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "medium_towel", 4
 PRESSED = "pants", 1
 MOMENT = 15.2
-"""Cell time of the viewer's picture [s]: the first fold is half done."""
+"""Cell time at which the viewer's picture is taken [s]: the first fold is half done."""
 
 
 def main() -> int:

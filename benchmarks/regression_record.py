@@ -1,11 +1,12 @@
-"""Records of runs that do not depend on the program's classes, to prove that a change leaves all runs unchanged.
+"""Records runs and compares the records, to prove that a change of the program leaves all runs unchanged.
 
     python -m benchmarks.regression_record record DIR [SCRIPT.yaml ...]
     python -m benchmarks.regression_record compare BEFORE AFTER
 
-Each script gets one folder: `events.json` (the journal's lines: cell time, state, kind, name, figures),
+The record of a script is a folder with `events.json` (the journal's lines: cell time, state, kind, name, figures),
 `commands.npz` (every set-point of the arms and every command to grippers and head, with its cell time), and
-`score.json`. Two records are the same if all numbers are equal to the last digit. Simulated cells only.
+`score.json`. These files do not depend on the program's classes, so records of different versions can be compared.
+Two records are the same if all numbers are equal to the last digit. All runs are simulated.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ SCRIPTS = Path(__file__).parent / "regression_runs"
 
 
 class _Tap:
-    """A port that forwards everything, and records each command with its time."""
+    """A port that forwards all calls and passes each command to `note`, which records it."""
 
     def __init__(self, port: Any, note: Callable[..., None]) -> None:
         self._port, self._note = port, note
@@ -43,7 +44,7 @@ class _Tap:
 
 
 class _Commands:
-    """All commands to the ports, in order: port name -> rows of (cell time, values ...)."""
+    """Records all commands to the ports, in order. rows: port name -> rows of (cell time, values ...)."""
 
     def __init__(self) -> None:
         self.rows: dict[str, list[np.ndarray]] = {}
@@ -103,7 +104,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
 
 
 def differences(before: Path, after: Path) -> list[str]:
-    """The differences between two records, one line per file or port; empty if there are none."""
+    """Describe the differences between two records, one line per file or port; empty if there are none."""
     names = sorted({p.name for folder in (before, after) for p in folder.iterdir() if p.is_dir()})
     return [line for name in names for line in _differing(before / name, after / name)]
 
@@ -125,7 +126,7 @@ def _differing(before: Path, after: Path) -> list[str]:
 
 
 def _plain(value: Any) -> Any:
-    """The value without keys that differ between processes: wall times and tracebacks."""
+    """Remove from a value the keys that differ between processes: wall times and tracebacks."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in sorted(value.items()) if "wall" not in k and "traceback" not in k}
     return [_plain(v) for v in value] if isinstance(value, list) else value

@@ -1,4 +1,4 @@
-"""Markdown tables of a benchmark's figures, with the required value beside each figure."""
+"""Writes a benchmark's figures as Markdown tables, with the required value beside each figure."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["Row", "plain", "table", "table_of_rows"]
 
 @dataclass(frozen=True)
 class Row:
-    """One figure: its description, its key and its required value `bar` (None: no requirement). least: whether
-    `bar` is a minimum; otherwise it is a maximum."""
+    """One figure of a table. about: its description. key: its key in the figures. bar: its required value (None:
+    no requirement). least: whether `bar` is a minimum; otherwise it is a maximum."""
 
     about: str
     key: str
@@ -21,7 +21,7 @@ class Row:
     unit: str = ""
 
     def cells(self, figures: Mapping[str, Any]) -> tuple[str, str, str] | None:
-        """The table cells; None if the figure was not measured."""
+        """Return the table cells (description, value, required value); None if the figure was not measured."""
         value = figures.get(self.key)
         if value is None:
             return None
@@ -35,7 +35,7 @@ class Row:
 
 
 def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -> str | None:
-    """A section with the measured figures; None if none was measured."""
+    """Write a section with the measured figures; None if none was measured."""
     cells = [found for found in (row.cells(figures) for row in rows) if found is not None]
     return table(title, ("figure", "measured", "bar"), cells) if cells else None
 

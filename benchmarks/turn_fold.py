@@ -1,10 +1,10 @@
-"""A fold made without grippers: the moving part turns over about the fold line like a page.
+"""Makes a fold without grippers: the moving part turns over about the fold line, like the page of a book.
 
 Cloth that lies flat before and after the fold, away from creases, is guided: it turns rigidly about the line by
-half a turn. It ends exactly where the fold's isometry maps it, at the height of its layer. The rest moves freely
-as cloth, with contacts: the strip at the line, and cloth that bulges or lies on a bulge. Creases can therefore
-open to loops, no layer passes through another, and no strain remains that could throw the cloth about at the
-release.
+half a turn. It ends exactly where the fold's isometry maps it, at the height of its layer. The rest of the cloth
+moves freely, with contacts: the strip at the line, and cloth that bulges or lies on a bulge. Creases can therefore
+open to loops, no layer passes through another, and no strain remains that could throw the cloth about when it is
+released.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from skills.vocabulary import Array, FoldLine, Material
 __all__ = ["turned_over"]
 
 TURN_S, HOLD_S = 1.2, 0.2
-"""Duration of the half turn, which starts and ends gently, and of the hold at its end."""
+"""Duration of the half turn, which starts and ends gently, and time for which the guided cloth is then
+held [s]."""
 UNTANGLING_S = 1.0
-"""Maximum time to resolve the remaining crossings."""
+"""Maximum simulated time for resolving the remaining crossings [s]."""
 LOOP = 3.0
-"""Half the width of the free strip at the line, in bending lengths. A crease's loop is 1.5 bending lengths high.
-With values from 2 to 5 the results differ by less than between meshes."""
+"""Half the width of the strip at the line that moves freely, in bending lengths. The loop of a crease is 1.5
+bending lengths high. Results with values from 2 to 5 differ less than results on different meshes."""
 FLAT, CLEARANCE = 0.002, 0.02
-"""Cloth within FLAT of its layer's height is flat [m]. Guided points are at least CLEARANCE away from cloth that
-is not flat [m]."""
+"""Cloth counts as flat if its height differs from that of its layer by less than FLAT [m]. A point is guided only
+if it is further than CLEARANCE from cloth that is not flat [m]."""
 KEPT = 0.9
-"""Share of its velocity that the free cloth keeps from frame to frame."""
+"""Share of its velocity that the free cloth retains from one frame to the next, which damps its motion."""
 
 
 def turned_over(
@@ -43,8 +44,8 @@ def turned_over(
     before: Array,
     settings: SolverSettings | None = None,
 ) -> Array:
-    """Vertices (n, 3) after the fold about the last of `lines`. before: (n, 3) vertices after the earlier
-    folds."""
+    """Make the fold about the last of `lines`. Return the vertices (n, 3). before: (n, 3) vertices after the
+    earlier folds."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)
@@ -65,10 +66,11 @@ def turned_over(
 def _untangled(
     mesh: ClothMesh, material: Material, x: Array, guided: NDArray[np.int64], settings: SolverSettings
 ) -> Array:
-    """x (n, 3) with its crossings resolved in at most UNTANGLING_S, while guided points stay in place.
+    """Resolve the crossings of x (n, 3) in at most UNTANGLING_S, while the guided points stay in place. Return the
+    vertices (n, 3).
 
-    This needs one continuous simulation. The loop of `turned_over` sets positions anew in each frame, so the
-    solver forgets how long cloth has been crossing and does not resolve it.
+    This needs one continuous simulation. The loop of `turned_over` sets the positions anew in each frame, so the
+    solver there forgets how long cloth has been crossing, and does not resolve the crossing.
     """
     if not count_crossings(x, mesh.triangles):
         return x
@@ -83,7 +85,8 @@ def _untangled(
 
 
 def _guided(before: Array, ideal: Array, goal: Array, distance: Array, loop: float) -> NDArray[np.int64]:
-    """Vertices that lie flat, away from the line, and neither on nor beneath a bulge after the fold."""
+    """Select the vertices to be guided (indices): those that lie flat, away from the line, and will lie neither on
+    nor beneath a bulge after the fold."""
     away = np.abs(distance) > min(loop, 0.5 * float(distance.max()))
     flat = np.abs(before[:, 2] - ideal[:, 2]) < FLAT
     if not flat.all():
@@ -93,7 +96,8 @@ def _guided(before: Array, ideal: Array, goal: Array, distance: Array, loop: flo
 
 
 class _Page:
-    """Positions of the guided points (g, 3) while those marked `turned` move half a turn about the line."""
+    """Computes the positions of the g guided points during the fold. Those marked in `turned` move half a turn
+    about the line, the others stay."""
 
     def __init__(
         self, line: FoldLine, before: Array, ideal: Array, goal: Array, turned: NDArray[np.bool_]
@@ -104,13 +108,13 @@ class _Page:
         self._left = goal - np.where(self._turned, self._about(np.pi), before)
 
     def at(self, share: float) -> Array:
-        """Positions (g, 3) at a share (0..1) of the turn. The initial deviation from the ideal shape is removed
-        gradually."""
+        """Return the positions (g, 3) at a share (0..1) of the turn. The initial deviation from the ideal shape is
+        removed gradually."""
         return np.where(self._turned, self._about(np.pi * share), self._before) + share * self._left
 
     def _about(self, angle: float) -> Array:
-        """Points (g, 3) turned by `angle` [rad] about the line. The axis of each is midway between the heights of
-        its two layers."""
+        """Turn all points by `angle` [rad] about the line: (g, 3). The height of a point's axis is midway between
+        the heights of its layer before and after the fold."""
         up = self._before[:, 2] - self._axis
         out = self._out * np.cos(angle) - up * np.sin(angle)
         height = self._axis + up * np.cos(angle) + self._out * np.sin(angle)

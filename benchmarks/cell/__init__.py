@@ -1,4 +1,4 @@
-"""Benchmarks of the executive: wall time of a run, cost of its records, and time from a stop to rest.
+"""Benchmarks of the executive: wall time of a run, cost of its records, and time from a stop until the arms rest.
 
 foldcell bench cell
 """
@@ -14,7 +14,8 @@ __all__ = ["measure"]
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Flat figures with units in the keys. All runs are simulated. quick: fewer lines, runs and stops."""
+    """Measure everything in simulated runs. Return one flat mapping of figures with units in the keys. quick:
+    fewer lines, runs and stops."""
     return {
         "simulated": True,
         **journal_file.measure(tell, lines=100 if quick else 1000),

@@ -1,7 +1,7 @@
-"""Time to write one line of the journal, compared with two peers.
+"""Measures the time to write one line of the journal, and compares it with two peers.
 
-The peers write the same lines to a synced text file, and to an unsynced database, which may lose the last lines
-when the machine fails.
+One peer writes the same lines to a text file and syncs it. The other one writes them to a database without
+syncing, which may lose the last lines when the machine fails.
 """
 
 from __future__ import annotations

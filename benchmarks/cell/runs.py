@@ -1,4 +1,4 @@
-"""Wall time of whole runs by activity, and the cost of recording, live display and checkpoints."""
+"""Measures the wall time of whole runs by activity, and the cost of recording, live display and checkpoints."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ KINDS: dict[str, dict[str, Any]] = {
     "bare_run": {"record": False, "record_truth": False},
     "shown_run": {"live": True},
 }
-"""A run with all its output; one without recording, report, truth and score; and one with a live stream that
-nobody reads."""
+"""The kinds of run that are compared: one with all its output; one without recording, report, truth and score; and
+one with a live stream that nobody reads."""
 SEEING = frozenset({Effect.PHOTOGRAPH_TABLE, Effect.LOOK, Effect.RECOGNISE, Effect.INSPECT})
 THINKING = frozenset({Effect.PLAN_FOLDS, Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION})
 
 
 class _Walls:
-    """Wall time within effects, by kind of effect. It is an observer of the runner."""
+    """Observer of the runner that measures the wall time within effects, by kind of effect [s]."""
 
     def __init__(self) -> None:
         self.seconds = {"seeing": 0.0, "thinking": 0.0, "moving": 0.0}
@@ -50,8 +50,8 @@ class _Walls:
 
 
 def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
-    """Figures of the fastest of `rounds` rounds per kind of run. Each round makes one run of each kind. A first
-    run warms up."""
+    """Perform `rounds` rounds, each with one run of each kind, after a run that warms up. Return the figures of
+    the fastest run of each kind."""
     _fold({}, _Walls())
     best: dict[str, tuple[float, FoldResult, _Walls, list[float]]] = {}
     for n in range(rounds):
@@ -85,7 +85,7 @@ def _fold(options: dict[str, Any], walls: _Walls) -> FoldResult:
 
 @contextmanager
 def _keeping_timed() -> Iterator[list[float]]:
-    """Collects the duration of each write of a checkpoint [s]."""
+    """Collect the duration of each write of a checkpoint [s] while the context is open."""
     took: list[float] = []
     keep = CheckpointWriter.keep
 

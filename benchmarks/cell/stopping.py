@@ -1,7 +1,8 @@
-"""Time and distance until the arms are at rest when the stop is triggered while they move.
+"""Triggers the stop while the arms move, and measures the time and the distance until they are at rest.
 
-The executive does not react: it stays within the tick in which the stop comes, as if it had hung. The peer is the
-brake alone, without lag: the maximum over the joints of speed divided by deceleration.
+The executive does not react to the stop: it stays within the same tick, as if it had hung, so only the driver
+brakes. The time is compared with that of the brake alone, without lag: the maximum over the joints of speed
+divided by deceleration.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ LONGEST_S = 3.0
 
 @dataclass(frozen=True)
 class _Stop:
-    """One stop. took: time until rest [s]. way: (2,) distance between the tools' places at the stop and at rest
-    [m]. brake: time that the brake alone would take [s]."""
+    """One stop. took: time until rest [s]. way: (2,) distance of each tool's place at rest from its place at the
+    stop [m]. brake: time that the brake alone would take [s]."""
 
     took: float
     way: Array
@@ -43,7 +44,8 @@ class _Stop:
 
 
 class _StoppingClock:
-    """The cell's clock. At the first tick after the time `due` in which the arms move, it triggers the stop."""
+    """A clock that replaces the cell's clock. At the first tick after the time `due` in which the arms move, it
+    triggers the stop and measures it."""
 
     def __init__(self, ports: Ports, due: float) -> None:
         self._ports, self._due = ports, due
@@ -71,7 +73,7 @@ class _StoppingClock:
 
 
 def measure(tell: Callable[[str], None], stops: int) -> dict[str, Any]:
-    """Figures of stops at times that are spread evenly over a run."""
+    """Stop runs at `stops` evenly spaced times, and measure how long and how far the arms move on."""
     made = [_stopped_at(due) for due in np.linspace(7.0, 30.0, stops)]
     found = [stop for stop in made if stop is not None]
     took = np.array([stop.took for stop in found])
@@ -105,12 +107,12 @@ def _stopped_at(due: float) -> _Stop | None:
 
 
 def _deceleration() -> Array:
-    """(14,) [rad/s^2] deceleration of the simulated driver's brake: twice as large at the wrists as at shoulders
-    and elbows."""
+    """Deceleration (14,) of the joints by the simulated driver's brake [rad/s^2]: twice as large at the wrists as
+    at shoulders and elbows."""
     return load_noise().robot.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
 
 
 def _tools(ports: Ports) -> Array:
-    """(2, 3) [m] positions of both tools, base frame."""
+    """Return the positions (2, 3) of both tools, base frame [m]."""
     model, q = load_model(), ports.arms.state().q
     return np.array([tool_pose(model.chains[side], q[arm_slice(side)])[:3, 3] for side in Side])

@@ -1,10 +1,10 @@
-"""Figures of the cloth solver, in parts: foldcell bench cloth [--only PART,...] [--keep FILE].
+"""Measures figures of the cloth solver, in parts: foldcell bench cloth [--only PART,...] [--keep FILE].
 
 Speeds are simulated seconds over CPU seconds of the computing thread (`time.thread_time`), so other work on the
-machine has little effect. They are the best of three; those of the peers, which take minutes, come from one
-measurement. two_threads_x_throughput is wall time and needs an idle machine. Errors are against closed forms
-(block on a slope, hung strip, Peirce's cantilever) or, with peers, against MuJoCo's flex and PyBullet's soft body.
-Everything is simulated.
+machine has little effect. A speed is the best of three measurements; that of a peer, which takes minutes, comes
+from one. two_threads_x_throughput is measured in wall time and needs an idle machine. Errors are differences from
+closed forms (block on a slope, hung strip, Peirce's cantilever) or, with peers, from MuJoCo's flex and PyBullet's
+soft body. Everything is simulated.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration",
 class Part:
     """One part of the benchmark.
 
-    function: MODULE:FUNCTION in this package, called as `function(quick, tell)`; it returns figures and reports
-    its progress if it takes minutes. needs: a package that only the peers need.
+    function: MODULE:FUNCTION in this package, called as `function(quick, tell)`; it returns figures, and reports
+    its progress if it takes minutes. about: text for the user. needs: package that this part needs, if it measures
+    a peer.
     """
 
     function: str
@@ -83,12 +84,12 @@ PARTS: Mapping[str, Part] = {
 def measure(
     tell: Tell, *, peers: bool, quick: bool, only: Sequence[str] = (), keep: Path | None = None
 ) -> dict[str, Any]:
-    """Flat figures with units in the keys. Without `peers` there are no figures of the peers, and PEER_FIGURE is
-    null.
+    """Measure the parts. Return one flat mapping of figures with units in the keys. Without `peers`, it has no
+    figures of the peers, and PEER_FIGURE is None.
 
-    only: names of PARTS. keep: a file to which each part's figures are saved as soon as it is measured. Parts that
-    are already in the file, measured with the same sources, are not measured again. Raises ConfigurationError for
-    an unknown part, a peer that is not installed, or a file that cannot be written or is not one of this
+    only: names of PARTS. keep: a file to which the figures of each part are saved as soon as it is measured. Parts
+    that are already in the file, measured with the same sources, are not measured again. Raises ConfigurationError
+    for an unknown part, a peer that is not installed, or a file that cannot be written or is not one of this
     benchmark.
     """
     chosen = _chosen(only, peers)
@@ -128,7 +129,7 @@ def _chosen(only: Sequence[str], peers: bool) -> dict[str, Part]:
 
 
 def _derived(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """Figures that need the results of two parts."""
+    """Compute the figures that need the results of two parts."""
     out: dict[str, Any] = {}
     strip, garment = (figures.get(f"hang_{name}_error_pp_max") for name in ("strip", "garment"))
     if strip is not None and garment is not None:
@@ -150,7 +151,7 @@ class _Kept:
         self.parts: dict[str, dict[str, Any]] = {}
         if path is None:
             return
-        if not os.access(path.parent, os.W_OK):  # fails before a part is measured
+        if not os.access(path.parent, os.W_OK):  # checked now, so that no measurement is lost
             raise ConfigurationError(f"{path} cannot be written", "give --keep a file in a folder that can")
         if not path.exists():
             return

@@ -1,4 +1,4 @@
-"""Tests of the calibration procedures on the paper's garments."""
+"""Tests the calibration procedures on the paper's garments."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from skills.trajectory.paths import fold_paths
 from skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
-"""Edge lengths [m] of the other meshes, by number of the garment's layers. Garments of two layers take long."""
+"""Edge lengths [m] of the other meshes on which a garment is calibrated, by its number of layers. Garments of two
+layers have one such mesh, because they take long."""
 QUICK = ("small_towel",)
 TRUE_FRICTION = 0.8
-"""True friction relative to the believed one, in the test of the identification."""
+"""True friction divided by the believed friction, in the test of the identification."""
 
 
 def hung(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The paper's hanging test for each of its garments.
+    """Perform the paper's hanging test for each of its garments.
 
-    Each garment is calibrated on the mesh that predicts its folds, on a finer and on a coarser mesh. On each mesh,
-    the calibrated fabric is then hung again with the predictor's own substeps. The mesh spread is the error of the
-    fabric calibrated on the predicting mesh, hung on all meshes.
+    Each garment is calibrated on the mesh that predicts its folds and on the meshes of OTHERS. On each mesh, the
+    fabric calibrated there is then hung again with the predictor's own substeps. The mesh spread is the largest
+    error if the fabric that was calibrated on the predicting mesh is hung on all meshes.
     """
     first, again, spread, rows = 0.0, 0.0, 0.0, []
     for name in QUICK if quick else tuple(PAPER):
@@ -75,8 +76,8 @@ def _hung(test: Mapping[str, float]) -> str:
 
 
 def friction(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Each garment on the paper's tilted table: error of the coefficient at which it begins to slide, against
-    tan(angle)."""
+    """Simulate each garment on the paper's tilted table. Return the largest relative error of the friction
+    coefficient at which it begins to slide; the correct value is tan(angle)."""
     worst = 0.0
     names = QUICK if quick else tuple(PAPER)
     for name in names:
@@ -89,7 +90,8 @@ def friction(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def identified(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Friction identified from the outline after one fold that drags the cloth. The world has another mesh."""
+    """Identify friction from the outline after one fold that drags the cloth. The fold is simulated on another
+    mesh than that of the identification."""
     believed = Material(0.4, 0.03, 0.012, 0.0025, 0.45, 0.85 * 0.45, 0.6)
     contour = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
     up, controls = np.array([0.0, 0.0, 0.45]), {}

@@ -1,4 +1,4 @@
-"""Benchmark of self-contact: crossings, motion after the release, and strain of the edges."""
+"""Benchmark of self-contact. It measures crossings, motion after the release, and strain of the edges."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ from skills.vocabulary import Material
 
 FRAMES = SolverSettings().frame_rate
 AFTER = round((RELEASE + SETTLE) * FRAMES)
-"""Number of frames per second, and after the release."""
+"""FRAMES: number of frames per second. AFTER: number of frames after the release."""
 STARTS, MOVED = 6, 1e-6
-"""Number of starts from which each fold is repeated, and standard deviation of their difference [m]."""
+"""Number of slightly different starts from which each fold is made, and standard deviation of the difference of
+their coordinates [m]."""
 TURNS = (30.0, 45.0, 60.0, 75.0, 90.0)
-"""Angles [degrees] above which cloth counts as a crease, for a table of the figures over this threshold."""
+"""Definitions of a crease that are compared in a table: cloth that turns by more than this angle [degrees]."""
 VARIANTS = (
     # friction (table and layers), thickness [m], speed
     (0.3, 0.003, 1.0), (0.9, 0.003, 1.0), (0.6, 0.002, 1.0), (0.6, 0.004, 1.0), (0.6, 0.003, 2.0),
@@ -49,10 +50,11 @@ VARIANTS = (
 
 @dataclass
 class Folded:
-    """Results, one entry per fold.
+    """Results of folds, one list entry per fold.
 
-    end: crossings at the end. most: maximum crossings in any frame. residual: largest displacement of a vertex in
-    the last 0.1 s of the first second after the release [m]. edges: strains at the end.
+    end: number of crossings at the end. most: largest number of crossings in a frame. residual: largest
+    displacement of a vertex in the last 0.1 s of the first second after the release [m]. edges: strains at the
+    end.
     """
 
     end: list[int] = field(default_factory=list)
@@ -65,17 +67,18 @@ class Folded:
             mine.extend(others)
 
     def row(self) -> dict[str, Any]:
-        """The maxima over the folds, as a row of a table."""
+        """Return the maxima over the folds, as a row of a table."""
         strained = self.strained()
         del strained["edges_looked_at"]
         shown = {"end": max(self.end), "most": max(self.most), "residual_mm": 1e3 * max(self.residual)}
         return shown | strained
 
     def strained(self, turn: float = TURN) -> dict[str, Any]:
-        """Strains of the edges about which the cloth turns by at most `turn` [rad].
+        """Return figures of the strains of the edges near which the cloth turns by at most `turn` [rad].
 
-        strain: largest elongation or compression. tension: largest elongation. Also the number of edges with a
-        strain above MOST_STRAIN, and of all edges.
+        strain_percent: largest elongation or compression. tension_percent: largest elongation.
+        edges_over_5_percent: number of edges with a strain above MOST_STRAIN. edges_looked_at: number of all these
+        edges.
         """
         strain = np.concatenate([edges.away(turn) for edges in self.edges])
         return {
@@ -86,7 +89,7 @@ class Folded:
         }
 
     def line(self) -> str:
-        """The maxima as one line of text, for progress messages."""
+        """Return the maxima as one line of text, for progress messages."""
         return f"{max(self.end)} crossings at the end, {max(self.most)} on the way, " + (
             f"{1e3 * max(self.residual):.2f} mm of motion, strain {self.strained()['strain_percent']:.1f} %"
         )
@@ -105,8 +108,8 @@ class Folded:
 
 
 def fold_all(mesh: ClothMesh, material: Material, folds: list[Paths], start: int = 0) -> Folded:
-    """Make the folds one after the other and check every frame. start: 0, or the seed of a perturbation of the
-    initial vertices by MOVED."""
+    """Make the folds one after the other and check every frame. start: 0, or a seed with which the initial
+    vertices are perturbed (standard deviation MOVED)."""
     found = Folded()
     x = mesh.lay_flat(material.thickness)
     if start > 0:
@@ -145,8 +148,8 @@ def shirt(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
-    """Speed of each fold of MATERIAL, relative to real time. The folds are made one after the other from x (n,
-    3)."""
+    """Measure the speed of each fold with the fabric MATERIAL, relative to real time. The folds are made one after
+    the other, the first one from x (n, 3)."""
     speeds = []
     for paths in folds:
         result, speed = timed(mesh, x, MATERIAL, paths, times=TIMES)
@@ -156,7 +159,7 @@ def _speeds(mesh: ClothMesh, x: Array, folds: list[Paths]) -> list[float]:
 
 
 def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The shirt's folds with a fabric that stretches like the paper's large shirt."""
+    """Fold the shirt, with a fabric that stretches like that of the paper's large shirt."""
     paper = load_garment("long_sleeve_shirt_large").material
     material = replace(MATERIAL, stretch_fraction=paper.stretch_fraction)
     mesh, folds = shirt_folds(material)
@@ -164,7 +167,7 @@ def shirting(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def sides(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The same shirt. Each sleeve is folded together with its side."""
+    """Fold the shirt, each sleeve together with the side of the body."""
     mesh = mesh_from_contour(SHIRT, SHIRT_EDGE, layers=2)
     speeds = _speeds(mesh, mesh.lay_flat(MATERIAL.thickness), sides_folds())
     figures: dict[str, Any] = {"sides_x_realtime": min(speeds[:2]), "sides_hem_x_realtime": speeds[2]}
@@ -172,7 +175,7 @@ def sides(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Every shipped garment through its plan, along arcs of the same kind: the worst figures, and a row per
+    """Fold every shipped garment by its plan, along arcs of the same kind. Return the worst figures, and a row per
     garment."""
     rows, worst = [], Folded()
     for name in list_garments()[: 2 if quick else None]:
@@ -184,10 +187,10 @@ def shipped(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def starts(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Folds of the two-layer shirt and of all shipped garments, each from slightly different starts.
+    """Fold the two-layer shirt and all shipped garments, each from slightly different starts.
 
-    The spread shows how much of one garment's figures is chance. Counts the folds that end with crossings, that
-    have more than five crossings in a frame, or that are not at rest.
+    The spread of the results shows how much of a garment's figures is chance. The figures count the folds that end
+    with crossings, that have more than five crossings in a frame, or that are not at rest.
     """
     mesh, folds = shirt_folds()
     rows: list[dict[str, Any]] = []
@@ -214,7 +217,8 @@ def pants(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def variants(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Shirt and pants with other friction, thickness and speed: the worst figures, and a row per case."""
+    """Fold shirt and pants with other friction, thickness and speed. Return the worst figures and a row per
+    case."""
     rows, worst = [], Folded()
     for name, (mu, thickness, speed), mesh, material, folds in _scenes(2 if quick else len(VARIANTS)):
         found = fold_all(mesh, material, folds)

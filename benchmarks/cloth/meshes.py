@@ -1,4 +1,4 @@
-"""Quality of the meshes of all shipped garments."""
+"""Measures the quality of the meshes of all shipped garments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skills.cloth.mesh import mesh_from_contour
 
 
 def quality(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Smallest angle, and shortest and longest edge relative to the requested edge length."""
+    """Measure the smallest angle, and the shortest and longest edge relative to the requested edge length."""
     angles, shortest, longest, seconds = [], [], [], []
     names = sorted(list_garments())
     for name in names:

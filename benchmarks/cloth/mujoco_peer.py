@@ -1,8 +1,9 @@
-"""MuJoCo's flex as an independent cloth simulation. It needs the optional extra `peers`, which no run needs.
+"""Compares the cloth solver with an independent simulation, MuJoCo's flex. It needs the optional extra `peers`,
+which no run needs.
 
-The model is the one of the cell's second world (`cell/simulation/garment/mujoco_cloth.py`), with our meshes, pads
-and materials. Time step and contact stiffness are chosen by a refinement of MuJoCo alone, without comparing with
-our result: step and contact time are halved until the end of the fold stops changing.
+The model is that of the cell's second simulated world (`cell/simulation/garment/mujoco_cloth.py`), with our
+meshes, pads and materials. Its time step and contact stiffness are not chosen by comparison with our result, but
+by refinement: time step and contact time are halved until the end of the fold stops changing.
 """
 
 from __future__ import annotations
@@ -38,9 +39,10 @@ Figures = dict[str, Any]
 LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)
 USED = 8
 REFINEMENTS = (4, USED, 2 * USED)
-"""Steps per frame. The contacts' time constant is 2.4 steps. The comparison of folds uses USED steps."""
+"""Numbers of time steps per frame in the refinement. The contacts' time constant is 2.4 steps. The comparison of
+folds uses USED steps."""
 SETTLED = 0.5
-"""Mean change of the vertices at the end of the fold [mm] below which the refinement has converged."""
+"""The refinement has converged if it moves the vertices at the end of the fold by less on average [mm]."""
 
 
 def refined(steps: int) -> MujocoSettings:
@@ -69,7 +71,7 @@ def tilt(figures: Figures, frictions: Sequence[float] = FRICTIONS) -> None:
 def hang(
     figures: Figures, stretches: Sequence[float] = STRETCHES, edges: Sequence[float] = (0.018, 0.026)
 ) -> None:
-    """Elongation of strips that hang in their own plane."""
+    """Measure the error of the elongation of strips that hang in their own plane, and add it to `figures`."""
     width, length = STRIP
     worst = 0.0
     for edge in edges:
@@ -86,7 +88,8 @@ def hang(
 
 
 def bending(figures: Figures, edge: float = 0.020) -> None:
-    """Peirce's cantilever: a strip whose overhang is twice its bending length."""
+    """Perform Peirce's cantilever test with a strip whose overhang is twice its bending length, and add the error
+    of the bending length to `figures`."""
     material = replace(MATERIAL, bending_length=0.08)
     overhang = 2.0 * material.bending_length
     outline = [(-2 * edge, 0.0), (0.0, 0.0), (overhang, 0.0)]
@@ -101,7 +104,8 @@ def bending(figures: Figures, edge: float = 0.020) -> None:
 
 
 def folded(fold: SharedFold, settings: MujocoSettings) -> tuple[Array, float]:
-    """Vertices (n, 3) at the end of the fold, and the speed of one thread relative to real time."""
+    """Make the fold in MuJoCo. Return the vertices (n, 3) at its end, and the speed of one thread relative to real
+    time."""
     cloth = MujocoCloth(fold.mesh, fold.material, fold.start, settings)
     start = time.thread_time()
     frames = round((fold.seconds - RELEASE - SETTLE) * settings.frame_rate)
@@ -121,10 +125,11 @@ def apart(a: Array, b: Array) -> float:
 
 
 def refinement(quick: bool, tell: Tell) -> Figures:
-    """MuJoCo's own refinement: change of the fold's end when step and contact time are halved.
+    """Refine MuJoCo's simulation: measure how the end of the fold changes when time step and contact time are
+    halved.
 
-    It has converged if the last halving changes the end by less than SETTLED. The comparison of folds uses the
-    settings before this halving.
+    The refinement has converged if the last halving changes the end by less than SETTLED. The comparison of folds
+    uses the settings before this halving.
     """
     fold, rows, before = plain_fold(), [], None
     for steps in REFINEMENTS[:2] if quick else REFINEMENTS:
@@ -144,7 +149,7 @@ def refinement(quick: bool, tell: Tell) -> Figures:
 
 
 def folds(quick: bool, tell: Tell) -> Figures:
-    """The same folds in both simulations, with the same mesh and the same places of the pads."""
+    """Compare the same folds in both simulations, with the same mesh and the same motion of the pads."""
     figures: Figures = {"mujoco_steps_a_frame": USED}
     settings, rows = refined(USED), []
     for mu in (0.6,) if quick else (0.2, 0.6, 1.0):
@@ -167,7 +172,7 @@ def folds(quick: bool, tell: Tell) -> Figures:
 
 
 def optimised(quick: bool, tell: Tell) -> Figures:
-    """The fold along the trajectory that our predictor found, in both simulations."""
+    """Compare, in both simulations, the fold along the trajectory that our predictor found."""
     best = optimised_fold()
     ours = predict_fold(best.mesh, best.start, best.material, best.paths, RELEASE, SETTLE).vertices
     theirs, _ = folded(best, refined(USED))
@@ -180,13 +185,13 @@ def optimised(quick: bool, tell: Tell) -> Figures:
 
 
 def _drift(fold: SharedFold, x: Array) -> float:
-    """Mean motion [mm] of the half that should stay at rest, away from the crease."""
+    """Mean displacement [mm] of the half that should stay at rest, away from the crease."""
     rests = fold.mesh.rest[:, 0] < -0.05
     return 1e3 * float(np.linalg.norm((x - fold.start)[rests], axis=1).mean())
 
 
 def lab(quick: bool, tell: Tell) -> Figures:
-    """The laboratory tests in MuJoCo: tilted table, hanging strip and cantilever."""
+    """Perform the laboratory tests in MuJoCo: tilted table, hanging strip and cantilever."""
     figures: Figures = {"mujoco_version": mujoco.__version__}
     tilt(figures, (0.6,) if quick else FRICTIONS)
     hang(figures)

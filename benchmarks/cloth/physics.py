@@ -1,4 +1,4 @@
-"""Simulated laboratory tests against closed forms."""
+"""Compares simulated laboratory tests with closed forms."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ STRIP = (0.15, 0.6)
 
 
 def slope(mu: float, ratio: float) -> tuple[float, tuple[float, float, float]]:
-    """Angle [rad] of a slope that is `ratio` times as steep as the critical one, and gravity in the table's
-    frame."""
+    """Return the angle [rad] of a slope that is `ratio` times as steep as the critical slope of friction mu, and
+    the gravity on it in the tilted table's frame [m/s2]."""
     angle = float(np.arctan(ratio * mu))
     return angle, (GRAVITY * float(np.sin(angle)), 0.0, -GRAVITY * float(np.cos(angle)))
 
 
 def slide_expected(mu: float, angle: float, seconds: float = 1.0) -> float:
-    """Distance that a block slides down a slope [m]."""
+    """Distance that a block with friction mu slides down a slope of `angle` [rad] from rest in `seconds` [m]."""
     return float(0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)) * seconds**2)
 
 
 def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Coulomb friction on a tilted table: below the critical slope nothing creeps, above it the sheet slides as a
-    block."""
+    """Test Coulomb friction on a tilted table. Below the critical slope the sheet must not creep; above it, it
+    must slide like a block."""
     mesh = mesh_from_contour(PATCH, 0.026)
     creep, error = 0.0, 0.0
     for mu in FRICTIONS:
@@ -57,8 +57,8 @@ def tilt(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def layers(quick: bool, tell: Tell) -> dict[str, Any]:
-    """The same test for a sheet on another sheet, which the table holds. Measured from 0.2 s on, when the sheet
-    lies still on the other one."""
+    """Perform the same test with a sheet on another sheet, which sticks to the table. The measurement starts after
+    0.2 s, when the upper sheet has come to lie on the lower one."""
     n, mesh = _sheet_on_a_sheet()
     creep, error = 0.0, 0.0
     for mu in FRICTIONS:
@@ -81,14 +81,15 @@ def layers(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _sheet_on_a_sheet() -> tuple[int, ClothMesh]:
-    """Number of vertices of the lower sheet, and a mesh of two sheets that are not joined."""
+    """Create a mesh of two sheets that are not joined. Return the number of vertices of the lower one, and the
+    mesh."""
     lower = mesh_from_contour(np.array([[-0.2, -0.15], [0.6, -0.15], [0.6, 0.15], [-0.2, 0.15]]), 0.026)
     upper = mesh_from_contour(PATCH * [0.66, 0.7], 0.026, rotate=0.3)
     return len(lower.rest), stacked([lower, upper])
 
 
 def hang_strip(quick: bool, tell: Tell) -> dict[str, Any]:
-    """A strip hung by its upper edge elongates by areal_mass g L / (2 Y)."""
+    """Test the elongation of strips that hang by their upper edge. The closed form is areal_mass g L / (2 Y)."""
     width, length = STRIP
     worst, substeps = 0.0, 0
     for edge in EDGES:
@@ -108,7 +109,7 @@ def hang_strip(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def bending(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Peirce's cantilever test."""
+    """Perform Peirce's cantilever test for several bending lengths and meshes."""
     worst = 0.0
     for length in (0.012, 0.020, 0.035):
         for edge in (0.015, 0.020, 0.030):
@@ -118,8 +119,9 @@ def bending(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Conservation and rest. In free space, half a second of fast random motion: relative loss of momentum and
-    gain of kinetic energy. On the table: motion of a resting sheet in 10 s."""
+    """Test conservation and rest. In free space, a sheet moves fast and randomly for half a second; measured are
+    the relative loss of momentum and gain of kinetic energy. On the table, the motion of a resting sheet in 10 s
+    is measured."""
     mesh = mesh_from_contour(PATCH, 0.026)
     s = ClothSimulation(
         mesh, MATERIAL, settings=SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0), table=False
@@ -143,8 +145,9 @@ def conservation(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def grasp(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Test of the pinch: distance by which the held line moves away from the pads in a fold; weight of a hanging
-    towel as the hand measures it; and pad force at which the towel slips out, relative to its weight."""
+    """Test the pinch, by three figures: how far the cloth between the pads moves away from them during a fold; the
+    error of a hanging towel's weight as the hand measures it; and the error of the pads' friction at which this
+    towel slips out, which should equal its weight."""
     mesh, material = towel_mesh(425)
     follow = 0.0
     paths = towel_half()
@@ -168,8 +171,8 @@ def grasp(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def _hung(mesh: ClothMesh) -> tuple[Array, float]:
-    """(3,) force of the hanging towel on the hand [N], and the maximum friction of the pads when it slips out
-    [N]."""
+    """Hang the towel from one hand, then reduce the grip force. Return the force (3,) of the hanging towel on the
+    hand [N], and the maximum friction of the pads when it slips out [N]."""
     s = ClothSimulation(mesh, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
     turned = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     start = np.array([0.288, 0.0, 0.001])

@@ -1,8 +1,8 @@
-"""PyBullet's soft body on the same fold: a net of springs.
+"""Makes the same fold with PyBullet's soft body, a net of springs.
 
-The stretching springs have our edges' stiffness. The bending springs correspond to no laboratory quantity and have
-the default stiffness. Hands are small bodies to which the nearest vertex is anchored. The friction of a contact is
-the product of both bodies' coefficients.
+The stretching springs have the stiffness of our edges. The bending springs correspond to no laboratory quantity
+and have the default stiffness. A hand is a small body to which the nearest vertex is anchored. The friction
+coefficient of a contact is the product of the two bodies' coefficients.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from skills.vocabulary import REFERENCE_DROP
 
 STEP = 1.0 / 240.0
 SUBSTEPS = (1, 4)
-"""PyBullet's substeps per step: its default, and a finer one."""
+"""PyBullet's numbers of substeps per step that are compared: its default, and a larger one."""
 SPRING = np.sqrt(3.0) / 2.0
-"""Stiffness of an edge of an equilateral mesh, relative to the membrane's Young modulus."""
+"""Ratio of the stiffness of an edge, in a mesh of equilateral triangles, to the membrane's Young modulus."""
 
 
 def folded(fold: SharedFold, substeps: int) -> tuple[Array, float]:
-    """Vertices (n, 3) at the end of the fold, and the speed of one thread relative to real time."""
+    """Make the fold in PyBullet. Return the vertices (n, 3) at its end, and the speed of one thread relative to
+    real time."""
     client = pb.connect(pb.DIRECT)
     try:
         pb.resetSimulation(pb.RESET_USE_DEFORMABLE_WORLD, physicsClientId=client)
@@ -102,7 +103,7 @@ def _nodes(cloth: int, client: int) -> Array:
 
 
 def _order(start: Array, nodes: Array) -> np.ndarray:
-    """Index of PyBullet's node for each of our vertices."""
+    """Find the index of PyBullet's node for each of our vertices."""
     return np.array([int(np.argmin(np.linalg.norm(nodes - p, axis=1))) for p in start])
 
 

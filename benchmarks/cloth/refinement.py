@@ -1,4 +1,4 @@
-"""Refinement of the time step: accuracy and cost over the number of substeps per frame."""
+"""Refines the time step: measures accuracy and cost over the number of substeps per frame."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ FINEST = 48
 
 
 def substeps(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Each fold with several numbers of substeps.
+    """Simulate each fold with several numbers of substeps.
 
     Every fold starts from the end of the finest simulation of the earlier folds, so that errors do not add up.
-    Figures: mean distance of the vertices from the finest simulation [mm], and simulated seconds over CPU seconds.
-    chosen: the number that the solver chooses; with fewer the cloth stretches too much.
+    Figures of each number: mean distance of the vertices from the finest simulation [mm], and simulated seconds
+    over CPU seconds. chosen: the number of substeps that the solver chooses; with fewer, the cloth stretches too
+    much.
     """
     counts = SUBSTEPS[1:3] if quick else SUBSTEPS
     rows = []

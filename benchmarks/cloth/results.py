@@ -19,7 +19,7 @@ from robots.errors import ConfigurationError
 __all__ = ["main", "page"]
 
 
-SPEED = "Speed (simulated seconds over CPU seconds of one thread, the best of three)"
+SPEED = "Speed (simulated seconds per CPU second of one thread)"
 SECTIONS: Mapping[str, Sequence[Row]] = {
     SPEED: (
         Row("towel, 425 vertices, in half", "towel_425_x_realtime", 50, True, "x"),
@@ -55,8 +55,8 @@ SECTIONS: Mapping[str, Sequence[Row]] = {
         Row("free space: relative loss of momentum", "momentum_lost_rel"),
         Row("free space: relative gain of kinetic energy", "kinetic_energy_won_rel_max", 0),
         Row("resting sheet: motion in 10 s", "sheet_at_rest_moves_mm_in_10_s", unit="mm"),
-        Row("pinch: distance of the held line from the pads", "pinch_strays_mm_max", unit="mm"),
-        Row("pinch: relative error of the felt weight", "pinch_weight_error_rel"),
+        Row("pinch: distance by which the pinched cloth leaves the pads", "pinch_strays_mm_max", unit="mm"),
+        Row("pinch: relative error of the measured weight of hung cloth", "pinch_weight_error_rel"),
         Row("pinch: relative error of the force at slip", "pinch_breakaway_error_rel"),
     ),
     "Mesh (all shipped garments, 15 to 30 mm)": (
@@ -108,11 +108,11 @@ CONTACT_FIGURES = (
     Row("edges over 5 %", "edges_over_5_percent"),
     Row("edges examined", "edges_looked_at"),
 )  # fmt: skip
-"""Columns of the table on self-contact. The key of a figure begins with the scene's name."""
+"""Columns of the table on self-contact. The full key of a figure is the scene's name, `_` and this key."""
 
 
 def page(figures: Mapping[str, Any]) -> str:
-    """Markdown with one table per section, of the measured figures."""
+    """Write the page as Markdown, with one table per section. Figures that were not measured are left out."""
     machine = figures.get("machine") or {}
     on_machine = f" on {machine['cpu']}, {machine['cores']} cores." if "cpu" in machine else "."
     head = [
@@ -122,6 +122,8 @@ def page(figures: Mapping[str, Any]) -> str:
         "`foldcell bench cloth --peers --json`" + on_machine,
         "",
         "- **Crossings** are edges that pass through triangles.",
+        "- **Speed**: the best of three measurements in a run of the bench (one for MuJoCo and PyBullet).",
+        "- **Bar**: the required value of a figure.",
         "- **Motion** is the largest motion of a vertex in 0.1 s, one second after the release.",
         "- **Strain** is the elongation or compression of an edge at the end of every fold. Edges within 40 mm or",
         "  two edges of a pinch or a crease are left out. A crease is a fold line, or cloth that turns by more",
@@ -147,7 +149,7 @@ def page(figures: Mapping[str, Any]) -> str:
 
 
 def _contact(figures: Mapping[str, Any]) -> str | None:
-    """One line per scene; None if no scene was measured."""
+    """Write the table on self-contact, one line per scene; None if no scene was measured."""
     bars = ["" if row.bar is None else f" (at most {row.bar:g})" for row in CONTACT_FIGURES]
     lines = []
     for name, title in SCENES.items():
@@ -159,7 +161,7 @@ def _contact(figures: Mapping[str, Any]) -> str | None:
 
 
 def _with_verdict(cells: tuple[str, str, str] | None) -> str:
-    """A measured figure, with the bar only if it is not met."""
+    """Return a measured figure as text, with its required value only if it is not met."""
     if cells is None:
         return "-"
     _, shown, verdict = cells
@@ -167,7 +169,8 @@ def _with_verdict(cells: tuple[str, str, str] | None) -> str:
 
 
 def _heading(key: str) -> str:
-    """The column heading of a figure in a list. An unknown key that ends in a number states the substeps."""
+    """Return the column heading of a figure in a list. If an unknown key ends in a number, this is the number of
+    substeps."""
     name, _, count = key.rpartition("_")
     if key not in HEADINGS and count.isdigit():
         return f"{HEADINGS.get(name, name)}, {count} substeps"

@@ -1,4 +1,4 @@
-"""The garments, folds and arcs of the cloth benchmarks."""
+"""Creates the garments, folds and arcs of the cloth benchmarks."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ SHIRT = np.array(HALF_SHIRT + [(-x, y) for x, y in HALF_SHIRT[::-1]])
 SHIRT_EDGE = 0.0255  # [m]: about 1300 vertices
 DURATION, RELEASE, SETTLE = 3.0, 0.3, 1.0
 TIMES = 3
-"""Number of repetitions; a speed is the fastest of them."""
+"""Number of repetitions of a speed measurement; the fastest counts."""
 IN = 0.012
-"""Distance of a grasp inside a corner [m]."""
+"""Distance of a grasp from the two edges at a corner [m]."""
 
 HANDS = {GraspId.LEFT: 0, GraspId.RIGHT: 1}
 
@@ -36,7 +36,11 @@ Paths = Mapping[GraspId, ToolPath]
 def arc(
     start: tuple[float, ...], end: tuple[float, ...], heading: float, lift: float = 0.4, duration: float = DURATION
 ) -> ToolPath:
-    """An arc as in the paper: a cubic Bezier curve, parametrised by arc length, with a smooth time law."""
+    """Create an arc as in the paper: a cubic Bezier curve, parametrised by arc length, with a smooth time law.
+
+    start, end: (3,) [m]. lift: height of the inner control points above the straight line, in units of its
+    horizontal length.
+    """
     a, b = np.array(start), np.array(end)
     up = np.array([0.0, 0.0, lift * np.linalg.norm((b - a)[:2])])
     p = np.array([a, a + 0.25 * (b - a) + up, a + 0.75 * (b - a) + up, b])
@@ -54,15 +58,15 @@ def arc(
 
 
 def towel_mesh(vertices: int) -> tuple[ClothMesh, Material]:
-    """The 0.60 x 0.40 m towel with about `vertices` vertices. The cloth must be thinner than the mesh's edge
-    length."""
+    """Create the 0.60 x 0.40 m towel with about `vertices` vertices, and its fabric. The cloth must be thinner
+    than the mesh's edge length, so it is thinner on a fine mesh."""
     edge = float(np.sqrt(0.24 / (0.5 * np.sqrt(3.0) * vertices))) * (0.0262 / 0.02554)
     thickness = min(MATERIAL.thickness, 0.4 * edge)
     return mesh_from_contour(TOWEL, edge), replace(MATERIAL, thickness=thickness)
 
 
 def stacked(sheets: Sequence[ClothMesh]) -> ClothMesh:
-    """Separate sheets of one layer as the layers of one mesh. The first is the lowest."""
+    """Join sheets of one layer to one mesh, in which each sheet is a layer. The first sheet is the lowest."""
     starts = np.cumsum([0, *(len(s.rest) for s in sheets)])
     numbers = np.arange(len(sheets), dtype=np.int32)
     return ClothMesh(
@@ -75,7 +79,7 @@ def stacked(sheets: Sequence[ClothMesh]) -> ClothMesh:
 
 
 def towel_half(lift: float = 0.4) -> Paths:
-    """Fold of the towel's right half over its left half."""
+    """Return the hands' paths that fold the towel's right half over its left half."""
     x, y, q = 0.3 - IN, 0.2 - IN, np.pi / 2
     return {
         i: arc((x, s * y, 0.001), (-x, s * y, 0.012), q, lift) for i, s in ((GraspId.LEFT, 1), (GraspId.RIGHT, -1))
@@ -83,7 +87,7 @@ def towel_half(lift: float = 0.4) -> Paths:
 
 
 def mirrored(mesh: ClothMesh, material: Material, x: Array) -> float:
-    """Mean distance [m] of the towel at x (n, 3) from the exact shape with one half on the other."""
+    """Mean distance [m] of the towel at x (n, 3) from the exact shape, in which one half lies on the other."""
     target = mesh.lay_flat(material.thickness)
     over = target[:, 0] > 0
     target[over, 0] *= -1.0
@@ -92,22 +96,23 @@ def mirrored(mesh: ClothMesh, material: Material, x: Array) -> float:
 
 
 def shortened(path: ToolPath, seconds: float) -> ToolPath:
-    """The first `seconds` of a path."""
+    """Return the first `seconds` of a path."""
     n = int(np.searchsorted(path.t, seconds)) + 1
     return ToolPath(path.t[:n], path.position[:n], path.heading[:n], path.pitch[:n], path.roll[:n])
 
 
 def towel_quarter() -> Paths:
-    """Second fold of the towel, to a quarter."""
+    """Return the hands' paths of the towel's second fold, to a quarter."""
     grasps = ((GraspId.LEFT, -0.268), (GraspId.RIGHT, -0.06))
     return {i: arc((x, 0.188, 0.0005), (x, -0.188, 0.02), 0.0) for i, x in grasps}
 
 
 def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[ClothMesh, list[Paths]]:
-    """The two-layer shirt SHIRT with three folds, planned as for long-sleeve shirts.
+    """Return the mesh of the two-layer shirt SHIRT, and the hands' paths of its three folds, planned as for
+    long-sleeve shirts.
 
-    The right and then the left sleeve are folded onto the body. Then two hands fold the hem over both. speed:
-    factor on the speed of the hands.
+    The right and then the left sleeve are folded onto the body. Then two hands fold the hem over both sleeves.
+    speed: factor on the speed of the hands.
     """
     planned = load_garment("long_sleeve_shirt_large")
     # From hem to collar, at y < 0. The collar is at +x.
@@ -119,8 +124,9 @@ def shirt_folds(material: Material = MATERIAL, speed: float = 1.0) -> tuple[Clot
 
 
 def sides_folds() -> list[Paths]:
-    """Three folds that are harder than any shipped plan: each sleeve together with a side that is too narrow to
-    stay folded, one sleeve on the other, and the hem. The values are start and end of each hand."""
+    """Return the hands' paths of three folds of SHIRT that are harder than any shipped plan: the left and the
+    right sleeve, each together with a side that is too narrow to stay folded, so that one sleeve lies on the
+    other; then the hem. The numbers in the code are start and end of each hand."""
     q = np.pi / 2
     return [
         {i: arc(*ends, heading) for i, ends in ((GraspId.LEFT, left), (GraspId.RIGHT, right))}
@@ -133,10 +139,11 @@ def sides_folds() -> list[Paths]:
 
 
 def planned_folds(name: str, speed: float = 1.0, **made: float) -> tuple[ClothMesh, Material, list[Paths]]:
-    """A shipped garment's mesh, fabric and plan, along arcs from its grasps to its targets.
+    """Return a shipped garment's mesh and fabric, and the hands' paths of its planned folds: arcs from grasps to
+    targets.
 
-    made: fabric values that replace those of the shipped fabric. The release heights of the hands follow from
-    them.
+    speed: factor on the speed of the hands. made: values that replace those of the shipped fabric. They also
+    change the heights at which the hands release.
     """
     shipped = load_garment(name)
     garment = replace(shipped, material=replace(shipped.material, **made))
@@ -159,10 +166,10 @@ def _planned(garment: Garment, edge: float, speed: float) -> tuple[ClothMesh, li
 def timed(
     mesh: ClothMesh, x: Array, material: Material, paths: Paths, settle: float = SETTLE, times: int = 1
 ) -> tuple[FoldPrediction, float]:
-    """A fold, and the speed of its thread relative to real time (CPU time).
+    """Simulate a fold. Return its result, and the speed of its thread relative to real time (CPU time).
 
-    The speed is the fastest of `times` repetitions. They are the same computation to the last bit and differ only
-    by the machine's other load.
+    The speed is the fastest of `times` repetitions. All repetitions are the same computation to the last bit;
+    their times differ only because of other load on the machine.
     """
     seconds = np.inf
     for _ in range(times):
@@ -173,13 +180,13 @@ def timed(
 
 
 def seconds_of(paths: Paths, settle: float = SETTLE) -> float:
-    """Duration of a fold with its motion, release and settling [s]."""
+    """Duration of a fold: motion, release and settling [s]."""
     return max(float(path.t[-1]) for path in paths.values()) + RELEASE + settle
 
 
 def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
-    """Poses of hands 0 (left) and 1 (right) at the start and end of each frame: positions (frames + 1, 2, 3),
-    rotations (frames + 1, 2, 3, 3)."""
+    """Sample the poses of hands 0 (left) and 1 (right) at the start and end of each frame: positions
+    (frames + 1, 2, 3), rotations (frames + 1, 2, 3, 3)."""
     t = np.arange(frames + 1) * frame
     p, r = np.zeros((frames + 1, 2, 3)), np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, 2, 1, 1))
     for i, path in paths.items():
@@ -191,7 +198,7 @@ def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
 
 
 def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
-    """Positions (n, 3) of a fold in each frame, bit-identical to `predict_fold`'s."""
+    """Yield the vertices (n, 3) of a fold after each frame. They are bit-identical to those in `predict_fold`."""
     simulation = ClothSimulation(mesh, material, x, at_rest=True)
     frame = simulation.settings.frame
     frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
@@ -210,7 +217,8 @@ def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> It
 
 @dataclass(frozen=True, eq=False)
 class SharedFold:
-    """A fold from flat that all simulations make. error: [m] of the cloth's shape (n, 3) at the end."""
+    """A fold of flat cloth that all simulations make. error: function that returns the error [m] of the cloth's
+    shape (n, 3) at the end."""
 
     mesh: ClothMesh
     material: Material
@@ -223,12 +231,12 @@ class SharedFold:
 
     @property
     def seconds(self) -> float:
-        """Duration of the fold, settling included [s]."""
+        """Duration of the fold, including settling [s]."""
         return seconds_of(self.paths)
 
 
 def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
-    """Fold of the 0.60 x 0.40 m towel of 425 vertices in half."""
+    """Return the fold in half of the 0.60 x 0.40 m towel of 425 vertices."""
     mesh, material = towel_mesh(425)
     # The peers have only one friction coefficient per contact.
     material = replace(material, friction_static=friction, friction_dynamic=friction)
@@ -236,7 +244,7 @@ def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
 
 
 def optimised_fold() -> SharedFold:
-    """The medium towel's first fold along the trajectory of the shipped library, which our predictor found."""
+    """Return the medium towel's first fold along the shipped library's trajectory, which our predictor found."""
     from benchmarks.attainable_dissimilarity import distance_to_target
     from cell.config.library.library_file import load_library
     from skills.trajectory.library import lookup, trajectory_from

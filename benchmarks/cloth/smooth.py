@@ -1,4 +1,4 @@
-"""Determinism of the simulation, and roughness of a cost that is computed from it."""
+"""Tests the determinism of the simulation, and measures the roughness of a cost that is computed from it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from skills.cloth.predict import predict_fold
 from skills.vocabulary import Material
 
 NOISE = 1e-6
-"""Standard deviation of each coordinate of the perturbed start [m]."""
+"""Standard deviation of the perturbation of each coordinate of the start [m]."""
 
 
 def digest() -> str:
-    """Hash of all bits of the results of a towel fold and a sleeve fold."""
+    """Simulate a towel fold and a sleeve fold. Return a hash of all bits of the results."""
     mesh, material = towel_mesh(425)
     towel = _end(mesh, mesh.lay_flat(material.thickness), material, towel_half())
     shirt, folds = shirt_folds()
@@ -53,11 +53,11 @@ def determinism(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Sensitivity of the result to the start and to a parameter.
+    """Measure how sensitive the result is to the start and to a parameter.
 
-    Start: final distance of the vertices, and standard deviation of a cost, when the start is perturbed by 1e-6 m.
-    Parameter: standard deviation of the cost about a fitted parabola when the arc's height changes in steps of
-    0.001.
+    Start: it is perturbed by 1e-6 m; the figures are the distance of the vertices at the end, and the standard
+    deviation of a cost. Parameter: the arc's height changes in steps of 0.001 of the fold's distance; the figure
+    is the standard deviation of the cost about a fitted parabola.
     """
     samples = 3 if quick else 8
     mesh, material = towel_mesh(425)
@@ -74,7 +74,7 @@ def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
     sleeves = _jittered(shirt, lying, MATERIAL, folds[:2], samples)
 
     def shirt_cost(x: Array) -> float:
-        """Mean distance from the flat shirt [m]. A fold changes it as strongly as it changes any cost."""
+        """Mean distance from the flat shirt [m]. It depends on the fold as strongly as any other cost."""
         return float(np.average(np.linalg.norm(x - lying, axis=1), weights=shirt.vertex_area))
 
     figures |= _spread("shirt_two_sleeves", sleeves, shirt_cost)
@@ -92,7 +92,7 @@ def _end(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Array:
 
 
 def _jittered(mesh: ClothMesh, x: Array, material: Material, folds: list[Paths], samples: int) -> list[Array]:
-    """Ends of the folds from x, and from x perturbed before the first fold."""
+    """Make the folds from x, and `samples` times from a perturbed x. Return the vertices (n, 3) at each end."""
     rng, ends = np.random.default_rng(1), []
     for k in range(samples + 1):
         end = x + (rng.normal(scale=NOISE, size=x.shape) if k else 0.0)

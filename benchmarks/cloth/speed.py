@@ -1,4 +1,4 @@
-"""Speed of the solver: simulated seconds over CPU seconds of one thread."""
+"""Measures the speed of the solver: simulated seconds over CPU seconds of one thread."""
 
 from __future__ import annotations
 
@@ -37,9 +37,11 @@ def towel(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Speed of the fold with 5200 vertices, and CPU time of a fold's first second over the number of vertices.
+    """Measure the speed of the fold with 5200 vertices, and the CPU time of a fold's first second for several
+    numbers of vertices.
 
-    An exponent of about 1 means that the cost is about linear. Also the sizes at which the simulation diverged.
+    cost_exponent: the CPU time grows with this power of the number of vertices; 1 means that it grows linearly.
+    cost_lost_vertices: the numbers of vertices with which the simulation diverged.
     """
     counts, seconds, lost = [], [], []
     paths = {side: shortened(path, 1.0) for side, path in towel_half().items()}
@@ -48,7 +50,7 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
         start = time.thread_time()
         try:
             predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths, 0.0, 0.1)
-        except InternalError:  # a failure is a figure too; the other sizes are still measured
+        except InternalError:  # a failure is reported as a figure, and the other sizes are still measured
             lost.append(len(mesh.rest))
             continue
         counts.append(len(mesh.rest))
@@ -57,7 +59,7 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
     counts, seconds, speed = counts[1:], seconds[1:], None
     if not quick:
         mesh, material = towel_mesh(5200)
-        ClothSimulation(mesh, material)  # builds the mesh's patches, which happens once per mesh
+        ClothSimulation(mesh, material)  # builds the mesh's clusters, which happens once per mesh
         speed = timed(mesh, mesh.lay_flat(material.thickness), material, towel_half(), times=TIMES)[1]
     return {
         "towel_5200_x_realtime": speed,
@@ -70,10 +72,10 @@ def sizes(quick: bool, tell: Tell) -> dict[str, Any]:
 
 
 def threads(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Throughput of two simulations in two threads, relative to one after the other.
+    """Measure the throughput of two simulations in two threads, relative to two simulations one after the other.
 
-    It is the ratio of the shortest wall times of eight measurements each. The largest of eight ratios would be too
-    high, because it comes from a measurement in which the serial part was disturbed.
+    The figure is the ratio of the shortest wall times, each of eight measurements. The largest of eight ratios
+    would be too high, because it would come from a measurement in which other work slowed down the serial part.
     """
     mesh, material = towel_mesh(1300)
     flat = mesh.lay_flat(material.thickness)
@@ -102,7 +104,7 @@ print(time.perf_counter() - start)
 
 
 def start(quick: bool, tell: Tell) -> dict[str, Any]:
-    """Wall time [s] of the first fold in a new interpreter. The compiled loop is cached on disk."""
+    """Measure the wall time [s] of the first fold in a new interpreter. The compiled solver is cached on disk."""
     found = [
         float(subprocess.run([sys.executable, "-c", FIRST_FOLD], capture_output=True, check=True).stdout)
         for _ in range(2)

@@ -1,8 +1,9 @@
-"""Benchmarks of arms and grasping: fold planning, timing against lower bounds, inverse kinematics against peers,
-and fault detection in grasps.
+"""Benchmarks of arms and grasping: planning of folds, durations compared with lower bounds, inverse kinematics
+compared with peers, and detection of faults in grasps.
 
 Times are CPU times of one thread, so that other work on the machine has little effect. All grasps and poses are
-simulated: drawn by seed from the shipped garments' pose ranges and from the simulated cell's noise table.
+simulated. They are drawn by seed from the pose ranges of the shipped garments and from the simulated cell's noise
+table.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ __all__ = ["measure"]
 
 
 def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[str, Any]:
-    """Flat figures with units in the keys. peers: also the figures that need extra packages. quick: few
-    samples."""
+    """Measure everything. Return one flat mapping of figures with units in the keys. peers: also measure the
+    figures that need extra packages. quick: few samples."""
     began = time.process_time()
     model, settings = load_model(), load_settings()
     garments = [load_garment(name, settings.surface) for name in list_garments()]

@@ -1,12 +1,14 @@
-"""Lower bound on the duration of a path: no jerk limit, a dense grid, linear programs.
+"""Computes a lower bound on the duration of a path, without a jerk limit, by linear programs on a dense grid.
 
-With b = (ds/dt)^2 at n + 1 grid points and (b[k+1] - b[k]) / (2 ds) for the path's acceleration, the joints'
-limits are linear in b, and the time  T(b) = sum 2 ds / (sqrt b[k] + sqrt b[k+1])  is convex (Verscheure et al.,
-IEEE TAC 54(10), 2009). The method is Kelley's cutting planes: a tangent plane of T lies below T. The minimum of
-the tangent planes over the limits is a linear program, and it is a true lower bound of the discretised problem.
-The best b so far gives an upper bound. The code shares nothing with the planner's timing or with TOPP-RA.
-Where b is zero inside the path, the tangent is vertical. Planes are therefore made only at points that are
-positive inside.
+The unknowns are b = (ds/dt)^2 at n + 1 grid points of the path. Acceleration along the path and time are
+
+    a[k] = (b[k+1] - b[k]) / (2 ds)        T(b) = sum 2 ds / (sqrt b[k] + sqrt b[k+1])
+
+The joints' limits are then linear in b, and T is convex (Verscheure et al., IEEE TAC 54(10), 2009). The method is
+Kelley's cutting planes. A tangent plane of T lies below T. A linear program minimises the maximum of all tangent
+planes within the limits; its result is a true lower bound of the discretised problem. The best b so far gives an
+upper bound. Where b is zero inside the path, the tangent plane is vertical. Planes are therefore computed only at
+points b that are positive inside. The code shares nothing with the planner's timing or with TOPP-RA.
 
 Repeated samples count as one sample. Where the path turns back on itself, every motion has to stop: the bounds of
 the parts before and after are added.
@@ -29,19 +31,21 @@ __all__ = ["TimeBound", "time_bound"]
 
 GRID = 200
 PLANES = 60
-"""Most planes. About ten suffice, except where a point that is almost at rest has to rise from far below."""
+"""Maximum number of tangent planes. About ten suffice, except where b starts almost at zero at a point, far below
+its final value."""
 GAP = 0.003
-"""Relative distance between upper and lower bound at which the iteration ends."""
+"""Relative distance between upper and lower bound below which the iteration ends."""
 REPEATED = 1e-7
-"""Distance below which two samples are one: the time that it takes at full joint speed [s]."""
+"""Two samples that are nearer to each other than this count as one. The distance is expressed as the time that it
+takes at full joint speed [s]."""
 TURNED_BACK = 1e-6
-"""Largest difference from -1 of the cosine between two steps at which the path turns back on itself."""
+"""The path turns back on itself where the cosine between two successive steps is below -1 plus this."""
 
 
 @dataclass(frozen=True)
 class TimeBound:
-    """lower: no motion within the limits is faster [s]. upper: duration of the best motion found on the same grid
-    [s]."""
+    """Bounds of a duration. lower: no motion within the limits is faster [s]. upper: duration of the best motion
+    that was found on the same grid [s]."""
 
     lower: float
     upper: float
@@ -54,8 +58,9 @@ class TimeBound:
 def time_bound(
     path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None, grid: int = GRID
 ) -> TimeBound:
-    """Bounds for a motion from rest to rest along the cubic spline through joint samples (m, 14), which are spaced
-    by their largest joint step.
+    """Compute the bounds for a motion from rest to rest along the cubic spline through joint samples (m, 14). The
+    parameter of the spline grows from sample to sample by the largest joint step, in units of the time that it
+    takes at full speed.
 
     lengths: (m, k) distances that k tools have travelled [m]. speed: maximum speed of each tool [m/s]. The bounds
     are zero for a path that does not move. Raises ValueError for a single sample and for values that are not
@@ -77,7 +82,8 @@ def time_bound(
 
 
 def _without_repeats(path: Array) -> list[int]:
-    """Indices of the samples of path (m, k) that differ from the one kept before."""
+    """Return the indices of the samples of path (m, k) that remain without repeats: each differs from the
+    remaining one before it."""
     kept = [0]
     for i in range(1, len(path)):
         if np.abs(path[i] - path[kept[-1]]).max() > REPEATED:
@@ -86,7 +92,8 @@ def _without_repeats(path: Array) -> list[int]:
 
 
 def _turns_back(path: Array) -> list[int]:
-    """Indices of the samples of path (m, k), without repeats, at which it goes back along the line it came on."""
+    """Return the indices of the samples of path (m, k), without repeats, at which the path goes back along the
+    line on which it came."""
     step = np.diff(path, axis=0)
     along = step / np.linalg.norm(step, axis=1, keepdims=True)
     cosine = (along[1:] * along[:-1]).sum(axis=1)
@@ -96,7 +103,7 @@ def _turns_back(path: Array) -> list[int]:
 def _part_bound(
     path: Array, limits: JointLimits, lengths: Array | None, speed: float | None, grid: int
 ) -> TimeBound:
-    """The bound of a path (m, 14) without repeated samples, from rest to rest."""
+    """Compute the bounds of a path (m, 14) without repeated samples, from rest to rest."""
     step = np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1)
     s = np.concatenate([[0.0], np.cumsum(step)])
     curve = CubicSpline(s, path)
@@ -112,10 +119,10 @@ def _part_bound(
 
 
 def _acceleration(curve: CubicSpline, u: Array, d: float, limits: JointLimits) -> csr_array:
-    """Rows with A b <= 1: |q' a + q'' b| <= limit in the middle of each interval, where a is its constant
-    acceleration.
+    """Compute the matrix A of the acceleration limits, A b <= 1: |q' a + q'' b| <= limit in the middle of each
+    interval, where a is the constant path acceleration in it.
 
-    A has one more column than b, which is empty and belongs to the time.
+    A has one more column than b has elements. It is zero; it belongs to the time in the linear programs.
     """
     middle = (u[1:] + u[:-1]) / 2
     slope, bend = curve(middle, 1) / limits.acceleration, curve(middle, 2) / limits.acceleration
@@ -128,13 +135,13 @@ def _acceleration(curve: CubicSpline, u: Array, d: float, limits: JointLimits) -
 
 
 def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
-    """Bounds of the minimum of T over {A b <= 1, 0 <= b <= most}. The last unknown represents T and lies above all
-    tangent planes."""
+    """Compute bounds of the minimum of T over {A b <= 1, 0 <= b <= most}. The last unknown of the linear programs
+    represents T and is constrained to lie above all tangent planes."""
     n = len(most)
     bounds = [*((0.0, float(m)) for m in most), (0.0, None)]
     rows, right = A, np.ones(A.shape[0])
     time_only = np.append(np.zeros(n), 1.0)
-    # Start with the largest b. It is the solution if the feasible set is a lattice, and otherwise a good start.
+    # Start with the largest sum of b. It is the solution if the feasible set is a lattice, otherwise a good start.
     fastest = linprog(time_only - 1.0, A_ub=rows, b_ub=right, bounds=bounds, method="highs").x[:n]
     positive = _positive(A, most)
     b = np.clip(fastest, 0.0, most)
@@ -158,14 +165,14 @@ def _kelley(A: csr_array, most: Array, d: float) -> TimeBound:
 
 
 def _positive(A: csr_array, most: Array) -> Array:
-    """A point of {A b <= 1, 0 <= b <= most} that is positive but at its ends, where `most` is zero."""
+    """Return a point of {A b <= 1, 0 <= b <= most} that is positive except at its ends, where `most` is zero."""
     inside = np.where(most > 0.0, 1.0, 0.0)
     share = min(1.0 / float(np.abs(A @ np.append(inside, 0.0)).max()), float(most[1:-1].min()))
     return share * inside
 
 
 def _time(b: Array, d: float) -> tuple[float, Array]:
-    """T(b) and its gradient, for b that is positive except at its ends."""
+    """Compute T(b) and its gradient, for b that is positive except at its ends."""
     root = np.sqrt(b)
     sums = root[1:] + root[:-1]
     each = -d / sums**2

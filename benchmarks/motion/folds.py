@@ -1,4 +1,4 @@
-"""Plans all folds, and checks each plan by other methods than the planner's own."""
+"""Plans all folds, and checks the plans by methods that are independent of the planner."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ FINE = 0.001
 """Sampling period at which limits are checked [s]."""
 DEVIATION_SAMPLE = 0.005
 CLEARANCE_STEP = 0.08
-"""Joint motion between two clearance measurements [rad]."""
+"""Joint motion between two poses at which the clearance is measured [rad]."""
 PATH_SAMPLES = 120
-"""Number of samples of a path for the time bounds."""
+"""Number of samples of a path for which bounds of the duration are computed."""
 MEASURED = 12
-"""Number of poses of each fold whose plans are measured in detail."""
+"""Number of poses of the garment for which the plan of each fold is measured in detail."""
 
 
 @dataclass
 class _Findings:
-    """Results collected over all folds: each list has one number per fold or per path."""
+    """Results collected over all folds. Each list has one number per fold, or per part of its motion."""
 
     planned: int = 0
     refused: int = 0
@@ -64,8 +64,8 @@ class _Findings:
 def measure_folds(
     tell: Callable[[str], None], model: RobotModel, settings: CellSettings, poses: int, measured: int = MEASURED
 ) -> dict[str, Any]:
-    """Figures of all folds. poses: number per garment; the plans of the first `measured` of them are measured in
-    detail."""
+    """Plan all folds and return the figures. poses: number per garment; the plans for the first `measured` of them
+    are measured in detail."""
     checker = CollisionChecker(model, settings.table)
     limits = model.limits(settings.motion.accelerations, settings.motion.velocity_scale)
     ruler = _Ruler(model, settings, limits)
@@ -109,8 +109,8 @@ def _planned(
 
 
 class _Ruler:
-    """Measures a plan: limits at 1 ms, tool poses by Pinocchio, clearance without margins, times against
-    bounds."""
+    """Measures a plan: shares of the limits at 1 ms samples, tool positions by Pinocchio, clearance without
+    margins, and durations relative to lower bounds."""
 
     def __init__(self, model: RobotModel, settings: CellSettings, limits: JointLimits) -> None:
         self.model, self.table, self.limits = model, settings.table, limits
@@ -136,8 +136,8 @@ class _Ruler:
         self._times(task, motion, found)
 
     def _times(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
-        """Durations over their lower bounds: the fold's path at the arms' limits and at the cloth's, and the free
-        motions."""
+        """Measure durations relative to their lower bounds: of the fold's path with the limits of the arms alone,
+        of the fold's path with the speed limit of the cloth too, and of the free motions."""
         path, lengths = self._evenly(motion)
         bound = time_bound(path, self.limits)
         found.gap.append(bound.gap)
@@ -151,16 +151,16 @@ class _Ruler:
                 found.ratio_free.append(free.duration / time_bound(free.q, self.limits).lower)
 
     def _evenly(self, motion: FoldMotion) -> tuple[Array, Array]:
-        """The fold's joint path (n, 14) and its tools' travelled lengths (n, k) at even steps along the path,
-        independent of its timing."""
+        """Sample the fold at even steps along its joint path, so that its timing has no effect. Return the joints
+        (n, 14) and the distances (n, k) that the tools have travelled [m]."""
         s = _travelled(motion.fold.q)
         at = np.interp(np.linspace(0.0, s[-1], PATH_SAMPLES), s, motion.fold.t)
         lengths = [_travelled(motion.tool_paths[side].position) for side in motion.postures]
         return hermite(motion.fold, at)[0], np.stack([np.interp(at, motion.fold.t, x) for x in lengths], axis=1)
 
     def _deviation(self, fold: ArmTrajectory, intended: dict[Side, ToolPath]) -> float:
-        """Largest distance [m] of a tool's position, by Pinocchio, from its intended curve, a spline through the
-        path."""
+        """Largest distance [m] of a tool's position, computed by Pinocchio, from its intended curve, which is a
+        spline through the points of its path."""
         q = hermite(fold, np.arange(0.0, fold.duration, DEVIATION_SAMPLE))[0]
         at = {side: np.empty((len(q), 3)) for side in intended}
         for i, x in enumerate(q):
@@ -178,7 +178,7 @@ class _Ruler:
         return worst
 
     def _down(self, motion: FoldMotion) -> Array:
-        """(n, 14) joints while both hands descend together to the planned grasps."""
+        """Sample the joints (n, 14) while both hands descend simultaneously to the planned grasps."""
         q = np.tile(motion.grasp.q_above, (30, 1))
         for side, way in motion.descend.items():
             q[:, arm_slice(side)] = [way.at(x) for x in np.linspace(0.0, way.grasp_depth, len(q))]
@@ -199,7 +199,7 @@ class _Ruler:
 
 
 def hermite(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array, Array]:
-    """q, qd, qdd, qddd (n, 14) of the cubic Hermite interpolant at times t (n,), in the power basis."""
+    """Evaluate the cubic Hermite interpolant at times t (n,), in the power basis: q, qd, qdd, qddd (n, 14)."""
     i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
     h, x = np.diff(trajectory.t)[i][:, None], (t - trajectory.t[i])[:, None]
     p, v = trajectory.q[i], trajectory.qd[i]
@@ -209,7 +209,8 @@ def hermite(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array, A
 
 
 def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, float, float]:
-    """Largest share of the velocity, acceleration and jerk limits at 1 ms samples of the commanded motion."""
+    """Compute the largest shares of the limits of velocity, acceleration and jerk that a motion uses, at 1 ms
+    samples."""
     t = np.append(np.arange(0.0, trajectory.duration, FINE), trajectory.duration)
     _, qd, qdd, jerk = hermite(trajectory, t)
     return (
@@ -220,7 +221,8 @@ def peak_shares(trajectory: ArmTrajectory, limits: JointLimits) -> tuple[float, 
 
 
 def _toppra_time(path: Array, limits: JointLimits) -> float:
-    """Minimum time [s] by TOPP-RA along the same spline, without a jerk limit."""
+    """Minimum duration [s] by TOPP-RA along the spline through path (n, 14), without jerk limit; NaN if it
+    fails."""
     step = np.maximum(np.abs(np.diff(path, axis=0) / limits.velocity).max(axis=1), 1e-9)
     s = np.concatenate([[0.0], np.cumsum(step)])
     v, a = limits.velocity, limits.acceleration
@@ -242,7 +244,7 @@ def _travelled(position: Array) -> Array:
 
 
 def _nearest(curve: Array, points: Array) -> float:
-    """Largest distance of points (n, 3) from the polyline curve (m, 3)."""
+    """Largest distance of points (n, 3) from the polyline `curve` (m, 3) [m]."""
     _, nearest = cKDTree(curve).query(points)
     gaps = []
     for k in (np.clip(nearest - 1, 0, len(curve) - 2), np.clip(nearest, 0, len(curve) - 2)):

@@ -1,14 +1,15 @@
-"""Detection rates and false alarm rates of the grasping controllers on simulated sensors.
+"""Measures how often the grasping controllers detect faults, and how often they raise false alarms.
 
-Each trial draws a hand (gains and drift of its cells), a garment's cloth and a force, and tares the sensors. The
-controllers of skills.grasping then judge one event from the sensor readings alone:
+The sensors are simulated. For each trial, a hand (gains and drift of its cells), a garment's cloth and a grip
+force are drawn, and the sensors are tared. The controllers of skills.grasping then get only the sensor readings.
+They have to detect three faults:
 
     missed   the pads closed on each other or on nothing, instead of on the planned layers
     double   the pads hold twice the planned layers
     slipped  the cloth leaves the pads during the fold; a detection counts only within 100 ms
 
-The false alarms are counted on grasps as planned. The receiver operating characteristic (pairs of false alarm rate
-and detection rate) is obtained by changing the detection threshold.
+A false alarm is a fault that is reported for a grasp as planned. The receiver operating characteristic (pairs of
+false alarm rate and detection rate) is obtained by changing the detection threshold.
 """
 
 from __future__ import annotations
@@ -35,21 +36,24 @@ __all__ = ["measure_grasps"]
 
 SCALES = (1.0, 2.0)
 STACKED = (1, 2)
-"""Factors on the garment's layers: a later fold grasps layers that an earlier fold has stacked."""
+"""Factors on the garment's number of layers, one of which is drawn: a later fold grasps layers that an earlier
+fold has stacked."""
 DESCENT_S = 5.0
-"""Time from the tare to the closed pads, during which the cells drift [s]."""
+"""Time between the tare and the closing of the pads, during which the cells drift [s]."""
 FOLD_S = 1.5
 TOLD_WITHIN = 0.1
 THICKNESS_SPREAD = 0.10
-"""Maximum relative deviation of a layer's thickness from the garment file's, as in the simulated cell."""
+"""Maximum relative deviation of a layer's thickness from that in the garment file, as in the simulated cell."""
 DOUBTS = (1e-4, 1e-3, 0.01, 0.05, 0.2, 0.5, 0.9)
 HELD_FORCES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.0)
 FRACTIONS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
-"""Thresholds of the characteristics. The shipped thresholds are the settings' defaults."""
+"""DOUBTS, HELD_FORCES, FRACTIONS: detection thresholds for the receiver operating characteristics of "double",
+"missed" and "slipped". The thresholds of a run are the defaults of `GraspSettings`."""
 
 
 class _Hand:
-    """One hand of the simulated cell without its world. Force on the pads and opening are set directly."""
+    """The sensors of one hand of the simulated cell, without cloth. Force on the pads and opening are set
+    directly."""
 
     def __init__(self, rng: np.random.Generator, scale: float) -> None:
         table = load_noise()
@@ -76,8 +80,8 @@ class _Hand:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Drawn values of a trial. thickness, real: nominal and true thickness of a layer [m]. layers: planned number.
-    force: on the pads [N]."""
+    """Drawn values of a trial. thickness, real: nominal and true thickness of a layer [m]. layers: planned number
+    of layers. force: on each pad [N]."""
 
     thickness: float
     real: float
@@ -86,7 +90,7 @@ class _Trial:
 
 
 def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: int) -> dict[str, Any]:
-    """Rates and characteristics from `count` seeded grasps of each kind, at each scale of the sensors' noise."""
+    """Measure rates and characteristics with `count` seeded trials, at each scale of the sensors' noise."""
     settings = GraspSettings()
     figures: dict[str, Any] = {"grasps": count}
     rates: dict[tuple[str, float], tuple[float, float]] = {}
@@ -128,8 +132,8 @@ def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: 
 
 @dataclass(frozen=True, eq=False)
 class _Record:
-    """One hand's tare and its readings by case: planned layers, twice as many, one more, and no cloth with the
-    pads apart ("nothing") or on each other ("closed")."""
+    """One hand's tare, and its readings in five cases: it holds the planned layers, twice as many layers, one
+    layer more, or no cloth, with the pads unloaded ("nothing") or pressing on each other ("closed")."""
 
     trial: _Trial
     tare: TactileBias
@@ -187,8 +191,8 @@ def _kind(record: _Record, name: str, settings: GraspSettings) -> FailureKind | 
 
 
 def _told_missed(records: list[_Record], settings: GraspSettings) -> tuple[float, float]:
-    """Detection rate of missed grasps, and rate of good grasps reported as missed. In half of the missed grasps
-    the pads press on each other."""
+    """Return the detection rate of missed grasps, and the rate of good grasps that are reported as missed. In half
+    of the missed grasps the pads press on each other."""
     missed = [_kind(r, "closed" if i % 2 else "nothing", settings) for i, r in enumerate(records)]
     good = [_kind(r, "planned", settings) for r in records]
     return _share(missed, FailureKind.MISSED_GRASP), _share(good, FailureKind.MISSED_GRASP)
@@ -206,8 +210,8 @@ def _share(kinds: list[FailureKind | None], wanted: FailureKind) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _SlipRecord:
-    """Readings of a fold in which the cloth stays, and of one in which it is lost at `lost` [s after the fold's
-    start]."""
+    """Readings during two folds: one in which the cloth stays between the pads, and one in which it is lost. lost:
+    time of the loss after the start of the fold [s]."""
 
     tare: TactileBias
     held: Held
@@ -233,8 +237,8 @@ def _slip_record(seed: int, scale: float, garments: list[Garment], settings: Gra
 
 
 def _fold(hand: _Hand, trial: _Trial, lost: float | None, seed: int) -> Iterator[HandReading]:
-    """Readings during a fold. The cloth's pull makes force and opening oscillate. After the loss, the pads shut
-    within 25 ms or stay apart without force."""
+    """Simulate the readings during a fold. The pull of the cloth makes force and opening oscillate. After the time
+    `lost` [s], the pads either close on each other within 25 ms, or stay apart and lose nearly all force."""
     rng = np.random.default_rng([seed, 6])
     rate, phase, shuts = rng.uniform(2.0, 12.0), rng.uniform(0.0, 6.28), bool(rng.integers(2))
     begun, opening = hand.now, trial.layers * trial.real
@@ -253,7 +257,8 @@ def _fold(hand: _Hand, trial: _Trial, lost: float | None, seed: int) -> Iterator
 
 
 def _told_slipped(records: list[_SlipRecord], settings: GraspSettings) -> tuple[float, float]:
-    """Rate of losses detected within 100 ms, and rate of false alarms in folds without a loss."""
+    """Return the rate of losses that are detected within 100 ms, and the rate of false alarms in folds without a
+    loss."""
     hits, alarms = 0, 0
     for r in records:
         t = _first_alarm(r, r.goes, settings)

@@ -1,6 +1,6 @@
-"""Inverse kinematics of single poses: our solver and its peers on the same poses, in the same process.
+"""Compares the inverse kinematics of single poses with peers, on the same poses and in the same process.
 
-A pose is solved if Pinocchio's forward kinematics puts the tool within 1 mm and 0.5 degrees of it and every joint
+A pose is solved if Pinocchio's forward kinematics puts the tool within 1 mm and 0.5 degrees of it, and every joint
 is within its limits. The poses are those of random joint vectors, so each can be reached. Times are CPU times.
 """
 
@@ -29,8 +29,8 @@ POSITION, ANGLE = 0.001, np.deg2rad(0.5)
 STARTS = 60
 """Number of random starts of our solver, besides the parked pose. They are the same for all poses."""
 PEER_STARTS = 10
-"""Number of starts that each peer may use, the first ones of ours. With these a peer takes tens of milliseconds at
-most."""
+"""Maximum number of starts for each peer; they are the first ones of ours. With these, a peer takes tens of
+milliseconds at most."""
 
 Solver = Callable[[Side, Array], Array | None]
 """Function from arm and T_base_tool (4, 4) to joints (7,), or None."""
@@ -39,8 +39,8 @@ Solver = Callable[[Side, Array], Array | None]
 def measure_kinematics(
     tell: Callable[[str], None], model: RobotModel, poses: int, peer_poses: int, peers: bool
 ) -> dict[str, Any]:
-    """Success rates and times of all solvers. poses: number for our solver. peer_poses: number of the same poses
-    for the slower peers. peers: also Pink, if installed."""
+    """Measure success rates and times of all solvers. poses: number of poses for our solver. peer_poses: how many
+    of the same poses the peers, which are slower, have to solve. peers: also measure Pink, if it is installed."""
     rng = np.random.default_rng(11)
     judge = _Judge(model)
     wanted = [_pose(judge, model, rng, tuple(Side)[k % 2]) for k in range(poses)]
@@ -119,8 +119,8 @@ def _ours(model: RobotModel, starts: dict[Side, Array]) -> Solver:
 
 
 def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
-    """SciPy's trust-region least squares of the pose error with our Jacobian, from each start until one
-    succeeds."""
+    """Create a solver: SciPy's trust-region least squares of the pose error, with our Jacobian. It tries one start
+    after the other until one succeeds."""
 
     def solve(side: Side, T: Array) -> Array | None:
         chain, cut = model.chains[side], arm_slice(side)
@@ -144,10 +144,10 @@ def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
 
 
 class _PyBullet:
-    """PyBullet's `calculateInverseKinematics` (damped least squares), from each start until a solution is within
-    the limits.
+    """PyBullet's `calculateInverseKinematics` (damped least squares). It tries one start after the other until a
+    solution is within the limits.
 
-    Its variant with limits and a rest pose solves only 7 % of these poses, fewer than this one.
+    PyBullet's variant with limits and a rest pose solves only 7 % of these poses, fewer than this variant.
     """
 
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
@@ -192,7 +192,7 @@ class _PyBullet:
 
 
 class _Pink:
-    """Pink's differential inverse kinematics, from each start until one succeeds."""
+    """Pink's differential inverse kinematics. It tries one start after the other until one succeeds."""
 
     def __init__(self, model: RobotModel, starts: dict[Side, Array]) -> None:
         import pink
@@ -220,7 +220,7 @@ class _Pink:
         for _ in range(60):
             try:
                 velocity = self.pink.solve_ik(configuration, [task], 1.0, solver=self.solver)
-            except Exception:  # a quadratic program without a solution ends this start
+            except Exception:  # the quadratic program has no solution: continue with the next start
                 return
             configuration.integrate_inplace(velocity, 1.0)
             yield configuration.q

@@ -1,5 +1,5 @@
-"""The planning tasks of the motion benchmarks: all folds of all shipped garments, at poses drawn from their files'
-ranges."""
+"""Creates the planning tasks of the motion benchmarks: all folds of all shipped garments, at poses drawn from the
+pose ranges of the garment files."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 __all__ = ["Task", "tasks"]
 
 MAX_HEIGHT = 0.40
-"""Maximum height of an arc over the table [m], as in the optimiser."""
+"""Maximum height of an arc above the table [m], as in the optimiser."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One fold of one garment at one pose, with the tool paths of its initial arc."""
+    """One fold of one garment at one pose (x, y [m], angle [rad]), with the tool paths of its plain arc."""
 
     garment: Garment
     pose: tuple[float, float, float]
@@ -38,7 +38,7 @@ class Task:
 
 
 def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Task]:
-    """All folds of all shipped garments, each at `poses` poses. The same seed gives the same tasks."""
+    """Yield all folds of all shipped garments, each at `poses` poses. The same seed gives the same tasks."""
     for number, name in enumerate(list_garments()):
         garment = load_garment(name, surface)
         rng = np.random.default_rng([seed, number])
@@ -49,7 +49,8 @@ def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Ta
 
 
 def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
-    """Tool paths of the arc from which the optimiser's search starts, at the speed that the cloth allows."""
+    """Compute the tool paths of the optimiser's plain arc (PLAIN_H, lower for a long fold), at the speed that the
+    cloth allows."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
     controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}

@@ -1,22 +1,24 @@
-"""Quality of the optimised folds: every garment and step, all methods with one budget, evaluated on other meshes.
+"""Measures the quality of the optimised folds of every garment and step. All methods have the same budget.
 
     foldcell bench optimise [--quick] [--garment A,B] [--json]
 
-Arcs are optimised on the optimiser's mesh and evaluated on three finer meshes in turn. The figure is the median of
-D over arcs whose inner control points were moved by up to half a millimetre. It therefore depends neither on
-chance nor on the peculiarities of one mesh. D is the paper's, three-dimensional and unaligned. It is compared with
-D of the paper's initial arc at the same grasp, meshes and duration, and with D_relax, the median over the same
-meshes for the settled ideal fold (benchmarks/attainable_dissimilarity.py). Earlier steps are ideal and settled.
-All arcs are simulated with the lift before them, as the cell executes them.
+Arcs are optimised on the optimiser's mesh and evaluated on three finer meshes. For an evaluation, the inner
+control points of an arc are moved several times by up to half a millimetre, on the three meshes in turn; the
+figure is the median of D. It therefore depends neither on chance nor on the peculiarities of one mesh. D is
+defined as in the paper: three-dimensional and unaligned. It is compared with D of the paper's initial arc at the
+same grasp, meshes and duration, and with D_relax, the median over the same meshes for the settled ideal fold
+(benchmarks/attainable_dissimilarity.py). Earlier steps are ideal and settled. All arcs are simulated with the lift
+before them, as the cell executes them.
 
-Grasps are released at their mirror image, as in the paper and in D_relax. The cell adds some millimetres of
+Here, a grasp is released at its mirror image, as in the paper and in D_relax. The cell adds some millimetres of
 tension, which moves the garment by the same distance for every arc (small_towel, first fold, initial arc: D 4.4 mm
-with tension, 1.1 mm without). With tension, the closed share of the gap would therefore not measure the optimiser.
+with tension, 1.1 mm without). With tension, the share of the gap that an arc closes would therefore not measure
+the optimiser. The gap is the difference between D of the initial arc and D_relax.
 
 `seconds` is wall time with two threads. `cpu_seconds` is the CPU time of all threads, which is more reliable on a
-busy machine. A look-up in another size or fabric is accepted or refused as in a run: one or two simulations on the
-optimiser's mesh are compared with the entry's promised D. A run would optimise a refused arc, so refused look-ups
-are reported but not counted.
+busy machine. Arcs of the library are also looked up for other sizes and fabrics. A look-up is accepted or refused
+as in a run: one or two simulations on the optimiser's mesh are compared with the entry's promised D. A run would
+optimise the fold after a refused look-up, so refused look-ups are reported, but do not count in the figures.
 
 The figures of each step are saved as soon as they are measured (logs/bench-optimise.json). They are reused as long
 as solver, optimiser and garment are unchanged. An interrupted benchmark can therefore be continued, and garments
@@ -48,11 +50,12 @@ Tell = Callable[[str], None]
 METHODS = ("default", "two_parameter", "paper")
 BUDGET, QUICK_BUDGET = 25, 10
 GAP = 0.002
-"""Minimum difference between D of the initial arc and D_relax for which a fold counts as improvable [m]."""
+"""If D of the initial arc exceeds D_relax by at least this, a fold counts as improvable [m]."""
 
 
 def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | None = None) -> Mapping[str, Any]:
-    """Figures of every step, and the worst of them. garments: names (default: all; towels if quick)."""
+    """Measure every step. Return the figures of every step, and the worst of them. garments: names (default: all,
+    or the towels if quick)."""
     del peers  # every full measurement includes the paper's method
     names = garments or [n for n in list_garments() if not quick or n.endswith("_towel")]
     methods, budget = (METHODS[:2], QUICK_BUDGET) if quick else (METHODS, BUDGET)
@@ -64,7 +67,7 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
             for index in range(1 if quick else len(load_garment(name, "bare_table").plan)):
                 steps.append(_Step(name, index, key, kept, pool, tell))
         rows = [row for step in steps for row in step.rows(methods, budget)]
-        # Look-ups take most of the time. They come last, so that an interrupted benchmark has reported the rest.
+        # Look-ups take most of the time. They come last, so an interruption most likely leaves the rest reported.
         looked_up = [] if quick else [row for step in steps for row in step.lookups()]
     figures = _worst(rows) | summary_of_lookups(looked_up)
     figures |= measure_lookup_times(names) | _workers(names[0], tell)
@@ -72,7 +75,8 @@ def measure(tell: Tell, *, peers: bool, quick: bool, garments: Sequence[str] | N
 
 
 class _Step:
-    """Figures of one step, saved or newly measured. The case is prepared only if something has to be measured."""
+    """Provides the figures of one step: saved ones, or newly measured ones. The case is prepared only if something
+    has to be measured."""
 
     def __init__(self, name: str, index: int, key: str, kept: Kept, pool: ThreadPoolExecutor, tell: Tell) -> None:
         self._garment = load_garment(name, "bare_table")
@@ -86,7 +90,7 @@ class _Step:
         return self._made
 
     def rows(self, methods: Sequence[str], budget: int) -> list[dict[str, Any]]:
-        """One row per method."""
+        """Return one row of figures per method."""
         rows = []
         for method in methods:
             part = f"{self._index}/{method}"
@@ -123,13 +127,13 @@ class _Step:
         }  # fmt: skip
 
     def _initial_mm(self, ours: GraspTrajectory | None) -> float | None:
-        """D [mm] of the initial arc with the duration of the default method's result."""
+        """D [mm] of the initial arc, executed with the same duration as the default method's arc."""
         if ours is None:
             return None
         return 1e3 * judge(self._case, initial(self._case), ours.duration, self._pool)
 
     def lookups(self) -> list[dict[str, Any]]:
-        """The default method's arcs in other sizes and fabrics, one row per case."""
+        """Return the figures of the default method's arcs in other sizes and fabrics, one row per case."""
         row = self._kept.get(self._key, f"{self._index}/default")
         if row["D_mm"] is None:
             return []
@@ -180,12 +184,12 @@ def _worst(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _closed(row: Mapping[str, Any]) -> float:
-    """Share of the gap between D of the initial arc and D_relax that the optimised arc closes."""
+    """Share of the gap, between D of the initial arc and D_relax, that the optimised arc closes."""
     return float((row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"]))
 
 
 def _workers(name: str, tell: Tell) -> dict[str, float]:
-    """Wall time of one step's simulations with one thread, relative to two threads."""
+    """Measure the wall time of one step's simulations with one thread, relative to that with two threads."""
     case = prepare(load_garment(name, "bare_table"), 0)
     mesh, before = case.coarse
     seconds = []

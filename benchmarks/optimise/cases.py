@@ -1,4 +1,4 @@
-"""One step of one garment, ready to be folded, and the evaluation of its arcs."""
+"""Prepares one step of one garment for folding, and evaluates its arcs."""
 
 from __future__ import annotations
 
@@ -25,16 +25,18 @@ __all__ = ["Case", "Controls", "initial", "judge", "prepare"]
 Controls = Mapping[GraspId, Array]
 
 PERTURBED, SHIFT = 6, 0.0005
-"""Number of perturbed arcs per evaluation, and largest shift of their inner control points [m]."""
+"""Number of perturbed arcs per evaluation, and maximum shift of each coordinate of their inner control
+points [m]."""
 NEIGHBOURS = (0.95, 1.0, 1.05)
-"""Edge lengths of the evaluation meshes relative to `evaluation_edge`. A single mesh has peculiarities (a large
-shirt's hem, plain and initial arc on three meshes: 6.3 and 5.6 mm, 5.5 and 5.6, 5.6 and 5.7)."""
+"""Edge lengths of the three evaluation meshes, relative to `evaluation_edge`. A single mesh has peculiarities.
+Example, a large shirt's hem: D of the plain arc and of the initial arc are 6.3 and 5.6 mm on one mesh, 5.5 and
+5.6 mm on the second, 5.6 and 5.7 mm on the third."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One step of one garment, ready to be folded. coarse, and each of fine: a mesh and its vertices (n, 3) before
-    the step. d_relax: median over the fine meshes [m]."""
+    """One step of one garment, ready to be folded. coarse: the optimiser's mesh and its vertices (n, 3) before the
+    step. fine: the same for each of the evaluation meshes. d_relax: median of D_relax over the fine meshes [m]."""
 
     garment: Garment
     step: FoldStep
@@ -48,8 +50,8 @@ class Case:
 
 
 def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material | None = None) -> Case:
-    """The `index`-th step of a garment in the middle of its pose range. scale: factor on its size. material:
-    another fabric."""
+    """Prepare the `index`-th step of a garment in the middle of its pose range. scale: factor on its size.
+    material: fabric in place of the garment's own."""
     plan = tuple(replace(step, tension=(0.0, 0.0)) for step in garment.plan)
     garment = replace(garment, plan=plan, material=material or garment.material)
     state = garment.flat_state(*garment.poses.middle, scale=scale)
@@ -66,7 +68,8 @@ def prepare(garment: Garment, index: int, scale: float = 1.0, material: Material
 
 
 def judge(case: Case, controls: Controls, duration: float, pool: ThreadPoolExecutor, n: int = PERTURBED) -> float:
-    """Median of D [m] over arcs with slightly moved inner control points, on the fine meshes in turn."""
+    """Evaluate arcs: the median of D [m] over n arcs whose inner control points are moved slightly and randomly,
+    on the fine meshes in turn."""
     rng = np.random.default_rng(0)
     moved = []
     for _ in range(n):

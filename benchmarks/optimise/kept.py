@@ -1,6 +1,7 @@
-"""Saved figures of each step, so that an interrupted benchmark can be continued and garments measured separately.
+"""Saves the figures of each step, so that an interrupted benchmark can be continued and garments can be measured
+separately.
 
-Figures are valid as long as the sources that they depend on are unchanged.
+Saved figures are valid as long as the sources that they depend on are unchanged.
 """
 
 from __future__ import annotations
@@ -17,14 +18,15 @@ from cell.support.files.whole_file import write_whole
 __all__ = ["Kept", "fingerprint"]
 
 VERSION = 5
-"""Version of the measuring method. It is raised when earlier figures have another meaning."""
+"""Version of the measuring method. It is increased when the meaning of the figures changes, so that figures saved
+earlier are no longer used."""
 
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = ("skills/cloth", "skills/trajectory", "skills/planning")
 
 
 def fingerprint(garment: str, **how: Any) -> str:
-    """Hash of the sources in MEASURED, the garment's file, and the options of the measurement."""
+    """Compute a hash of the sources in MEASURED, the garment's file, and the options of the measurement."""
     files = [path for folder in MEASURED for path in sorted((ROOT / folder).rglob("*.py"))]
     digest = hashlib.sha256(json.dumps([VERSION, garment, how], sort_keys=True).encode())
     for path in [*files, garment_path(garment)]:
@@ -33,7 +35,7 @@ def fingerprint(garment: str, **how: Any) -> str:
 
 
 class Kept:
-    """Figures by (fingerprint, part), in one file. A damaged file is ignored and overwritten."""
+    """A file of saved figures, by (fingerprint, part). A damaged file is ignored and overwritten."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
@@ -45,11 +47,11 @@ class Kept:
                 self._all = {}
 
     def get(self, key: str, part: str) -> Any:
-        """The saved figures, or None."""
+        """Return the saved figures, or None."""
         return self._all.get(f"{key}/{part}")
 
     def put(self, key: str, part: str, value: Mapping[str, Any] | list[Any]) -> None:
-        """Save figures. Raises StorageError."""
+        """Save figures. Raises StorageError if the file cannot be written."""
         self._all[f"{key}/{part}"] = value
         if self._path is not None:
             self._path.parent.mkdir(parents=True, exist_ok=True)

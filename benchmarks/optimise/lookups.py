@@ -1,4 +1,4 @@
-"""Optimised arcs in other sizes and fabrics, and the time of a look-up."""
+"""Evaluates optimised arcs in other sizes and fabrics, and measures the time of a look-up."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ LOOKUPS = 200
 
 
 def fabrics(m: Material) -> dict[str, Material]:
-    """The other fabrics, for which the arcs were not optimised."""
+    """Return fabrics for which the arcs were not optimised, by name. m: the fabric for which they were
+    optimised."""
     return {
         "friction x0.75": m.with_friction(0.75 * m.friction_static),
         "friction x1.25": m.with_friction(1.25 * m.friction_static),
@@ -38,7 +39,8 @@ def fabrics(m: Material) -> dict[str, Material]:
 
 
 def measure_lookups(case: Case, row: Mapping[str, Any], pool: ThreadPoolExecutor) -> list[dict[str, Any]]:
-    """D of the arcs of a default method's row in other sizes and fabrics: one row per case."""
+    """Evaluate arcs in other sizes and fabrics than those for which they were optimised; return one row per case.
+    row: the result of the default method, which contains the arcs."""
     garment, index = case.garment, case.step.index
     entry = _entry(case, row)
     cases = {f"size x{s}": prepare(garment, index, s) for s in SIZES}
@@ -59,7 +61,7 @@ def measure_lookups(case: Case, row: Mapping[str, Any], pool: ThreadPoolExecutor
 
 
 def summary_of_lookups(told: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Counts, and the worst of the look-ups that a run would accept unchanged."""
+    """Summarise the look-ups: their numbers, and the worst figures of those that a run would accept unchanged."""
     taken = [r for r in told if r["accepted"]]
     large = [r for r in taken if r["D_initial_mm"] - r["D_relax_mm"] >= LARGE_GAP_MM and r["closed_at_home"] > 0.0]
     return {
@@ -72,8 +74,8 @@ def summary_of_lookups(told: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _kept(row: Mapping[str, Any]) -> float:
-    """Share of the gap that is closed in this case, relative to the share in the case for which the arcs were
-    optimised."""
+    """Share of the gap that the arcs close in this case, relative to the share that they close in the case for
+    which they were optimised."""
     closed = (row["D_initial_mm"] - row["D_mm"]) / (row["D_initial_mm"] - row["D_relax_mm"])
     return float(closed / row["closed_at_home"])
 
@@ -99,8 +101,8 @@ def _entry(case: Case, row: Mapping[str, Any]) -> LibraryEntry:
 
 
 def measure_lookup_times(names: Sequence[str]) -> dict[str, Any]:
-    """Time to look up an arc among all entries of the shipped library and to scale it: wall time, and CPU time,
-    which is more reliable on a busy machine."""
+    """Measure the time to look up an arc among all entries of the shipped library and to scale it: wall time, and
+    CPU time, which is more reliable on a busy machine."""
     library = load_library().library
     times, spent, found = [], [], 0
     for name in names:

@@ -44,7 +44,8 @@ BARS = (
 
 
 def page(figures: Mapping[str, Any]) -> str:
-    """Markdown: the figures and their bars, every step by every method, and the look-ups that matter."""
+    """Write the page as Markdown: the figures and their required values, every step with every method, and the
+    look-ups that a run would refuse or that have a gap."""
     machine = figures.get("machine") or {}
     steps = figures["steps"]
     garments = sorted({row["garment"] for row in steps})
@@ -57,9 +58,11 @@ def page(figures: Mapping[str, Any]) -> str:
         "",
         "- **D** [mm] is the paper's dissimilarity of a fold from its target: the median over six arcs moved by",
         "  half a millimetre, on three meshes finer than the optimiser's.",
-        "- **Ideal** is the D of a fold made without grippers and left to settle (D_relax).",
+        "- **Ideal** is the D of a fold made without grippers and left to settle (D_relax). It is a reference,",
+        "  not a lower bound: the ideal fold is one particular motion, and an arc can end nearer to the target.",
         "- **Initial** is the D of the paper's first guess, with the duration of our arc.",
-        "- **Gap** is the difference between the two. An arc closes a share of it.",
+        "- **Gap** is Initial minus Ideal. An arc closes a share of it.",
+        "- **Bar** is the required value of a figure.",
         "- All methods had the same budget, grasps, meshes and tool speed.",
         f"- Garments: {', '.join(garments)}.",
     ]
@@ -95,7 +98,7 @@ def _steps(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _lookups(told: Sequence[Mapping[str, Any]]) -> str:
-    """The look-ups that a run would refuse, and those with a gap."""
+    """Write the table of the look-ups that a run would refuse, and of those with a gap."""
     names = ("garment", "step", "case", "D_relax_mm", "D_initial_mm", "D_mm")
     rows = [
         [plain(_rounded(row[n])) for n in names] + ["accepted" if row["accepted"] else "optimised"]
@@ -113,7 +116,8 @@ def _lookups(told: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _gap(row: Mapping[str, Any]) -> float:
-    """Difference between the first guess and the ideal fold [mm], of the figures as shown."""
+    """Difference between D of the initial arc and D of the ideal fold [mm], computed from the rounded values in
+    the table."""
     return round(_rounded(row["D_initial_mm"]) - _rounded(row["D_relax_mm"]), 1)
 
 

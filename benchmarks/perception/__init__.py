@@ -1,8 +1,8 @@
-"""Perception on labelled scenes, compared with the paper's method: `foldcell bench perception`.
+"""Measures perception on labelled scenes and compares it with the paper's method: `foldcell bench perception`.
 
-All shipped garments in turn. Seeds from 0 were used to develop the skill. Seeds from `HELD_OUT` were not used
-during development. No ground truth reaches the skill: it gets the pictures, the calibration and all garments, but
-not the name of the garment in the picture. Times are CPU time of one thread.
+The scenes show all shipped garments in turn. Seeds from 0 were used to develop the skill; seeds from `HELD_OUT`
+were not. No ground truth reaches the skill: it gets the pictures, the calibration and all garments, but not the
+name of the garment in the picture. Times are CPU times of one thread.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ NEAR, FAR = 0.010, 0.030  # [m]
 @dataclass(frozen=True)
 class Judged:
     """Result of one scene. accepted: whether a state was returned. named, category: whether garment and category
-    are right. error, typical: maximum and median key point error [m]. paper_error: maximum with the paper's method
-    [m]."""
+    are right. error, typical: maximum and median key point error [m]. paper_error: maximum key point error with
+    the paper's method [m]. camera_error: error of the camera alone [m]. reason: kind of the failure, '' if
+    accepted."""
 
     garment: str
     accepted: bool
@@ -56,7 +57,8 @@ class Judged:
 
 
 def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = False) -> Mapping[str, Any]:
-    """Flat figures with units in their names. Lists contain one mapping per garment, confidence or severity."""
+    """Measure everything. Return figures with units in their names. A figure can be a list with one mapping per
+    garment, range of confidence, or severity of a defect."""
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -78,8 +80,8 @@ def measure(tell: Callable[[str], None], *, peers: bool = False, quick: bool = F
 
 
 def _held_out(figures: Mapping[str, Any]) -> dict[str, Any]:
-    """The figures of the held-out scenes with their own names, without texts, which are the same for all
-    scenes."""
+    """Return the figures of the held-out scenes under names that begin with `held_out_`. Texts are left out,
+    because they are the same for all scenes."""
     return {f"held_out_{key}": value for key, value in figures.items() if not isinstance(value, str)}
 
 
@@ -123,7 +125,7 @@ def _category(seen: Outcome) -> str:
 
 
 def _errors(found: Mapping[str, Array], scene: LabelledScene) -> Array:
-    """Errors [m] of all key points, infinite for those that were not found."""
+    """Compute the errors [m] of all key points, infinite for those that were not found."""
     return np.array(
         [np.linalg.norm(found[n] - p) if n in found else np.inf for n, p in scene.keypoints.items()], dtype=float
     )
@@ -172,7 +174,8 @@ def _of_garment(name: str, judged: Sequence[Judged]) -> dict[str, Any]:
 
 
 def _reliability(judged: Sequence[Judged]) -> list[dict[str, float]]:
-    """Share of accepted scenes with all key points within 10 mm, by stated confidence."""
+    """Compute the share of accepted scenes with all key points within 10 mm, by ranges of the stated
+    confidence."""
     edges = (0.0, 0.6, 0.7, 0.8, 0.9, 0.95, 1.001)
     out = []
     for low, high in pairwise(edges):
@@ -195,6 +198,6 @@ def _rate(values: Any) -> float:
 
 
 def _median(values: Any) -> float:
-    """Median of lengths [m] or times [s], in mm or ms."""
+    """Return the median of lengths [m] or times [s] in mm or ms."""
     values = list(values)
     return 1e3 * float(np.median(values)) if values else 0.0

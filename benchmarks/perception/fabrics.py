@@ -1,4 +1,4 @@
-"""Fabrics and light of the labelled scenes, with more variety than in the cell's simulated world."""
+"""Draws fabrics and light of the labelled scenes, with more variety than in the cell's simulated world."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["LEAST_DIFFERENCE", "Light", "colour_difference", "draw_fabric"]
 Texture = NDArray[np.uint8]
 
 LEAST_DIFFERENCE = 15.0
-"""At least 95 % of a fabric differs by this much from the table's mean colour [CIE 1976 delta E]."""
+"""Minimum difference between at least 95 % of a fabric's pixels and the table's mean colour [CIE 1976 delta E]."""
 LOOKS = ("contrast", "table_hue", "neutral", "stripes", "checks")
 SHARES = (0.35, 0.15, 0.20, 0.15, 0.15)
 
 
 def draw_fabric(rng: np.random.Generator, surface: str, table: Texture) -> tuple[Texture, str, float]:
-    """A fabric (SIZE, SIZE, 3) RGB, the name of its appearance, and its colour difference from the table [CIE 1976
-    delta E]."""
+    """Draw a fabric. Return its texture (SIZE, SIZE, 3) RGB, the name of its appearance, and its colour difference
+    from the table [CIE 1976 delta E]."""
     for _ in range(200):
         look = str(rng.choice(LOOKS, p=SHARES))
         texture = _fabric(rng, look, surface)
@@ -72,8 +72,8 @@ class Light:
     """Light on the table besides the renderer's lamp.
 
     slope: relative change of light from the picture's middle to its right and its lower border. The other values
-    are a soft shadow that is missing in the picture of the empty table. shade: its depth (0: none). centre
-    (column, row) and size: relative to the picture.
+    describe a soft shadow that is missing in the picture of the empty table. shade: its depth (0: no shadow).
+    centre: (column, row), and size, both relative to the picture.
     """
 
     slope: tuple[float, float]
@@ -90,7 +90,7 @@ class Light:
         return Light((float(slope[0]), float(slope[1])), shade, (float(u), float(v)), size)
 
     def on(self, rgb: Texture, shaded: bool) -> Texture:
-        """The picture (h, w, 3) in this light. shaded: with the soft shadow."""
+        """Return the picture rgb (h, w, 3) in this light. shaded: whether to add the soft shadow."""
         h, w = rgb.shape[:2]
         v, u = np.mgrid[0:h, 0:w].astype(np.float32)
         u, v = u / w, v / h

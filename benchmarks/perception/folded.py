@@ -1,13 +1,13 @@
-"""Diagnoses of the inspection on folded garments with a defect of known size, seen through the simulated camera.
+"""Tests the inspection's diagnoses on folded garments with a defect of known size, seen through the simulated
+camera.
 
-The folds are: towels after each of their two folds; trousers with one leg on the other, and folded across; shirts
-with the hem folded up over the sleeves. Two arms make all of these. One arm makes the last one, a sleeve that is
-folded onto the body.
+Folds that two arms make: both folds of the towels; trousers with one leg on the other, and folded across; shirts
+with the hem folded up over the sleeves. Folds that one arm makes: a sleeve of a shirt onto its body.
 
-A fold is the isometry of the flat garment in the plan's lines. A defect is a displacement of the moved part. Its
-size is a length [m]: the drift of the whole garment, the lag of the moved edge's middle or of a dropped corner, or
-the height of a ridge. Every fold, even a good one, has a small error, a bulging crease and wrinkles. The cell's
-cloth solver is not used.
+A folded garment is computed as the isometry of the flat garment in the plan's lines. A defect is a displacement of
+the moved part, or of the whole garment. Its size is a length [m]: the drift of the whole garment, the lag of the
+moved edge's middle or of a dropped corner, or the height of a ridge. Every fold, even a good one, has a small
+error, a bulging crease and wrinkles. The cell's cloth solver is not used.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FOLDS = (
     ("long_sleeve_shirt_small", 2), ("long_sleeve_shirt_large", 2),
     ("long_sleeve_shirt_small", 0), ("long_sleeve_shirt_large", 1),
 )  # fmt: skip
-"""Garment, and index of the fold after which it is inspected."""
+"""Garments, each with the index of the fold after which it is inspected."""
 CURVES: Mapping[FailureKind, tuple[float, ...]] = {
     FailureKind.DRIFT: (0.010, 0.020, 0.030, 0.040, 0.060),
     FailureKind.PILING: (0.010, 0.015, 0.020, 0.030, 0.045),
@@ -53,7 +53,8 @@ CURVES: Mapping[FailureKind, tuple[float, ...]] = {
     FailureKind.DROPPED_CORNER: (0.040, 0.060, 0.080, 0.120),
     FailureKind.MISSED_LAYER: (1.0,),
 }
-"""Severities [m]. A missed layer has no severity: one of two layers was not moved."""
+"""Severities of each defect [m]. A missed layer has no severity (1.0 is a placeholder): one of two layers was not
+moved."""
 JUDGED_AT = {
     FailureKind.DRIFT: 0.040,
     FailureKind.PILING: 0.030,
@@ -62,12 +63,13 @@ JUDGED_AT = {
     FailureKind.MISSED_LAYER: 1.0,
 }
 GOOD_LOOKS = 4
-"""Number of pictures of good folds per garment."""
+"""Number of pictures of good folds for each folded garment."""
 
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """One garment before the camera. `look` photographs it after the fold `step`, with a defect of a severity."""
+    """One garment in front of the camera. `look` takes a picture of it after the fold `step`, with a given defect.
+    lower: function that returns the height of the wrinkles of the flat garment at (n, 2) [m]."""
 
     garment: Garment
     step: FoldStep
@@ -82,7 +84,7 @@ class Folded:
     lower: Callable[[Array], Array]
 
     def before(self) -> CameraFrame:
-        """Picture of the garment before this fold."""
+        """Take a picture of the garment before this fold."""
         x = target_vertices(self.mesh, self.step.earlier, self.garment.material)
         x[:, 2] += self.lower(x[:, :2])
         return self.studio.shoot(x)
@@ -92,17 +94,17 @@ class Folded:
 
 
 def defects(folded: Folded) -> Iterator[tuple[FailureKind, float]]:
-    """Possible defects of this fold: kinds and severities [m]."""
+    """Yield the defects that this fold can have: kinds and severities [m]."""
     for kind, sizes in CURVES.items():
         if kind is FailureKind.MISSED_LAYER and not _can_miss_a_layer(folded):
             continue
         if kind in (FailureKind.SAG, FailureKind.DROPPED_CORNER) and len(folded.step.grasps) < 2:
-            continue  # with one hand, no cloth sags between hands and no hand lags behind the other
+            continue  # with one hand, cloth cannot sag between hands, and no hand can lag behind the other
         yield from ((kind, size) for size in sizes)
 
 
 def measure_inspection(tell: Callable[[str], None], first_seed: int, count: int) -> dict[str, Any]:
-    """Rates of right diagnoses over severity, and of false alarms on good folds."""
+    """Measure the rates of correct diagnoses over severity, and of false alarms on good folds."""
     said: dict[tuple[FailureKind | None, float], list[FailureKind | str | None]] = {}
     of_fold: dict[tuple[str, str], list[bool]] = {}
     for seed in range(first_seed, first_seed + count):
@@ -143,8 +145,8 @@ def measure_inspection(tell: Callable[[str], None], first_seed: int, count: int)
 
 
 def judge(folded: Folded, frame: CameraFrame, before: CameraFrame | None = None) -> FailureKind | str | None:
-    """Result of the inspection: the kind of a failed fold, None for a good fold, or the reason why it cannot be
-    judged.
+    """Inspect a picture. Return the kind of a failed fold, None for a good fold, or, as text, the reason why the
+    fold cannot be judged.
 
     before: the picture before the fold.
     """
@@ -161,7 +163,8 @@ def _counts(kinds: list[FailureKind | str | None]) -> dict[str, int]:
 
 
 def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
-    """Yield the one garment of a seed, to be inspected after fold `index`. Its renderer is closed afterwards."""
+    """Yield the one garment of a seed, to be inspected after fold `index`. The renderer is closed when the
+    iteration ends."""
     rng = np.random.default_rng([seed, 11])
     garment = load_garment(name)
     pose = garment.poses.sample(rng)
@@ -190,7 +193,8 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
 
 WRINKLED = Laying(wrinkle=0.0015)
 STIRRED = 0.3
-"""Share of new creases that the fold adds to the cloth that stays."""
+"""Height of the new creases that a fold adds to the cloth that stays, relative to those that it adds to the moved
+cloth."""
 
 
 def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
@@ -200,7 +204,7 @@ def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
 
 
 def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Array:
-    """Vertices (n, 3) of the garment after the fold, table frame."""
+    """Compute the vertices (n, 3) of the garment after the fold with a defect, table frame."""
     rng, step, mesh = folded.rng, folded.step, folded.mesh
     thickness = folded.garment.material
     before = fold_xy(step.earlier, mesh.rest)
@@ -223,14 +227,14 @@ def _folded(folded: Folded, defect: FailureKind | None, severity: float) -> Arra
 
 
 def _can_miss_a_layer(folded: Folded) -> bool:
-    """Whether this fold moves both cloth that an earlier fold laid on top and cloth below it."""
+    """Whether this fold moves cloth that an earlier fold laid on top, and also the cloth below it."""
     moves = folded.step.line.signed_distance(fold_xy(folded.step.earlier, folded.mesh.rest)) > 0
     turned = _moved(folded.step, folded.mesh.rest)
     return bool(np.count_nonzero(moves & turned) > 0.2 * np.count_nonzero(moves & ~turned) > 0)
 
 
 def _moved(step: FoldStep, rest: Array) -> NDArray[np.bool_]:
-    """(n,) whether an earlier fold has moved a point, so that it lies on top."""
+    """Return (n,) whether an earlier fold has moved each point of rest (n, 2), so that it lies on top."""
     turned = np.zeros(len(rest), bool)
     p = np.array(rest)
     for line in step.earlier:
@@ -241,13 +245,14 @@ def _moved(step: FoldStep, rest: Array) -> NDArray[np.bool_]:
 
 
 def _behind(folded: Folded, before: Array, defect: FailureKind | None, severity: float) -> Array:
-    """(n,) lag of the moved part at its far edge [m], by the position along the fold line."""
+    """Compute for each vertex the lag (n,) of the moved part's far edge [m] at the vertex's position along the
+    fold line."""
     rng, step = folded.rng, folded.step
     along = (before - step.line.point) @ step.line.direction
     across = step.line.signed_distance(before)
     a, b = _span(step, along[across > 0.6 * across.max()])
     t = np.clip((along - a) / (b - a), 0.0, 1.0)
-    own = rng.normal(0.0, 0.002, 3)  # the error of every fold
+    own = rng.normal(0.0, 0.002, 3)  # the small error that every fold has
     behind = own[0] * t + own[1] * (1.0 - t) + abs(own[2]) * np.sin(np.pi * t)
     if defect is FailureKind.SAG:
         behind = behind + severity * np.sin(np.pi * t)
@@ -258,19 +263,22 @@ def _behind(folded: Folded, before: Array, defect: FailureKind | None, severity:
 
 
 def _span(step: FoldStep, far: Array) -> tuple[float, float]:
-    """The two hands' positions along the fold line [m]. With one hand: the ends of the moved part's far edge."""
+    """Return the two hands' positions along the fold line [m]; for one hand, the ends of the moved part's far
+    edge."""
     at = sorted(float((g.point - step.line.point) @ step.line.direction) for g in step.grasps.values())
     return (at[0], at[1]) if len(at) == 2 else (float(far.min()), float(far.max()))
 
 
 def _bulge(d: Array, z: Array) -> Array:
-    """Displacement (n, 3) by an unpressed crease: upper layers rise near the line."""
+    """Compute the displacement (n, 3) of the vertices by an unpressed crease: the moved layers rise near the
+    line."""
     rise = 0.006 * np.exp(-((d / 0.015) ** 2)) * (d > 0)
     return np.column_stack([np.zeros((len(z), 2)), rise])
 
 
 def _ridge(folded: Folded, before: Array, d: Array, height: float) -> Array:
-    """Displacement (n, 3) by piled cloth: a ridge near the target, and the length that it takes from the reach."""
+    """Compute the displacement (n, 3) of the vertices by piled cloth: a ridge near the target. The cloth of the
+    ridge is missing at the edge, which therefore does not reach as far."""
     step = folded.step
     along = (before - step.line.point) @ step.line.direction
     a, b = _span(step, along[d > 0.6 * d.max()])

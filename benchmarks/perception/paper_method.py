@@ -1,7 +1,9 @@
-"""The paper's method from a picture to key points, as published. It is the baseline.
+"""Implements the paper's method from a picture to key points, as published. It is the baseline of the comparison.
 
-It consists of marker-based watershed with the corners as background and the centre as foreground; the template of
-the known garment, placed on the mask by a similarity; and the one-way energy, without relocation of corners.
+1. Marker-based watershed, with the corners as background and the centre as foreground.
+2. The template of the garment, whose name is given, is placed on the mask by a similarity.
+3. Registration with the paper's energy, which has only one data term (from contour to boundary). Corners are not
+   relocated.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ SETTINGS = RegistrationSettings(
 
 
 def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[str, Array]:
-    """Key points, name -> (2,) [m]; empty if no region is found."""
+    """Find the key points, name -> (2,) [m]; empty if no region is found."""
     view = TableView(scene.calibration, TABLE)
     seen = view.rectify(scene.frame)
     found = segment_watershed(seen.rgb, seen.valid)
@@ -41,8 +43,8 @@ def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[st
 
 
 def _similar(template: Array, observed: Array) -> Array:
-    """The template placed by a similarity: same centroid, same area, parallel long axes, turned by at most a right
-    angle."""
+    """Place the template (k, 2) by a similarity, so that centroid and area are the same and the long axes
+    parallel. It is turned by at most a right angle."""
     scale = np.sqrt(polygon_area(observed) / polygon_area(template))
     turn = _axis(observed) - _axis(template)
     turn = (turn + np.pi / 2) % np.pi - np.pi / 2

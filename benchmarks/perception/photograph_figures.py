@@ -1,4 +1,4 @@
-"""Results of perception on `photographs`. It gets the same input as `foldcell perceive IMAGE --unit px`."""
+"""Measures perception on `photographs`. Its input is the same as with `foldcell perceive IMAGE --unit px`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["look_at", "measure_photographs", "worst_error"]
 
 COUNT, QUICK_COUNT = 108, 9
 NEAR, FAR = 0.02, 0.05
-"""Limits of the largest key point error, relative to the garment's diagonal in the picture."""
+"""Limits of the largest key point error that are reported, relative to the garment's diagonal in the picture."""
 SIDES = ({}, {"left": "right", "right": "left"}, {"near": "far", "far": "near"},
          {"left": "right", "right": "left", "near": "far", "far": "near"})  # fmt: skip
 
@@ -43,8 +43,8 @@ def look_at(picture: Photograph, garments: Sequence[Garment]) -> Outcome[Percept
 
 
 def worst_error(found: Mapping[str, Array], truth: Mapping[str, Array]) -> float:
-    """Largest key point error [px], for the best assignment of names: front and back, and the two ends of a towel,
-    look alike."""
+    """Largest key point error [px]. Left and right, and near and far, may be exchanged in the names, because front
+    and back, and the two ends of a towel, look alike; the best exchange counts."""
     errors = []
     for swapped in SIDES:
         named = {n: "_".join(swapped.get(word, word) for word in n.split("_")) for n in truth}

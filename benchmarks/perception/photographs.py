@@ -1,10 +1,10 @@
-"""Synthetic photographs as taken by a person with a telephone.
+"""Draws synthetic photographs, such as a person takes with a telephone.
 
-They are drawn with numpy and cv2 only. They share no code with perception or with the labelled scenes of the
-simulated camera. A cloth with its own shape lies on a floor or a table (boards, a painted table, tiles, carpet).
-The camera looks down with some tilt, from any place and with any resolution. The lens darkens the corners, the
-light is uneven and coloured, wrinkles are shaded, and the cloth casts a soft shadow. The picture is stored as
-JPEG. Lengths on the floor are in metres.
+The code uses numpy and cv2 only. It shares nothing with perception or with the labelled scenes of the simulated
+camera. A cloth, whose shape is not that of a shipped garment, lies on a floor or a table (boards, a painted table,
+tiles, carpet). The camera looks down with some tilt, from any place and with any resolution. The lens darkens the
+corners, the light is uneven and coloured, wrinkles are shaded, and the cloth casts a soft shadow. The picture is
+stored as JPEG. Lengths on the floor are in metres.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ SIZES = ((640, 480), (1024, 768), (1280, 960), (800, 800), (720, 960), (1600, 12
 GROUNDS = ("boards", "boards", "painted", "tiles", "carpet")
 CLOTHS = ("grey", "dark", "white", "coloured", "striped", "denim")
 STEP = 0.0025
-"""Edge length of a cell of the floor's map [m]."""
+"""Edge length of a cell of the floor map, in which ground and cloth are drawn [m]."""
 SPAN = 2.6
-"""Edge length of the map [m]."""
+"""Edge length of the whole floor map [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """rgb: (H, W, 3). category: of the garment, '' if no garment lies flat. points: name -> (2,) [px] (column,
-    row). outline: (n, 2) [px]. ground, cloth: names of the drawn materials. contrast: see `_contrast` [CIE delta
-    E]."""
+    """One photograph and its true labels. rgb: (H, W, 3). category: of the garment, '' if no garment lies flat.
+    points: key points, name -> (2,) [px] (column, row). outline: (n, 2) [px]. ground, cloth: names of the drawn
+    materials. contrast: between cloth and ground, see `_contrast` [CIE delta E]."""
 
     rgb: Picture
     category: str
@@ -52,14 +52,15 @@ def _towel(rng: np.random.Generator) -> Mapping[str, tuple[float, float]]:
 
 
 def _both(right: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """Points of the right half (y < 0) in order, then their mirror images in reverse order."""
+    """Complete a symmetric outline: return the points of the right half (y < 0) in order, then their mirror images
+    in reverse order."""
     left = {f"{name}_left": (x, -y) for name, (x, y) in reversed(right.items())}
     return {**{f"{name}_right": p for name, p in right.items()}, **left}
 
 
 def _shirt(rng: np.random.Generator, sleeve: float, drop: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    """Key points of a shirt. sleeve: length [m]. drop: range of the sleeve's angle below the shoulder line
-    [rad]."""
+    """Draw the key points of a shirt. sleeve: its length [m]. drop: range of the sleeve's angle below the shoulder
+    line [rad]."""
     w, h = 0.5 * rng.uniform(0.44, 0.52), 0.5 * rng.uniform(0.60, 0.68)
     angle, cuff = rng.uniform(*drop), rng.uniform(0.055, 0.07) + (0.03 if sleeve < 0.3 else 0.0)
     shoulder = np.array([h - rng.uniform(0.03, 0.05), -(w - rng.uniform(0.03, 0.05))])
@@ -75,7 +76,9 @@ def _shirt(rng: np.random.Generator, sleeve: float, drop: tuple[float, float]) -
 
 
 def _legs(rng: np.random.Generator, length: float, rise: float, hem: float, gap: float) -> Mapping:
-    """Key points of trousers. The waist is on the left (y > 0)."""
+    """Draw the key points of trousers, with the waist on the left (y > 0). length: of a leg with the waist; rise:
+    from waist to crotch; hem: width of a leg at the ankle; gap: half the distance between the legs at the ankles;
+    all [m]."""
     w, h = 0.5 * rng.uniform(0.36, 0.44), 0.5 * length * rng.uniform(0.94, 1.06)
     gap *= rng.uniform(0.8, 1.3)
     return {
@@ -110,11 +113,12 @@ GARMENTS: Mapping[str, Callable[[np.random.Generator], Mapping[str, tuple[float,
     "vest": _vest,
 }
 CRUMPLED = ("thrown", "hung")
-"""Garments that do not lie flat: one thrown down, one hung by a corner."""
+"""Kinds of garments that do not lie flat: thrown down, or hung by a corner."""
 
 
 def photograph(kind: str, seed: int) -> Photograph:
-    """A picture of a category or of a kind in `CRUMPLED`. Everything is a function of kind and seed."""
+    """Draw a photograph of a garment. kind: its category, or a kind in `CRUMPLED`. The same kind and seed give the
+    same photograph."""
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
     if kind in CRUMPLED:
         points, outline = {}, _lump(rng) if kind == "thrown" else _hung(rng)
@@ -145,7 +149,7 @@ def _lump(rng: np.random.Generator) -> Points:
 
 
 def _hung(rng: np.random.Generator) -> Points:
-    """Outline of a shirt held at one point: narrow at the top, wavy at the bottom."""
+    """Draw the outline (n, 2) of a shirt held at one point: narrow at the top, wavy at the bottom [m]."""
     x = np.linspace(0.5, -0.5, 30)
     half = 0.02 + 0.16 * (0.5 - x) ** rng.uniform(0.6, 0.9) + 0.02 * np.sin(14 * x + rng.uniform(0, 6))
     bow = 0.05 * np.sin(3 * x + rng.uniform(0, 6))
@@ -156,8 +160,8 @@ def _hung(rng: np.random.Generator) -> Points:
 
 
 def _camera(rng: np.random.Generator, outline: Points, size: tuple[int, int]) -> Points:
-    """(3, 3) homography from the floor [m] to the picture, with some tilt and turn. The garment fills about two
-    thirds of the picture."""
+    """Draw the homography (3, 3) from the floor [m] to the picture [px], with some tilt and turn. The garment
+    extends over about two thirds of the picture."""
     w, h = size
     tilt, towards = rng.uniform(0.0, np.deg2rad(18)), rng.uniform(0, 2 * np.pi)
     axis = tilt * np.array([np.cos(towards), np.sin(towards), 0.0])
@@ -186,12 +190,12 @@ def _project(H: Points, points: Points) -> Points:
 
 
 def _cells(points: Points) -> Points:
-    """Cells (column along y, row along x) of points on the floor [m]."""
+    """Convert points on the floor (n, 2) [m] to cells of the floor map (column along y, row along x)."""
     return np.asarray((points[:, ::-1] + SPAN / 2) / STEP)
 
 
 def _softened(outline: Points, rng: np.random.Generator) -> Points:
-    """The outline with slightly curved edges. `_filled` rounds its corners."""
+    """Curve the edges of the outline slightly. Its corners stay sharp; `_filled` rounds them."""
     out = []
     for a, b in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         n = max(int(np.linalg.norm(b - a) / 0.01), 2)
@@ -213,7 +217,8 @@ def _filled(outline: Points) -> Plane:
 
 
 def _noise(rng: np.random.Generator, along: float, across: float) -> Plane:
-    """Smooth noise of unit variance with correlation lengths [m] down and across the map."""
+    """Draw smooth noise of unit variance over the floor map. along, across: correlation lengths down and across
+    the map [m]."""
     n = int(SPAN / STEP)
     small = max(min(along, across) / STEP / 2, 1.0)
     m = max(int(n / small), 8)
@@ -225,7 +230,7 @@ def _noise(rng: np.random.Generator, along: float, across: float) -> Plane:
 
 
 def _ground(rng: np.random.Generator, name: str) -> Plane:
-    """Reflectance (n, n, 3) of the ground, linear RGB."""
+    """Draw the reflectance (n, n, 3) of the ground, linear RGB."""
     n = int(SPAN / STEP)
     if name == "painted":
         base = rng.uniform(0.15, 0.75) * (1 + rng.normal(0, 0.12, 3))
@@ -286,8 +291,8 @@ def _cloth(rng: np.random.Generator, name: str) -> Plane:
 
 
 def _contrast(cloth: Plane, ground: Plane, mask: Plane) -> float:
-    """CIE delta E between the ground around the cloth and the cloth's mean colour, for its dark or its light half,
-    whichever is nearer."""
+    """CIE delta E between the ground around the cloth and the cloth. The cloth is divided into its darker and its
+    lighter half; the half whose mean colour is nearer to that of the ground counts."""
     ring = cv2.dilate(mask, np.ones((41, 41))) - mask > 0.5
     there = _lab(ground[ring].mean(axis=0))
     inner = cloth[mask > 0.5]
@@ -302,7 +307,7 @@ def _lab(linear: Points) -> Points:
 
 
 def _lit(rng: np.random.Generator, ground: Plane, cloth: Plane, mask: Plane, wrinkled: float) -> Plane:
-    """The lit scene: wrinkles shaded by their slope, a contact shadow and a cast shadow."""
+    """Light the scene: wrinkles are shaded by their slope; a contact shadow and a cast shadow are added."""
     relief = 0.0025 * np.abs(_noise(rng, 0.12, 0.04)) + 0.0012 * _noise(rng, 0.03, 0.06)
     relief = cv2.GaussianBlur(relief * wrinkled, (0, 0), 2.0)
     slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=3) / (8 * STEP)
@@ -319,7 +324,7 @@ def _lit(rng: np.random.Generator, ground: Plane, cloth: Plane, mask: Plane, wri
 
 
 def _taken(rng: np.random.Generator, scene: Plane, H: Points, size: tuple[int, int]) -> Picture:
-    """The picture as the camera stores it: perspective, vignetting, uneven and coloured light, exposure, noise,
+    """Take the picture as a camera stores it: perspective, vignetting, uneven and coloured light, exposure, noise,
     sharpening, JPEG."""
     w, h = size
     floor = np.array([[0.0, STEP, -SPAN / 2], [STEP, 0.0, -SPAN / 2], [0.0, 0.0, 1.0]])

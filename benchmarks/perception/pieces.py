@@ -1,4 +1,4 @@
-"""Individual pieces of the shipped garments as a person lays them: with varied outlines, turned limbs and
+"""Draws individual pieces of the shipped garments as a person lays them, with varied outlines, turned limbs and
 wrinkles."""
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ MESH_EDGE = 0.026  # [m]
 
 @dataclass(frozen=True)
 class Laying:
-    """Roughness with which a garment is laid. sleeve, leg: largest turn of a sleeve and of a leg [rad].
-    distortion: largest smooth shift of the fabric [m]. rim: standard deviation of the outline's small waves [m].
-    wrinkle: standard deviation of a wrinkle's height [m]."""
+    """How inaccurately a garment is laid. sleeve, leg: maximum turn of a sleeve and of a leg [rad]. distortion:
+    maximum smooth shift of the fabric [m]. rim: standard deviation of the outline's small waves [m]. wrinkle:
+    standard deviation of a wrinkle's height [m]."""
 
     sleeve: float = float(np.deg2rad(12.0))
     leg: float = float(np.deg2rad(3.5))
@@ -36,8 +36,8 @@ class Laying:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """mesh: at rest, in the garment's own frame. vertices: (n, 3) as laid, table frame. keypoints: name -> (3,)
-    place of the fabric's point, table frame."""
+    """One piece of a garment. mesh: undeformed, in the garment's own frame. vertices: (n, 3) as laid, table frame.
+    keypoints: name -> (3,) true places, table frame."""
 
     mesh: ClothMesh
     vertices: Array
@@ -45,7 +45,7 @@ class Piece:
 
 
 def draw_piece(garment: Garment, rng: np.random.Generator, laying: Laying | None = None) -> Piece:
-    """One piece of `garment`, laid at a pose that its file allows."""
+    """Draw one piece of `garment`, laid at a pose that its file allows."""
     laying = laying or Laying()
     outline = draw_outline(garment, load_noise().garment, rng)
     limbs, distorted = _limbs(garment, rng, laying), _distortion(rng, laying)
@@ -68,15 +68,16 @@ def draw_piece(garment: Garment, rng: np.random.Generator, laying: Laying | None
 
 
 def _border(mesh: ClothMesh) -> NDArray[np.intp]:
-    """Indices of the vertices along the outline, in order. They are a mesh's first vertices."""
+    """Return the indices of the vertices along the outline, in order. In every mesh, these vertices are the
+    first."""
     edges = {tuple(sorted(e)) for t in mesh.triangles.tolist() for e in ((t[0], t[1]), (t[1], t[2]), (t[2], t[0]))}
     n = next(i for i in range(2, len(mesh.rest)) if (i, i + 1) not in edges and (0, i) in edges) + 1
     return np.arange(n)
 
 
 def _nearest(rest: Array, lying: Array, point: Array) -> Array:
-    """(3,) place of the outline's point that is nearest to `point` (2,) at rest. rest: (n, 2) and lying: (n, 3)
-    closed outline."""
+    """Find the point of the flat outline that is nearest to `point` (2,), and return its place (3,) on the laid
+    garment. rest: (n, 2) flat, closed outline; lying: (n, 3) the same outline as laid."""
     edge = np.roll(rest, -1, axis=0) - rest
     t = np.clip(((point - rest) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
     i = int(np.argmin(np.linalg.norm(rest + t[:, None] * edge - point, axis=1)))
@@ -90,8 +91,8 @@ def _placed(points: Array, pose: tuple[float, float, float]) -> Array:
 
 
 def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
-    """Map that turns sleeves or legs about their seams. The turn grows over the first centimetres from the
-    seam."""
+    """Create a map that turns sleeves or legs about their seams. The turn grows over the first centimetres from
+    the seam."""
     at = dict(zip(garment.keypoints, np.asarray(garment.template), strict=True))
     turns: list[Map] = []
     if "cuff_upper_left" in at:
@@ -123,8 +124,9 @@ def _limbs(garment: Garment, rng: np.random.Generator, laying: Laying) -> Map:
 def _turn(
     pivot: Array, outward: Array, end: Array, angle: float, over: float, side: tuple[Array, Array] | None = None
 ) -> Map:
-    """Map that turns points about `pivot`, if they lie beyond it in the direction `outward`. The full angle is
-    reached `over` [m] further out."""
+    """Create a map that turns points about `pivot`, if they lie beyond it in the direction `outward`. The full
+    angle [rad] is reached at a distance of `over` [m] from it. side: if given, only points on the side of this
+    point to which this direction points are turned."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, s], [-s, c]])
     if (end - pivot) @ outward < 0:
@@ -141,7 +143,7 @@ def _turn(
 
 
 def _distortion(rng: np.random.Generator, laying: Laying) -> Map:
-    """Map that shifts the fabric smoothly: three waves, 0.25 to 0.6 m long."""
+    """Create a map that shifts the fabric smoothly, by three waves that are 0.25 to 0.6 m long."""
     waves = [
         (rng.uniform(0, np.pi), 2 * np.pi / rng.uniform(0.25, 0.6), rng.uniform(0, 6), rng.uniform(-1, 1, 2) / 3)
         for _ in range(3)
@@ -158,8 +160,8 @@ def _distortion(rng: np.random.Generator, laying: Laying) -> Map:
 
 
 def wrinkles(rng: np.random.Generator, laying: Laying) -> Callable[[Array], Array]:
-    """Height above the flat garment [m] at points (n, 2): crests of three long wrinkles, and small creases as in
-    the cell's simulated world."""
+    """Create a function that returns the height above the flat garment [m] at points (n, 2): the crests of three
+    long wrinkles, and small creases as in the cell's simulated world."""
     noise = load_noise().garment
     long = [_wave(rng, rng.uniform(0.10, 0.30), abs(rng.normal()) * laying.wrinkle) for _ in range(3)]
     relief = noise.relief / np.sqrt(3.0)
@@ -188,7 +190,7 @@ def dense(contour: Array, step: float) -> Array:
 
 
 def _wavy(contour: Array, rng: np.random.Generator, rim: float) -> Array:
-    """The outline moved along its normals by waves some centimetres long."""
+    """Move the outline (n, 2) along its normals by waves that are some centimetres long."""
     tangent = np.roll(contour, -1, axis=0) - np.roll(contour, 1, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     length = np.linalg.norm(np.roll(contour, -1, axis=0) - contour, axis=1)

@@ -1,8 +1,8 @@
-"""Labelled scenes: a shipped garment on the table, seen through the simulated camera, drawn from a seed.
+"""Draws labelled scenes: a shipped garment on the table, seen through the simulated camera.
 
-The true key points are given in perception's frame: the rectified table frame of the executive's calibration (the
-bracket's drawing, corrected by the picture of the empty table). The deviation of this frame from the real table is
-the camera's error, which each scene gives separately.
+The true key points are given in the frame in which perception reports them: the table frame according to the
+executive's calibration (the bracket's drawing, corrected by the picture of the empty table). The deviation of this
+frame from the true table frame is the camera's error. Each scene states this error separately.
 """
 
 from __future__ import annotations
@@ -42,17 +42,18 @@ NOBODY = (
     '<robot name="nobody"><link name="base"><inertial><mass value="1"/>'
     '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>'
 )
-"""A robot without visible parts. The arms are parked outside the part of the picture that shows the table, and
-perception uses only this part."""
+"""A robot without visible parts. Parked arms would not be visible in the part of the picture that shows the table,
+and perception uses only this part."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledScene:
-    """frame, reference: pictures with the garment and of the empty table. calibration: the executive's.
+    """A scene with its true key points. frame, reference: pictures with the garment and of the empty table.
+    calibration: the one that the executive has.
 
-    keypoints: name -> (2,) [m], in that calibration's table frame. camera_error: median distance of these points
-    from their true places on the real table [m]. facts: appearance of the fabric, surface, colour difference,
-    shade.
+    keypoints: name -> (2,) [m], in the table frame of this calibration. camera_error: median distance of these
+    points from their true places in the true table frame [m]. facts: appearance of the fabric, surface, colour
+    difference, shade.
     """
 
     garment: str
@@ -67,7 +68,7 @@ class LabelledScene:
 
 
 class Studio:
-    """One scene before the renderer. `shoot` takes pictures with the camera at its true pose."""
+    """One scene with its renderer. `shoot` takes pictures with the camera at its true pose."""
 
     def __init__(self, uv: Array, triangles: Array, seed: int, folder: Path) -> None:
         rng = np.random.default_rng([seed, 7])
@@ -100,12 +101,12 @@ class Studio:
         pb.disconnect(physicsClientId=self._stage._client)
 
     def shoot(self, vertices: Array | None) -> CameraFrame:
-        """A picture of the garment with vertices (n, 3), table frame, or of the empty table if None."""
+        """Take a picture of the garment with vertices (n, 3), table frame, or of the empty table if None."""
         self._vertices, self._time = vertices, self._time + 1.0
         return self._camera.capture(EXPOSURES)
 
     def picture(self, shot: Shot) -> Picture:
-        """The renderer's picture in this scene's light, for the camera."""
+        """Return the renderer's picture in this scene's light. The simulated camera calls it."""
         plain = self._stage.picture(shot)
         return Picture(self.light.on(plain.rgb, shaded=shot.vertices is not None), plain.depth)
 
@@ -129,7 +130,7 @@ def open_studio(uv: Array, triangles: Array, seed: int) -> Iterator[Studio]:
 
 
 def draw_scene(garment_name: str, seed: int, laying: Laying | None = None) -> LabelledScene:
-    """A scene with a garment as laid before the first fold. Everything is a function of name, seed and laying."""
+    """Draw a scene with a garment as laid before the first fold. Name, seed and laying determine the scene."""
     garment = load_garment(garment_name)
     piece = _visible(garment, seed, laying)
     uv = garment_uv(piece.mesh.rest, piece.mesh.layer)
@@ -149,7 +150,7 @@ def draw_scene(garment_name: str, seed: int, laying: Laying | None = None) -> La
 
 
 def _visible(garment: Garment, seed: int, laying: Laying | None) -> Piece:
-    """A piece that lies within the picture and on the table, and whose legs do not cross."""
+    """Draw a piece that lies within the picture and on the table, and whose legs do not cross."""
     for attempt in range(50):
         with suppress(ConfigurationError):
             piece = draw_piece(garment, np.random.default_rng([seed, attempt]), laying)
@@ -174,7 +175,8 @@ def _project(x: Array, T_camera_table: Array) -> Array:
 
 
 def _where_seen(point: Array, T_table_camera: Array, held: CameraCalibration) -> Array:
-    """(2,) place of a point (3,) [m] according to the held calibration, which gets the point's height."""
+    """Compute the place (2,) [m] at which a true point (3,) [m] appears if the picture is evaluated with the
+    calibration `held` and the point's true height."""
     u, v = _project(point, np.linalg.inv(T_table_camera))
     k, T = held.intrinsics, held.T_table_camera
     ray = T[:3, :3] @ np.array([(u - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0])
@@ -182,7 +184,7 @@ def _where_seen(point: Array, T_table_camera: Array, held: CameraCalibration) ->
 
 
 def _mounted(position: float, angle: float, rng: np.random.Generator) -> Array:
-    """(4, 4) true pose of the camera in the base frame: the nominal pose with a mounting error."""
+    """Draw the true pose (4, 4) of the camera in the base frame: the nominal pose with a mounting error."""
     T = np.array(T_base_camera(0.0))
     turn, _ = cv2.Rodrigues(rng.standard_normal(3) * angle)
     T[:3, :3] = T[:3, :3] @ turn

@@ -1,4 +1,4 @@
-"""False acceptance of objects that are not a shipped garment, seen through the same camera."""
+"""Measures how often objects that are not a shipped garment are accepted as one, seen through the same camera."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _plate(rng: np.random.Generator) -> Array:
 
 
 def _crossing_towels(rng: np.random.Generator) -> Array:
-    """Two towels laid across each other: a plus."""
+    """Draw the outline of two towels that are laid across each other, a plus."""
     a, b = rng.uniform(0.07, 0.11, 2)
     x, y = rng.uniform(0.18, 0.28, 2)
     return np.array(
@@ -49,14 +49,14 @@ def _crossing_towels(rng: np.random.Generator) -> Array:
 
 
 def _bag(rng: np.random.Generator) -> Array:
-    """A bag whose body narrows downwards, with one broad handle."""
+    """Draw the outline of a bag whose body narrows downwards, with one broad handle."""
     w, h, g = rng.uniform(0.14, 0.18), rng.uniform(0.16, 0.20), rng.uniform(0.04, 0.06)
     half = [(h, g), (0.5 * h, g), (0.5 * h, w), (-h, 0.7 * w)]
     return np.array([*half, *[(x, -y) for x, y in reversed(half)]])
 
 
 def _blob(rng: np.random.Generator) -> Array:
-    """A shape like a shirt thrown down: three or more lobes, no straight edge."""
+    """Draw an outline like that of a shirt that was thrown down: three or more lobes, no straight edge."""
     a = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     r = 0.20 * (1 + sum(rng.uniform(0.08, 0.16) * np.cos(k * a + rng.uniform(0, 6)) for k in (2, 3, 5)))
     return r[:, None] * np.stack([np.cos(a), np.sin(a)], axis=1)
@@ -68,7 +68,8 @@ def _scarf(rng: np.random.Generator) -> Array:
 
 
 def _apron(rng: np.random.Generator) -> Array:
-    """A kind of garment that is not shipped: a bib on a wide skirt, with ties at its sides."""
+    """Draw the outline of an apron, a kind of garment that is not shipped: a bib on a wide skirt, with ties at its
+    sides."""
     w, h, b = rng.uniform(0.20, 0.24), rng.uniform(0.28, 0.32), rng.uniform(0.09, 0.11)
     tie = rng.uniform(0.12, 0.16)
     half = [(-h, w), (0.1 * h, w), (0.1 * h, w + tie), (0.2 * h, w + tie), (0.2 * h, w), (0.45 * h, b), (h, b)]
@@ -93,10 +94,10 @@ SEEN_OF_EACH, QUICK_SEEN_OF_EACH = 10, 1
 
 
 def draw_stranger(name: str, seed: int) -> tuple[CameraFrame, CameraFrame, CameraCalibration]:
-    """Pictures of an object and of the empty table, and the executive's calibration."""
+    """Draw an object. Return its picture, the picture of the empty table, and the executive's calibration."""
     rng = np.random.default_rng([seed, 17])
     outline = STRANGERS[name](rng)
-    turn = 0.3 if name == "scarf" else np.pi  # only across the table a scarf fits into the view
+    turn = 0.3 if name == "scarf" else np.pi  # a scarf fits into the view only if it lies across the table
     angle = rng.uniform(-turn, turn)
     c, s = np.cos(angle), np.sin(angle)
     contour = outline @ np.array([[c, s], [-s, c]]) + (rng.uniform(0.57, 0.63), rng.uniform(-0.05, 0.05))
@@ -110,7 +111,8 @@ def draw_stranger(name: str, seed: int) -> tuple[CameraFrame, CameraFrame, Camer
 
 
 def measure_strangers(tell: Callable[[str], None], garments: Sequence[Garment], quick: bool) -> Mapping[str, Any]:
-    """Rate of objects accepted as a garment, and the failures reported for the others."""
+    """Measure the rate of objects that are accepted as a garment, and count the failures reported for the
+    others."""
     said: dict[str, list[str]] = {}
     for k, name in enumerate(STRANGERS):
         for i in range(QUICK_SEEN_OF_EACH if quick else SEEN_OF_EACH):

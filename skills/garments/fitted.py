@@ -10,17 +10,17 @@ from robots.ports import Array, frozen
 __all__ = ["fitted_template", "mirror_images"]
 
 SYMMETRIC = 0.002
-"""A template that differs from its mirror image by less is symmetric [m]."""
+"""A template whose points differ from their mirror images by less than this is symmetric [m]."""
 
 
 def fitted_template(seen: Array, template: Array, measured: tuple[int, int] | None, length: float | None) -> Array:
-    """Outline (k, 2) [m] of a garment from its detected key points `seen` (k, 2), centred and rotated like
-    `template` (k, 2).
+    """Compute the outline (k, 2) [m] of a garment from its detected key points `seen` (k, 2), centred and rotated
+    like `template` (k, 2).
 
-    measured, length: two key points and their distance on the garment [m]; None: `seen` is in metres. For a
-    symmetric template the result is symmetric too: the two halves, which a tilted camera or the garment's pose can
-    make unequal, are averaged. The rotation is Kabsch's (1976), in the plane. Raises ValueError for a length or
-    points that give no scale.
+    measured, length: indices of two key points and their distance on the garment [m], which give the scale of
+    `seen`; None if `seen` is in metres. A tilted camera or the garment's pose can make the two halves of a
+    symmetric garment unequal. If the template is symmetric, the two halves are therefore averaged. The rotation is
+    Kabsch's (1976), in the plane. Raises ValueError for a length or points that give no scale.
     """
     points = np.asarray(seen, dtype=float)
     if measured is not None and length is not None:
@@ -36,8 +36,8 @@ def fitted_template(seen: Array, template: Array, measured: tuple[int, int] | No
 
 
 def mirror_images(template: Array) -> NDArray[np.intp] | None:
-    """Index (k,) of each template point's mirror image over the x axis, for a template (k, 2); None if it is not
-    symmetric."""
+    """Return, for a template (k, 2), the index (k,) of the point that is the mirror image of each point over the x
+    axis; None if the template is not symmetric."""
     apart = np.linalg.norm(template[:, None] - (template * [1.0, -1.0])[None], axis=2)
     twins = np.asarray(np.argmin(apart, axis=1))
     alike = apart[np.arange(len(twins)), twins].max() < SYMMETRIC and len(set(twins.tolist())) == len(twins)
@@ -45,7 +45,7 @@ def mirror_images(template: Array) -> NDArray[np.intp] | None:
 
 
 def _turn(points: Array, template: Array) -> Array:
-    """(2, 2) the rotation that best aligns `points` with `template`, both about their means."""
+    """Return the rotation (2, 2) that best aligns `points` with `template`, both about their means."""
     a, b = points - points.mean(axis=0), template - template.mean(axis=0)
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])

@@ -1,4 +1,5 @@
-"""Prior knowledge of a garment: template, fabric, fold plan, and the poses in which it may lie."""
+"""Data of a garment that are known before it is seen: template, fabric, fold plan, and the poses in which it may
+lie."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ Edge = tuple[str, str]
 
 @dataclass(frozen=True)
 class Anchor:
-    """A point of the garment: key points and their weights, which sum to one.
+    """A point of the garment, given as a weighted mean of key points: their names and weights, which sum to one.
 
     It is a place on the flat garment, so it stays well defined when folds bring key points together.
     """
@@ -24,7 +25,7 @@ class Anchor:
     weights: tuple[tuple[str, float], ...]
 
     def on(self, keypoints: Mapping[str, Array]) -> Array:
-        """(2,) the point among `keypoints`, name -> (2,)."""
+        """Return the position (2,) of the point, given the positions of the key points, name -> (2,)."""
         return np.asarray(sum(w * np.asarray(keypoints[name]) for name, w in self.weights))
 
 
@@ -32,8 +33,9 @@ class Anchor:
 class PlanGrasp:
     """One grasp of a step. at: the point of the garment's edge from which the grasp is measured.
 
-    inset: distances from `at` to the grasp: across the fold line towards it, and along the line towards its middle
-    [m]. grasp_id: None if it follows from the garment's pose. turn: angle of the held line to the fold line [rad].
+    inset: distances from `at` to the grasp [m]: perpendicular to the fold line, towards it, and parallel to the
+    line, towards the middle of the moving part. grasp_id: None if it follows from the garment's pose. turn: angle
+    between the held line (the strip of cloth between the pads) and the fold line [rad].
     """
 
     at: Anchor
@@ -44,7 +46,7 @@ class PlanGrasp:
 
 @dataclass(frozen=True)
 class PlanVariant:
-    """One way to make a fold: the key points on the moving side, and the grasps."""
+    """An alternative plan for a fold: the key points on its moving side, and the grasps."""
 
     name: str
     moves: tuple[str, ...]
@@ -56,9 +58,9 @@ class PlanStep:
     """One fold. line: two anchors on the flat garment.
 
     variants: in order of preference; they differ in the moving side (the fold's direction) and in the grasps.
-    tension: distance past its mirror image at which a grasp is released, and distance by which each of two hands
-    moves outwards along the line during the fold [m]. Tension takes up the slack from sagging between the hands
-    and from the unpressed crease.
+    tension: two lengths [m]. A grasp is released further than its mirror image by the first. Each of two hands
+    moves outwards along the line by the second during the fold. Tension takes up the slack that results from cloth
+    sagging between the hands and from the unpressed crease.
     """
 
     name: str
@@ -81,7 +83,7 @@ class PoseRange:
         return sum(self.x) / 2, sum(self.y) / 2, sum(self.angle) / 2
 
     def sample(self, rng: np.random.Generator) -> tuple[float, float, float]:
-        """x, y, angle drawn uniformly."""
+        """Draw x, y [m] and angle [rad] uniformly from the ranges."""
         x, y, angle = (float(rng.uniform(*r)) for r in (self.x, self.y, self.angle))
         return x, y, angle
 
@@ -96,9 +98,10 @@ class Garment:
 
     keypoints: names in counter-clockwise order; template: (k, 2) [m] their positions at nominal size, centred on 0
     and rotated as the garment is laid, so that pose (x, y, 0) is a translation. layers: of the flat garment.
-    edge_pairs: edges (two key points each) that coincide, in this direction, after the last fold. size_range:
-    factors of the nominal size for which the plan is valid. max_tool_speed [m/s]: limit for the cloth.
-    final_layers: maximum number of layers after the last fold.
+    edge_pairs: pairs of edges that coincide after the last fold, each edge as two key points, in the order in
+    which they coincide. size_range: smallest and largest factor on the nominal size for which the plan is valid.
+    max_tool_speed [m/s]: limit that the cloth requires. final_layers: maximum number of layers after the last
+    fold.
     """
 
     name: str
@@ -124,16 +127,17 @@ class Garment:
 
     @property
     def mesh_edge_m(self) -> float:
-        """Edge length of the meshes that predict the garment's folds [m]. A coarser mesh cannot bend twice."""
+        """Edge length of the meshes that predict the garment's folds [m]. Coarser meshes cannot be folded
+        twice."""
         return float(np.clip(min(self.size_m) / 20.0, 0.014, 0.026))
 
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
-        """(k, 2) positions of the key points at a pose, table frame."""
+        """Return the positions (k, 2) of the key points at a pose, table frame [m]."""
         c, s = np.cos(angle), np.sin(angle)
         return scale * self.template @ np.array([[c, s], [-s, c]]) + (x, y)
 
     def flat_state(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> GarmentState:
-        """The state that a perfect perception would report at a pose."""
+        """Return the state that a perfect perception would report for the flat garment at a pose."""
         points = self.place(x, y, angle, scale)
         named = {name: frozen(p) for name, p in zip(self.keypoints, points, strict=True)}
         return GarmentState(self.category, frozen(points), named, confidence=1.0)

@@ -1,4 +1,4 @@
-"""Closing the pads until both feel force or the opening stops changing."""
+"""Controller that closes the pads until both feel force or the opening stops changing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_SAMPLES = 4
 
 @dataclass(frozen=True)
 class Closed:
-    """State of the closed pads. opening: [m]. force: of the less loaded pad [N]. seconds: since the start [s]."""
+    """Result of closing. opening: of the pads [m]. force: on the less loaded pad [N]. seconds: duration [s]."""
 
     opening: float
     force: float
@@ -42,10 +42,11 @@ def start_close(settings: GraspSettings, bias: TactileBias, reading: HandReading
 
 
 def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseState | Outcome[Closed]]:
-    """One tick: squeeze until closed. `confirm` then decides whether anything is held.
+    """Process the reading of one tick and command the pads to close. `confirm` decides later whether they hold
+    cloth.
 
-    Failures: GRIPPER_FAULT when the pads neither feel force nor come to rest in time, or never moved; those of
-    `validate_reading`.
+    Failures: GRIPPER_FAULT when, within `close_timeout`, the pads neither feel force nor come to rest after a
+    movement; those of `validate_reading`.
     """
     s = state.settings
     command = GripCommand(0.0, s.grip_force)
@@ -63,7 +64,8 @@ def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseSt
 
 
 def speed_of(openings: tuple[tuple[float, float], ...]) -> float | None:
-    """Least-squares slope of (stamp [s], opening [m]) pairs [m/s]; None if there are too few."""
+    """Speed of the pads [m/s]: least-squares slope of (stamp [s], opening [m]) pairs; None if there are too
+    few."""
     if len(openings) < MIN_SAMPLES:
         return None
     t, x = (np.array(column) for column in zip(*openings, strict=True))
@@ -82,7 +84,7 @@ def _update(reading: HandReading, state: CloseState) -> CloseState:
     if not state.openings or stamp > state.openings[-1][0]:
         openings = (*state.openings, (stamp, reading.gripper.opening))
         kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
-        # A slow gripper reports too rarely for the window: the last few openings are used instead.
+        # The window may contain too few reports of a slow gripper: the last few openings are used instead.
         state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
     return state
 

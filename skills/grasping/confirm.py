@@ -1,8 +1,8 @@
-"""Confirmation of a grasp: whether cloth is between the closed pads, and how many layers.
+"""Controller that confirms a grasp: it decides whether cloth is between the closed pads, and how many layers.
 
-Both pads must feel force, and the opening must be larger than that of empty pads, because empty pads that press
-on each other feel force too. The number of layers follows from the opening by Bayes' rule with equal priors: n
-layers are n x thickness high, with the uncertainty of the thickness and of the reading.
+Both pads must feel force, and the opening must be larger than that of empty pads, because empty pads that press on
+each other feel force too. The number of layers follows from the opening by Bayes' rule with equal priors: n layers
+are n x thickness high, with the uncertainty of the thickness and of the reading.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ MAX_LAYERS = 12
 
 @dataclass(frozen=True)
 class Expectation:
-    """The expected grasp. thickness: of one layer [m]. layers: as planned; None accepts any number.
+    """The expected grasp. thickness: of one layer [m]. layers: planned number; None accepts any number.
 
-    or_more: accept more layers than planned too. A hand that grasps on the table takes all layers there.
+    or_more: also accept more layers than planned, because a hand that reaches down to the table takes all layers
+    that lie there.
     """
 
     thickness: float
@@ -35,10 +36,10 @@ class Expectation:
 
 @dataclass(frozen=True)
 class LayerCount:
-    """The layers between the pads.
+    """Estimated number of layers between the pads.
 
-    probabilities: of 0, 1, 2... layers. estimate: opening over thickness. sigma: standard deviation of the
-    estimate for the most likely number of layers.
+    probabilities: of 0, 1, 2... layers. estimate: opening beyond that of empty pads, divided by the thickness of a
+    layer. sigma: standard deviation of the estimate if the most likely number of layers is true.
     """
 
     probabilities: tuple[float, ...]
@@ -56,13 +57,14 @@ class LayerCount:
         return max(self.probabilities)
 
     def of(self, layers: int) -> float:
-        """Probability of a number of layers; numbers above the largest considered count as the largest."""
+        """Probability of a number of layers. A number above MAX_LAYERS counts as MAX_LAYERS."""
         return self.probabilities[min(layers, len(self.probabilities) - 1)]
 
 
 @dataclass(frozen=True)
 class Held:
-    """A confirmed grasp. stamp: [s]. grip: mean force of the less loaded pad [N]. opening: mean [m]."""
+    """A confirmed grasp. stamp: of the last reading [s]. grip: mean force on the less loaded pad [N]. opening:
+    mean opening of the pads [m]."""
 
     stamp: float
     grip: float
@@ -87,7 +89,7 @@ def start_confirm(settings: GraspSettings, bias: TactileBias, expected: Expectat
 
 
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
-    """One tick.
+    """Process the reading of one tick. The result follows after `confirm_readings` readings.
 
     Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
     than planned), those of `validate_reading`.
@@ -109,7 +111,8 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
 
 
 def count_layers(opening: float, sigma: float, thickness: float, settings: GraspSettings) -> LayerCount:
-    """Count layers of `thickness` [m] from a mean opening [m] with standard deviation sigma [m]."""
+    """Estimate the number of layers, each `thickness` [m] thick, from a mean opening [m] with standard deviation
+    sigma [m]."""
     n = np.arange(MAX_LAYERS + 1)
     deviation_sigma = np.hypot(sigma, settings.thickness_error * thickness * n)
     deviation = (opening - settings.empty_opening - thickness * n) / deviation_sigma

@@ -1,4 +1,4 @@
-"""Guarded descent: lower the hand until the fingertips touch, but not below a given height.
+"""Controller of the guarded descent: it lowers the hand until the fingertips touch, but not below a given height.
 
 The tactile cells at the tips are the first contact sensor; they feel 0.1 N. Contacts beside the cells, such as a
 wrist on a hanger, show in the joints: by their efforts, or by an arm that lags behind its command. The height
@@ -20,9 +20,9 @@ __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend"
 
 Track = tuple[tuple[float, float], ...]
 MAX_TIME_STEP = 0.05
-"""Longest time step; a longer gap between readings counts as this [s]."""
+"""Maximum time step of the controller; a longer time between two readings counts as this [s]."""
 BOTTOM_TOLERANCE = 0.0005
-"""Distance to the lower bound at which the arm counts as having reached it [m]."""
+"""Nearer than this to the lower bound, the arm counts as having reached it [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class DescentGoal:
     contact: where the tips are expected to touch cloth or table. bottom: lower bound; a descent that reaches it
     without a touch fails with NO_CONTACT. stop: where the descent succeeds without a touch (to grasp only the
     upper layers), or None. through: height of cloth that the tips press flat before a touch counts as a contact,
-    so that the pads reach under all layers; 0 stops at the first touch. Raises ValueError when through is negative
-    or bottom too high.
+    so that the pads reach under all layers; 0 stops at the first touch. Raises ValueError when through is
+    negative, or when bottom is above contact or stop.
     """
 
     contact: float
@@ -53,7 +53,8 @@ class DescentGoal:
 
 @dataclass(frozen=True)
 class DescentCommand:
-    """height: of the tool centre point in the next tick [m]. hold: no new data, or the descent has ended."""
+    """height: of the tool centre point in the next tick [m]. hold: whether the hand holds its height, because
+    there is no new data or the descent has ended."""
 
     height: float
     hold: bool = False
@@ -61,7 +62,8 @@ class DescentCommand:
 
 @dataclass(frozen=True)
 class Contact:
-    """End of a descent. height: [m]. by: 'tip', 'effort', 'stall' or 'height'. force: on the tips [N]."""
+    """How a descent ended. height: of the tool centre point [m]. by: the signal that ended it: 'tip', 'effort',
+    'stall' or 'height'. force: on the more loaded tip [N]."""
 
     height: float
     by: str
@@ -96,10 +98,10 @@ def start_descent(
 
 
 def descend(reading: HandReading, state: DescentState) -> tuple[DescentCommand, DescentState | Outcome[Contact]]:
-    """One tick. At the end of the descent the command holds the hand's present height.
+    """Process the reading of one tick. At the end of the descent the command holds the hand's present height.
 
-    Failures: NO_CONTACT at the lower bound, IN_COLLISION on a touch far above the garment, TRACKING_ERROR when
-    the arm does not follow, those of `validate_reading`.
+    Failures: NO_CONTACT at the lower bound, IN_COLLISION on a touch far above the garment, TRACKING_ERROR when the
+    arm does not follow, those of `validate_reading`.
     """
     invalid = validate_reading(reading, state.settings)
     if invalid:
@@ -125,7 +127,8 @@ def _tip_force(reading: HandReading, state: DescentState) -> float:
 
 
 def _update_contacts(reading: HandReading, state: DescentState, dt: float) -> DescentState:
-    """Count the readings with a contact, and update the running mean of the efforts while there is none."""
+    """Count the successive readings with a contact, and update the running mean of the efforts while they show no
+    contact."""
     s = state.settings
     tip_contact = _tip_force(reading, state) >= s.contact_force + s.press_stiffness * state.goal.through
     mean_effort = reading.effort if state.effort is None else state.effort
@@ -146,7 +149,7 @@ def _update_contacts(reading: HandReading, state: DescentState, dt: float) -> De
 
 
 def _extend_track(track: Track, reading: HandReading, window: float) -> Track:
-    """The track with the new reading, cut to the last `window` [s]."""
+    """Add the new reading to the track, and remove entries that are older than `window` [s]."""
     track = (*track, (reading.stamp, reading.height))
     first = next(k for k in range(len(track)) if k + 1 == len(track) or reading.stamp - track[k + 1][0] < window)
     return track[first:]
@@ -211,7 +214,8 @@ def _check_end(reading: HandReading, state: DescentState) -> Outcome[Contact] | 
 
 
 def _lower_target(reading: HandReading, state: DescentState, dt: float) -> DescentState:
-    """The next height: fast far above the contact, slow near it, close to the arm, and not below the bound."""
+    """Lower the commanded height: fast far above the contact, slowly near it, at most `lead` below the measured
+    height, and not below `bottom`."""
     s, goal = state.settings, state.goal
     end_height = goal.contact if goal.stop is None else max(goal.contact, goal.stop)
     far_above = min(state.target, reading.height) > end_height + s.slow_above

@@ -36,7 +36,8 @@ class GripCommand:
 
 
 def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure | None:
-    """STALE_STATE when a sensor's reading is too old, HARDWARE_FAULT when a value is not finite, else None."""
+    """Return a failure for an unusable reading: STALE_STATE when a sensor's value is too old, HARDWARE_FAULT when
+    one is not finite. Return None otherwise."""
     for name, stamp, limit in (
         ("tactile cells", reading.tactile.stamp, settings.tactile_stale),
         ("gripper", reading.gripper.stamp, settings.gripper_stale),
@@ -59,6 +60,6 @@ def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure |
 
 
 def _finite(reading: HandReading) -> bool:
-    # A sum is finite only if all of its terms are. This takes a fifth of the time of testing each.
+    # A sum is finite only if all of its terms are. This takes a fifth of the time that separate tests would take.
     numbers = reading.stamp + reading.height + reading.gripper.opening + reading.gripper.force
     return math.isfinite(numbers + reading.tactile.cells.sum() + reading.tactile.tip.sum() + reading.effort.sum())

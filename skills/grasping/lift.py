@@ -1,4 +1,4 @@
-"""The check after a small lift: whether the hand still holds the cloth that it held on the table."""
+"""Controller that checks, after a small lift, whether the hand still holds the cloth that it held on the table."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def start_lift_check(settings: GraspSettings, bias: TactileBias, held: Held) -> 
 
 
 def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[Held]:
-    """One tick, with the hand at rest above the table.
+    """Process the reading of one tick, with the hand at rest above the table.
 
     Failures: MISSED_GRASP when force or opening has dropped, those of `validate_reading`.
     """

@@ -1,4 +1,4 @@
-"""Release: open the pads just wide enough above the stack, and check that they opened."""
+"""Controller of the release: it opens the pads just wide enough above the stack, and checks that they opened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["ReleaseState", "Released", "release", "start_release"]
 
 @dataclass(frozen=True)
 class Released:
-    """opening: of the pads [m]. seconds: since the start [s]."""
+    """Result of a release. opening: of the pads [m]. seconds: duration [s]."""
 
     opening: float
     seconds: float
@@ -32,7 +32,10 @@ def start_release(settings: GraspSettings, opening: float, reading: HandReading)
 
 
 def release(reading: HandReading, state: ReleaseState) -> tuple[GripCommand, ReleaseState | Outcome[Released]]:
-    """One tick. Failures: GRIPPER_FAULT when the pads do not open in time, those of `validate_reading`."""
+    """Process the reading of one tick.
+
+    Failures: GRIPPER_FAULT when the pads do not open in time, those of `validate_reading`.
+    """
     s = state.settings
     command = GripCommand(state.opening, s.release_force)
     invalid = validate_reading(reading, s)

@@ -1,12 +1,12 @@
-"""Slip detection during the fold, within 100 ms and without false alarms from noise.
+"""Controller that detects a slip during the fold, within 100 ms and without false alarms from noise.
 
 Two signals are monitored: the force of the less loaded pad, and the opening, because pads that lost the cloth
-press on each other and feel force again. The first readings give each signal's baseline. It then follows slow
-drift, but only a little way down, so that a slow slip is not mistaken for drift. A signal is judged by the mean
-of its last n readings. n is the smallest number that separates holding from losing by `slip_sigmas` at the
-measured noise; a signal that would need too many readings is ignored. A gripper reports its opening less often
-than the cells (Baxter's at 20 Hz). Each report counts once, so a loss that shows only in the opening is detected
-later.
+press on each other and feel force again. The first readings give each signal's baseline. The baseline then follows
+slow drift, but only down to a bound, so that a slow slip is not mistaken for drift. A signal is judged by the mean
+of its last n readings. n is the smallest number for which baseline and limit of loss are `slip_sigmas` standard
+deviations of the mean apart, at the measured noise. A signal that would need too many readings is ignored. A
+gripper reports its opening less often than the cells report forces (Baxter's gripper at 20 Hz). Each report counts
+once, so a loss that shows only in the opening is detected later.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from skills.vocabulary import Failure, FailureKind, Outcome
 __all__ = ["Channel", "SlipWatch", "start_slip_watch", "watch_slip"]
 
 NORMAL_DIFFERENCE = 0.6745 * 2.0**0.5
-"""Median absolute difference of two normally distributed readings, in standard deviations of one."""
+"""Median absolute difference of two normally distributed readings, divided by the standard deviation of a
+reading."""
 
 
 @dataclass(frozen=True)
 class Channel:
     """One monitored signal [N] or [m].
 
-    fraction: share of the baseline below which the signal is lost. first: initial baseline. readings: number n of
-    readings in the mean, 0 while the baseline is measured, None when the noise is too large. stamp: of the newest
-    reading [s].
+    fraction: share of the baseline below which the cloth counts as lost. first: initial baseline. noise: standard
+    deviation of one reading. readings: number n of readings in the mean, 0 while the baseline is measured, None
+    when the noise is too large. stamp: of the newest reading [s].
     """
 
     fraction: float
@@ -80,7 +81,8 @@ def start_slip_watch(settings: GraspSettings, bias: TactileBias, held: Held) -> 
 
 
 def watch_slip(reading: HandReading, state: SlipWatch) -> SlipWatch | Outcome[SlipWatch]:
-    """One tick. Ends only with a failure: SLIPPED, or those of `validate_reading`."""
+    """Process the reading of one tick. The detection ends only with a failure: SLIPPED, or those of
+    `validate_reading`."""
     invalid = validate_reading(reading, state.settings)
     if invalid:
         return Outcome(failure=invalid)
@@ -111,7 +113,7 @@ def _update_channel(channel: Channel, value: float, now: float, s: GraspSettings
 
 
 def _measure_baseline(channel: Channel, s: GraspSettings) -> Channel:
-    """Judge the first readings against the confirmed grasp; set the baseline when there are enough."""
+    """Compare the first readings with the confirmed grasp, and set the baseline when there are enough readings."""
     n = _required_readings(channel, s)
     if n is not None and len(channel.recent) >= n:
         candidate = replace(channel, readings=n, recent=channel.recent[-n:])
@@ -129,7 +131,7 @@ def _measure_baseline(channel: Channel, s: GraspSettings) -> Channel:
 
 
 def _required_readings(channel: Channel, s: GraspSettings) -> int | None:
-    """Number of readings that separates holding from losing at this noise; None if it is too large."""
+    """Number n of readings whose mean tells held from lost cloth at this noise; None if n would be too large."""
     gap = (1.0 - channel.fraction) * channel.baseline
     if gap <= 0.0:
         return None

@@ -1,7 +1,7 @@
-"""The check after release and retreat: whether cloth clings to a finger.
+"""Controller that checks, after release and retreat, whether cloth clings to a finger.
 
-Open, unloaded pads should read their bias. A residual force on one pad is cloth if it is larger than noise, and
-drift since the tare, can explain.
+Open, unloaded pads should read their bias. If a residual force on one pad is larger than noise, and drift since
+the tare, can explain, cloth clings to this pad.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ __all__ = ["Clear", "StuckCheck", "check_stuck", "start_stuck_check"]
 
 @dataclass(frozen=True)
 class Clear:
-    """residual: the larger one of the two pads [N]. bound: the limit it was compared with [N]."""
+    """Result of the check when no cloth clings. residual: mean force on the more loaded pad [N]. bound: limit with
+    which it was compared [N]."""
 
     residual: float
     bound: float
@@ -35,12 +36,12 @@ class StuckCheck:
 
 
 def start_stuck_check(settings: GraspSettings, bias: TactileBias) -> StuckCheck:
-    """Start the check. bias: the one measured before the grasp."""
+    """Start the check. bias: the tactile bias that was measured before the grasp."""
     return StuckCheck(settings, bias)
 
 
 def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome[Clear]:
-    """One tick, with the hand open and clear of the stack.
+    """Process the reading of one tick, with the hand open and clear of the stack.
 
     Failures: STUCK_ON_FINGER, those of `validate_reading`.
     """

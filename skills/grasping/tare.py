@@ -1,8 +1,8 @@
 """Tare of the tactile sensors: measures the bias of cells and tips without load, and the cells' noise.
 
-Pressure cells drift with temperature. The bias is therefore measured right before each use, in the air before a
-descent. Outliers among the readings are rejected: a single outlier of 3 N in one cell would raise the noise
-estimate of all cells so far that cloth of 3 N on a finger would go unnoticed.
+Pressure cells drift with temperature. The bias is therefore measured immediately before each use, in the air
+before a descent. Outliers among the readings are rejected. A single outlier of 3 N in one cell would raise the
+noise estimate of all cells so much that cloth that loads a finger with 3 N would not be noticed.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from skills.vocabulary import Array, Outcome, frozen
 __all__ = ["TactileBias", "TareState", "start_tare", "tare"]
 
 OUTLIER_SIGMAS = 20.0
-"""Distance from a cell's median from which a reading is an outlier, in standard deviations of the common noise.
-The noise of single cells differs by factors of up to 5."""
+"""A reading that differs from its cell's median by more than this is an outlier, in standard deviations of the
+noise of all cells together. The limit is high because the noise of single cells differs by factors of up to 5."""
 NORMAL_DEVIATION = 1.4826
-"""Standard deviation of normally distributed values over their median absolute deviation."""
+"""Ratio of standard deviation to median absolute deviation of normally distributed values."""
 MIN_NOISE = 0.002
 """Minimum assumed noise of a cell [N]."""
 
 
 @dataclass(frozen=True, eq=False)
 class TactileBias:
-    """Readings of the unloaded sensors.
+    """Mean readings of the unloaded sensors.
 
     stamp: of the last reading [s]. cells: (2, rows, columns), tip: (2,) [N]. cell_noise: standard deviation of one
     reading of one cell [N].
@@ -41,7 +41,7 @@ class TactileBias:
     cell_noise: float
 
     def pads(self, reading: HandReading) -> Array:
-        """Force (2,) on each pad, less its bias [N]."""
+        """Force (2,) on the two pads in a reading, less the bias [N]."""
         return np.asarray((reading.tactile.cells - self.cells).sum(axis=(1, 2)))
 
     @property
@@ -65,7 +65,9 @@ def start_tare(settings: GraspSettings) -> TareState:
 
 
 def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileBias]:
-    """One tick, with the pads open and unloaded. Further readings replace rejected outliers, up to a limit.
+    """Process the reading of one tick, with the pads open and unloaded.
+
+    Further readings replace rejected outliers, at most `tare_readings` of them.
 
     Failures: those of `validate_reading`.
     """
@@ -97,7 +99,8 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
 
 
 def _is_outlier(readings: Array) -> NDArray[np.bool_]:
-    """(n,) whether any value of a reading (n, ...) [N] is far from its median, relative to the common noise."""
+    """Return (n,) whether any value of each of n readings (n, ...) [N] is far from the median of this value,
+    relative to the noise of all values."""
     deviation = np.abs(readings - np.median(readings, axis=0)).reshape(len(readings), -1)
     noise = max(NORMAL_DEVIATION * float(np.median(deviation)), MIN_NOISE)
     return np.asarray((deviation > OUTLIER_SIGMAS * noise).any(axis=1))

@@ -1,8 +1,9 @@
 """Classification of a silhouette by its aligned overlap with every template.
 
-Each template is placed on the silhouette in every orientation suggested by moments. It is then bent a little at
-its key points by one update of the registration with the template as reference: a sleeve can swing, but a towel
-does not become trousers. The measure is intersection over union.
+Each template is placed on the silhouette in the orientations that the silhouette's moments and its smallest
+enclosing rectangle suggest. It is then bent a little at its key points, by one update of the registration with the
+template as reference. Thus a sleeve can swing, but a towel does not become trousers. The measure is intersection
+over union.
 """
 
 from __future__ import annotations
@@ -29,14 +30,15 @@ _STIFF = RegistrationSettings(
     candidates=2,
 )
 _MIN_OVERLAP = 0.6
-"""Overlap up to which a template is not bent, because it cannot match."""
+"""If the overlap of the unbent template is not above this, the template cannot match and is not bent."""
 _CELL = 0.004
 """Edge length of the raster cells in which overlaps are counted [m]."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """A candidate. iou: 0..1 after alignment. scale: observed over nominal size. angle: of the template [rad]."""
+    """A template compared with the silhouette. iou: intersection over union (0..1) after alignment. scale:
+    observed over nominal size. angle: rotation of the template [rad]."""
 
     name: str
     category: str
@@ -48,8 +50,8 @@ class Match:
 def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match, ...]:
     """Rank templates for an observed boundary (n, 2) [m], best first.
 
-    The order is by overlap. Templates with nearly the same overlap (within 0.02, such as towels of two sizes) are
-    ordered by similarity of size. The caller decides whether the best match is good enough.
+    The templates are ordered by overlap. Templates with nearly the same overlap (within 0.02, such as towels of
+    two sizes) are ordered by similarity of size. The caller decides whether the best match is good enough.
     """
     contour = np.asarray(contour, dtype=float)
     if polygon_area(contour) < 0:
@@ -81,7 +83,7 @@ def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match
 
 
 def polygon_iou(a: Array, b: Array) -> float:
-    """Intersection over union of two closed polygons (n, 2) [m], counted in cells of 4 mm edge length."""
+    """Compute the intersection over union of two closed polygons (n, 2) [m], counted in cells of 4 x 4 mm."""
     low = np.minimum(a.min(axis=0), b.min(axis=0)) - _CELL
     high = np.maximum(a.max(axis=0), b.max(axis=0)) + _CELL
     shape = tuple(np.ceil((high - low) / _CELL).astype(int) + 1)

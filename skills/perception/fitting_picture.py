@@ -1,4 +1,4 @@
-"""Picture of a registration, as in the paper: initial template, contour after each update, and result. Pure."""
+"""Draws a registration, as in the paper: initial template, contour after each update, and result. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OBSERVED, _INITIAL, _FINAL = (255, 255, 255), (255, 150, 40), (40, 220, 90)
 
 
 def draw_fitting(perception: Perception) -> NDArray[np.uint8]:
-    """Three panels side by side, RGB (H, W, 3), cropped around the garment in the rectified view."""
+    """Draw three panels side by side, RGB (H, W, 3), cropped around the garment in the rectified view."""
     view, stages = perception.view, perception.registration.stages
     dimmed = _dimmed(perception.rgb, perception.mask)
     initial, steps = dimmed.copy(), dimmed.copy()
@@ -45,7 +45,7 @@ def draw_fitting(perception: Perception) -> NDArray[np.uint8]:
 
 
 def _dimmed(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """The picture dimmed, the garment less so, to make coloured lines stand out."""
+    """Darken the picture, the garment less than the rest, so that coloured lines are easy to see."""
     share = np.where(mask, np.float32(0.75), np.float32(0.4))
     return np.asarray(rgb * share[..., None], dtype=np.uint8)
 

@@ -1,4 +1,4 @@
-"""Drawings of the perceived mask, contour, key points and confidence over a picture. Pure."""
+"""Draws the perceived mask, contour, key points and confidence over a picture. Pure."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def draw_overlay(
     keypoints: Mapping[str, Array] | None = None,
     title: str = "",
 ) -> NDArray[np.uint8]:
-    """A copy of rgb (H, W, 3) with the given items drawn over it.
+    """Return a copy of rgb (H, W, 3) with the given items drawn over it.
 
-    mask: (H, W). contour: (n, 2) closed, keypoints: name -> (2,), both in pixels (column, row) of `rgb`.
+    mask: (H, W). contour: (n, 2) closed, and keypoints: name -> (2,), both in pixels (column, row) of `rgb`.
     title: one line at the top, for category and confidence.
     """
     out = np.ascontiguousarray(rgb).copy()
@@ -51,7 +51,7 @@ def draw_overlay(
 
 
 def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
-    """The perception drawn over its rectified picture (H, W, 3)."""
+    """Draw the perception over its rectified picture; the result is (H, W, 3)."""
     view, state = perception.view, perception.state
     return draw_overlay(
         perception.rgb,
@@ -63,7 +63,7 @@ def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
 
 
 def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The perception drawn over the camera's picture rgb (H, W, 3) from which it was made."""
+    """Draw the perception over the camera's picture rgb (H, W, 3) from which it was made."""
     view, state = perception.view, perception.state
     size = (rgb.shape[1], rgb.shape[0])
     mask = cv2.warpPerspective(perception.mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
@@ -89,7 +89,7 @@ def _rounded(point: Array) -> tuple[int, int]:
 
 
 def _label(out: NDArray[np.uint8], name: str, point: Array, middle: Array) -> None:
-    """Write the name beside its point, towards the garment's outside, within the picture."""
+    """Write a key point's name beside it, on the side away from the garment's middle, but within the picture."""
     (width, height), _ = cv2.getTextSize(name, _FONT, 0.42, 1)
     x = point[0] + 8 if point[0] >= middle[0] else point[0] - 8 - width
     y = point[1] - 6 if point[1] < middle[1] else point[1] + 8 + height
@@ -99,7 +99,7 @@ def _label(out: NDArray[np.uint8], name: str, point: Array, middle: Array) -> No
 
 
 def _text(out: NDArray[np.uint8], text: str, place: tuple[int, int], size: float) -> None:
-    """Write white text on a darkened box, legible on any background."""
+    """Write white text on a darkened box, so that it is legible on any background."""
     (width, height), base = cv2.getTextSize(text, _FONT, size, 1)
     top, left = max(place[1] - height - 3, 0), max(place[0] - 3, 0)
     box = out[top : place[1] + base, left : place[0] + width + 3]

@@ -1,4 +1,4 @@
-"""Perception: the state of the garment on the table from one picture, or the reason why there is none."""
+"""Perceives the garment: computes its state on the table from one picture, or gives the reason why it cannot."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ __all__ = [
 
 
 _MAX_CONFIDENCE = 0.97
-"""Share of perfect fits in which every key point is within 10 mm (`bench perception`)."""
+"""Confidence of a perfect fit: the measured share of such fits in which every key point is within 10 mm (`bench
+perception`)."""
 
 
 @dataclass(frozen=True)
@@ -53,23 +54,26 @@ class PerceptionSettings:
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     lowest_segmentation: float = 0.5
     litter: float = 0.08
-    """Maximum area of other objects on the table, relative to the garment's."""
+    """Maximum area of other objects on the table, relative to the area of the garment."""
     intruder: float = 0.02
-    """Maximum area of objects that reach into the picture from its edge, relative to the garment's."""
+    """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
     min_template_iou: float = 0.80
-    """Minimum overlap of a silhouette with a template; below it the garment is unknown."""
+    """Minimum overlap of a silhouette with the best template; below it the garment is unknown."""
     polygon_iou: float = 0.91
     """Minimum overlap of a silhouette with the polygon of its key points."""
     proportions: float = 0.20
-    """Maximum difference to the template's proportions: standard deviation of the logarithm of length ratios."""
+    """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
+    logarithm of observed over template length."""
     least_turn: float = 0.35
-    """Minimum turn of the outline at a sharp corner's place, relative to the corner's own."""
+    """Minimum turn of the outline at the place of a sharp corner, relative to the turn of this corner in the
+    template."""
     category_margin: float = 0.03
-    """The expected category is accepted unless another category overlaps better by more than this."""
+    """The expected category is accepted unless another category has an overlap that is larger by more than
+    this."""
     size_tolerance: float = 0.20
-    """Maximum relative difference from a garment's nominal size."""
+    """Maximum relative difference of the observed size from a garment's nominal size."""
     flat_height: float = 0.025
-    """Maximum 95th percentile of height over a flat garment."""
+    """Maximum height of a flat garment (95th percentile over the garment)."""
     border: float = 0.006
     min_confidence: float = 0.6
     dark_level: float = 6.0
@@ -81,9 +85,9 @@ class PerceptionSettings:
 class Perception:
     """The garment's state for planning, with the intermediate results for the record and the overlay.
 
-    garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) [m], mask: (H, W), and the
-    contour of `segmentation` are in `view`'s pixels. matches: all candidates, best first. top: mean height of the
-    garment's upper side [m].
+    garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) above the table [m], mask:
+    (H, W), and the contour of `segmentation` are in `view`'s pixels. matches: all candidates, best first. top:
+    mean height of the garment's upper side above the table [m].
     """
 
     state: GarmentState
@@ -102,7 +106,7 @@ class Perception:
 
 
 class _StageTimes:
-    """Wall times of the stages, for the record only."""
+    """Measures the wall times of the stages, for the record only."""
 
     def __init__(self) -> None:
         self.notes: dict[str, float | int | str] = {}
@@ -160,8 +164,8 @@ def perceive(
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """The rectified picture, the rectified picture of the empty table (or None), and the height above the table
-    (H, W) [m]."""
+    """The input of the stages. seen: the rectified picture. empty: that of the empty table, or None. height:
+    (H, W) above the table [m]."""
 
     view: TableView
     seen: RectifiedView
@@ -239,7 +243,8 @@ def camera_fault(
     previous: CameraFrame | None = None,
     settings: PerceptionSettings | None = None,
 ) -> Failure | None:
-    """CAMERA_FAULT for a picture of wrong size, black, white, without depth, or equal to `previous`; else None."""
+    """Return CAMERA_FAULT for a picture that has the wrong size, is black, is white, has no depth or equals
+    `previous`; else None."""
     settings = settings or PerceptionSettings()
     expected_shape = (calibration.intrinsics.height, calibration.intrinsics.width)
     hint = "check the camera's cable, exposure and driver, then look again"
@@ -272,7 +277,7 @@ def camera_fault(
 
 
 def table_unseen(view: TableView, settings: PerceptionSettings | None = None) -> Failure | None:
-    """CAMERA_FAULT when the camera sees less of the table than the area of a garment, else None."""
+    """Return CAMERA_FAULT when the visible area of the table is smaller than a garment, else None."""
     settings = settings or PerceptionSettings()
     if np.count_nonzero(view.valid) >= settings.segmentation.smallest_area:
         return None
@@ -285,7 +290,8 @@ def table_unseen(view: TableView, settings: PerceptionSettings | None = None) ->
 
 
 def _same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
-    """CAMERA_FAULT when the picture equals that of the empty table; noise makes real pictures differ."""
+    """Return CAMERA_FAULT if the picture equals that of the empty table, else None. Real pictures differ by
+    noise."""
     if not np.array_equal(frame.rgb, reference.rgb):
         return None
     return Failure(
@@ -304,7 +310,7 @@ def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
 
 
 def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np.float32]:
-    """Height (H, W) above the measured empty table [m], which cancels the error of the calibration."""
+    """Compute the height (H, W) above the measured empty table [m], which cancels the calibration's error."""
     if empty is None:
         return seen.height
     return np.asarray(seen.height - table_height(empty.height), dtype=np.float32)
@@ -363,7 +369,7 @@ def _unusable(
 def _not_alone(
     segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
 ) -> Failure | None:
-    """UNKNOWN_GARMENT for a second garment, OUT_OF_VIEW for a hand or an arm in the picture, else None."""
+    """Return UNKNOWN_GARMENT for a second garment, OUT_OF_VIEW for a hand or an arm in the picture, else None."""
     share = np.count_nonzero(segmentation.others) / np.count_nonzero(segmentation.mask)
     values = {"other_area_share": float(share)}
     if share > settings.intruder and touches_border(segmentation.others, view.valid, margin):
@@ -380,20 +386,22 @@ def _not_alone(
 
 
 def _upper_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
-    """95th percentile of the smoothed height over a mask [m]; 0 without depth."""
+    """95th percentile of the smoothed height within a mask [m]; 0 without depth."""
     smooth = smooth_height(height)
     samples = smooth[mask & np.isfinite(smooth)]
     return float(np.quantile(samples, 0.95)) if len(samples) > 100 else 0.0
 
 
 def garment_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
-    """Mean height of a garment, the plane of its outline, limited to 0..0.02 [m]; 0 without depth."""
+    """Mean height of a garment above the table, limited to 0..0.02 [m]; 0 without depth. Its outline is assumed to
+    lie at this height."""
     samples = height[mask & np.isfinite(height)]
     return float(np.clip(samples.mean(dtype=float), 0.0, 0.02)) if len(samples) > 1000 else 0.0
 
 
 def smooth_height(height: NDArray[np.float32], size: int = 9) -> NDArray[np.float32]:
-    """Mean over the known part of a square of `size` pixels [m]; NaN where too little is known."""
+    """Average the height over the known part of a square of `size` pixels around each pixel [m]; NaN where too
+    little is known."""
     known = np.isfinite(height)
     total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
     share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
@@ -437,8 +445,8 @@ def _choose(
 def _match_of_size(
     matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
 ) -> tuple[Match | None, Failure | None]:
-    """The first of the best matches that fits in size. A later perception that expects this garment then accepts
-    it."""
+    """Return the first of the best matches whose size fits, or a failure. The same size limit applies when a later
+    perception expects this garment, so that it is accepted again."""
     near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
     for match in near:
         if _fits_in_size(match, settings):
@@ -460,10 +468,11 @@ def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
 def _misfit(
     registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
 ) -> Failure | None:
-    """UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
+    """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
 
-    A freely bending contour follows any silhouette, but the polygon of its key points does not. A corner placed
-    along an edge is not a corner.
+    The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
+    This polygon is therefore compared with the silhouette. LOW_CONFIDENCE: a key point that should be a sharp
+    corner lies where the outline has none.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     overlap = polygon_iou(polygon, contour)
@@ -488,7 +497,8 @@ def _misfit(
 
 
 def _confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
-    """`_MAX_CONFIDENCE` times clear boundary, overlap (0.85..0.97 -> 0..1) and fit (8..2 mm -> 0..1)."""
+    """Compute the confidence: `_MAX_CONFIDENCE` times three factors, which are the confidence of the segmentation,
+    the overlap with the template (0.85..0.97 -> 0..1) and the residual of the registration (8..2 mm -> 0..1)."""
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
     fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
     return _MAX_CONFIDENCE * segmentation.confidence * overlap * fit

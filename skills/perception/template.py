@@ -1,4 +1,5 @@
-"""The garment data that perception needs: name, category and outline with named corners."""
+"""The interface to the garment data that perception needs (name, category, outline with named corners), and
+functions of such outlines."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ from robots.ports import Array
 __all__ = ["GarmentOutline", "polygon_area", "symmetries"]
 
 _MAX_MOMENT_RATIO = 0.9
-"""Ratio of second moments above which an outline has no distinct principal axes."""
+"""An outline whose smaller second moment is more than this share of the larger has no distinct principal axes."""
 
 
 class GarmentOutline(Protocol):
-    """The interface of a garment for perception; `skills.garments` has the full type.
+    """The part of a garment that perception uses; the full type is in `skills.garments`.
 
-    template: (k, 2) [m] at nominal size, centred on 0, in its laid orientation (table frame's axes). Its vertices
-    are the key points, in the order of `keypoints`.
+    template: (k, 2) outline at nominal size [m], centred on 0, in the orientation in which the garment is laid
+    (axes of the table frame). Its vertices are the key points, in the order of `keypoints`.
     """
 
     @property
@@ -36,17 +37,18 @@ class GarmentOutline(Protocol):
 
 
 def polygon_area(polygon: Array) -> float:
-    """Signed area of a closed polygon (k, 2): positive when it runs counter-clockwise [unit^2]."""
+    """Signed area of a closed polygon (k, 2), in the square of its unit: positive when it runs
+    counter-clockwise."""
     x, y = np.asarray(polygon, dtype=float).T
     return 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
 
 
 def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
-    """The symmetries of a silhouette that no picture of it can resolve, by name.
+    """Return the names of a silhouette's symmetries, which make its orientation ambiguous in every picture.
 
-    'rotated_90' and 'rotated_180' are about the centroid. 'mirrored' means that a mirror image coincides with it
-    after a rotation (front and back look alike). tolerance: maximum boundary distance, relative to the polygon's
-    diagonal.
+    'rotated_90', 'rotated_180': it coincides with itself after this rotation about the centroid. 'mirrored': it
+    coincides with its mirror image after a rotation (front and back look alike). tolerance: maximum distance
+    between two boundaries that coincide, relative to the polygon's diagonal.
     """
     outline = _resample(polygon, 200)
     outline = outline - _centroid(polygon)
@@ -68,8 +70,8 @@ def symmetries(polygon: Array, tolerance: float = 0.03) -> tuple[str, ...]:
 def _mirror_axes(outline: Array, corners: Array) -> list[float]:
     """Directions [rad] through the centroid that can be mirror axes of an outline (n, 2) with corners (k, 2).
 
-    They are the axes of its second moments. If these are equal in all directions, as for a square, every direction
-    is such an axis. Candidates are then the directions of the corners and of the edges' midpoints.
+    These are the axes of its second moments. If the moments are equal in all directions, as for a square, every
+    direction is such an axis. The directions of the corners and of the edges' midpoints are then added.
     """
     moments, axes = np.linalg.eigh(np.cov(outline.T))
     long = float(np.arctan2(axes[1, 1], axes[0, 1]))

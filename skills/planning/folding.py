@@ -1,7 +1,7 @@
-"""Folding as geometry: the exact isometry of a flat sheet under a sequence of fold lines.
+"""Folding as geometry: computes the exact isometry that a sequence of fold lines makes of a flat sheet.
 
-Each line mirrors all layers on its moving side and puts them on top, upside down. Points are given in material
-coordinates, so the same functions map key points, meshes and outlines.
+Each fold mirrors all layers on the moving side of its line and puts them on top of the other side, upside down.
+Points are given in material coordinates, so the same functions map key points, meshes and outlines.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ __all__ = [
 ]
 
 TOUCH = 1e-6
-"""Distance outside an edge at which a point still counts as on the sheet [m], for rounding of reflections."""
+"""A point up to this distance outside the sheet's edge counts as on the sheet [m], because reflections round."""
 
 
 class SheetMesh(Protocol):
-    """The part of a cloth mesh that folding uses."""
+    """The attributes of a cloth mesh that this module uses."""
 
     @property
     def rest(self) -> Array: ...
@@ -45,14 +45,14 @@ class SheetMesh(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FoldedPoints:
-    """positions: (n, 2) after the folds. layers: (n,) int, number of layers of cloth beneath each point."""
+    """Points after the folds. positions: (n, 2) [m]. layers: (n,) int, number of layers beneath each point."""
 
     positions: Array
     layers: NDArray[np.int64]
 
 
 def fold_xy(lines: Sequence[FoldLine], xy: Array) -> Array:
-    """(..., 2) material -> (..., 2) folded along the lines in order."""
+    """Fold material points (..., 2) along the lines, in order, and return their positions (..., 2) [m]."""
     p = np.array(xy, dtype=float)
     for line in lines:
         p = np.where((line.signed_distance(p) > 0)[..., None], line.reflect(p), p)
@@ -66,11 +66,11 @@ def fold_points(
     sheet: NDArray | None = None,
     sheets: int = 1,
 ) -> FoldedPoints:
-    """Positions of material points (n, 2) after the folds, and the number of layers beneath each.
+    """Compute the positions of material points (n, 2) after the folds, and the number of layers beneath each.
 
-    outline: (k, 2) polygon of the flat garment (default: the convex hull of the points); layers are counted within
-    it, so a sleeve folded beside the body is not lifted. sheets: layers of the flat garment; sheet: (n,) the layer
-    of each point, 0 at the table.
+    outline: (k, 2) polygon of the flat garment (default: the convex hull of the points). Layers are counted only
+    within it; a sleeve that is folded to a place beside the body therefore lies at the height of the table.
+    sheets: number of layers of the flat garment. sheet: (n,) the layer of each point, 0 at the table.
     """
     xy = np.asarray(xy, dtype=float)
     sheet = np.zeros(len(xy), dtype=int) if sheet is None else np.asarray(sheet, dtype=int)
@@ -90,7 +90,7 @@ def fold_points(
 
 
 def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int = 1) -> int:
-    """Number of layers of cloth at xy (2,) after the folds; outline (k, 2): of the flat garment."""
+    """Number of layers of cloth at xy (2,) after the folds. outline: (k, 2) of the flat garment."""
     pieces = _pieces(lines, _polygon(outline))
     return sheets * sum(bool(shapely.intersects_xy(region, *xy)) for region in pieces.values())
 
@@ -98,9 +98,9 @@ def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int 
 def layers_under(
     lines: Sequence[FoldLine], outline: Array, footprint: Array, sheets: int = 1, share: float = 0.25
 ) -> int:
-    """Number of layers under at least a `share` of a footprint (4, 2), that of the open pads.
+    """Count the layers that cover at least a `share` of the open pads' footprint (4, 2) [m].
 
-    Near an edge, which is known to some millimetres only, a single point would be less reliable.
+    A single point would be less reliable near an edge, whose position is known to a few millimetres only.
     """
     pads = shapely.Polygon(footprint)
     pieces = _pieces(lines, _polygon(outline))
@@ -109,15 +109,16 @@ def layers_under(
 
 
 def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
-    """(m, 2) outline of the folded garment seen from above; outline (k, 2): of the flat one."""
+    """Return the outline (m, 2) of the folded garment seen from above. outline: (k, 2) of the flat garment."""
     region = shapely.union_all(list(_pieces(lines, _polygon(outline)).values())).simplify(2 * TOUCH)
     return np.array(max(shapely.get_parts(region), key=lambda g: g.area).exterior.coords)[:-1]
 
 
 def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Material) -> Array:
-    """(n, 3) the ideal folded shape of a mesh: the isometry of its rest coordinates.
+    """Return the vertices (n, 3) of the ideal folded shape of a mesh: the isometry of its rest coordinates.
 
-    Vertices lie in the middle of their layer, as in the simulation: z = (k + 1/2) x thickness, k counted from 0.
+    Vertices lie in the middle of their layer, as in the simulation: z = (k + 1/2) x thickness for the k-th layer,
+    counted from 0 at the table.
     """
     sheets = int(mesh.layer.max()) + 1
     folded = fold_points(lines, mesh.rest, outline_of(mesh), mesh.layer, sheets)
@@ -125,7 +126,7 @@ def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Materi
 
 
 def outline_of(mesh: SheetMesh) -> Array:
-    """(k, 2) the silhouette of a mesh in rest coordinates."""
+    """Return the silhouette (k, 2) of a mesh in rest coordinates."""
     silhouette = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles]))
     parts = shapely.get_parts(silhouette)
     return np.array(max(parts, key=lambda g: g.area).exterior.coords)[:-1]
@@ -136,7 +137,7 @@ def _polygon(outline: Array) -> shapely.Geometry:
 
 
 def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Positions (n, 2), and the folds that moved each point (n, folds)."""
+    """Return the positions (n, 2) after the folds, and (n, folds) whether each fold moved each point."""
     p, moved = xy.copy(), np.zeros((len(xy), len(lines)), dtype=bool)
     for i, line in enumerate(lines):
         moved[:, i] = line.signed_distance(p) > 0
@@ -145,8 +146,8 @@ def _trace(lines: Sequence[FoldLine], xy: Array) -> tuple[Array, NDArray[np.bool
 
 
 def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[bool, ...], shapely.Geometry]:
-    """Map from each history of moves (one bool per fold) to the folded region with this history, grown by
-    TOUCH."""
+    """Divide the sheet at the fold lines. The key of a piece is its history: for each fold, whether the fold moved
+    it. The value is its region after the folds, grown by TOUCH."""
     pieces: dict[tuple[bool, ...], shapely.Geometry] = {(): outline}
     reach = 4.0 * (1.0 + float(np.abs(outline.bounds).max()))
     for line in lines:
@@ -163,10 +164,10 @@ def _pieces(lines: Sequence[FoldLine], outline: shapely.Geometry) -> dict[tuple[
 
 
 def _cut(region: shapely.Geometry, half: shapely.Geometry) -> tuple[shapely.Geometry, shapely.Geometry]:
-    """The parts of a region outside and inside a half-plane.
+    """Cut a region into the parts outside and inside a half-plane.
 
-    After a fold line through corners of the garment, a region can contain edges and points besides areas. The
-    library may fail to cut such a region. The cut then uses only its areas.
+    If a fold line runs through corners of the garment, a region can contain lines and points besides areas.
+    Shapely may fail to cut such a region. The cut then uses only its areas.
     """
     try:
         return region.difference(half), region.intersection(half)
@@ -183,8 +184,8 @@ def _half_plane(line: FoldLine, reach: float) -> shapely.Polygon:
 
 
 def _order(moved: tuple[bool, ...]) -> int:
-    """Position of a piece in the stack, from the folds that moved it: a fold puts the moving pieces on top in
-    reversed order."""
+    """Compute the position of a piece in the stack from the folds that moved it (one bool per fold). A fold puts
+    the moving pieces on top of the others, in reversed order."""
     order, top = 0, 0
     for i, m in enumerate(moved):
         order = 2 * top + 1 - order if m else order

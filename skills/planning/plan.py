@@ -1,4 +1,4 @@
-"""From the garment's state and plan to fold steps: lines, grasps, targets."""
+"""Computes the fold steps (line, grasps, targets) from the garment's state and the plan of its file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from skills.vocabulary import (
 __all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
 
 RELEASE_CLEARANCE = 0.005
-"""Height of the tips above the stack at release [m]. Tips that press into the stack would push it away."""
+"""Height of the fingertips above the stack at release [m]. Tips that press into the stack would push it away."""
 
 LEAST_FLAP = 0.02
 """Minimum width of the moving and of the remaining part of a fold [m]: two pads have to fit on each."""
@@ -38,15 +38,15 @@ IN_LINE = 0.5
 def plan_folds(
     state: GarmentState, garment: Garment, variants: Mapping[str, str] | None = None, done: int = 0
 ) -> Outcome[tuple[FoldStep, ...]]:
-    """The fold steps of a flat garment from step `done` on.
+    """Compute the fold steps of a flat garment, from step `done` on.
 
-    variants: step name -> variant to use in place of the first one (when an arm cannot reach). The state is always
-    that of the flat garment before its first fold; later steps follow from the earlier folds. After a drift, move
-    the plan with `translate_plan`.
+    state: always that of the flat garment before its first fold; the places of later steps are computed from the
+    earlier folds. After a drift, move the plan with `translate_plan`. variants: step name -> name of the variant
+    to use in place of the first one (when an arm cannot reach).
 
     Fails with CATEGORY_MISMATCH when the garment is of another category; with LOW_CONFIDENCE when key points are
-    missing or do not span the fold line, or the line does not divide the garment as the earlier folds leave it.
-    Raises ValueError for an unknown variant.
+    missing or do not span the fold line, or when the line does not divide the garment that the earlier folds
+    leave. Raises ValueError for an unknown variant.
     """
     failure = _mismatch(state, garment)
     if failure is not None:
@@ -69,10 +69,11 @@ def plan_folds(
 def translate_plan(
     steps: Sequence[FoldStep], offset: Array, rotation: float = 0.0, about: Array | None = None
 ) -> tuple[FoldStep, ...]:
-    """The same steps for a garment that has drifted: rotated by `rotation` [rad] about `about` (2,), then moved by
-    `offset` (2,) [m].
+    """Return the same steps for a garment that has drifted: rotated by `rotation` [rad] about `about` (2,), then
+    moved by `offset` (2,) [m].
 
-    The lines of earlier steps move too. To compute the steps' target, move the rest coordinates in the same way.
+    The lines of the earlier steps are moved too. To compute the target shape of a moved step, move the mesh's rest
+    coordinates in the same way.
     """
     centre = np.zeros(2) if about is None else np.asarray(about, dtype=float)
 
@@ -95,7 +96,7 @@ def translate_plan(
 
 
 def rigid_motion(xy: Array, offset: Array, rotation: float, about: Array) -> Array:
-    """(..., 2) turned by `rotation` [rad] about `about` (2,), then moved by `offset` (2,)."""
+    """Rotate points (..., 2) by `rotation` [rad] about `about` (2,), then move them by `offset` (2,) [m]."""
     c, s = np.cos(rotation), np.sin(rotation)
     return (np.asarray(xy) - about) @ np.array([[c, s], [-s, c]]) + about + np.asarray(offset)
 
@@ -131,7 +132,7 @@ def _degenerate(step: PlanStep) -> Failure:
 def _missed(
     step: PlanStep, line: FoldLine, earlier: Sequence[FoldLine], keypoints: Mapping[str, Array], garment: Garment
 ) -> Failure | None:
-    """A failure if a line leaves too little of the folded garment on one of its sides."""
+    """Return a failure if less than LEAST_FLAP of the folded garment lies on one side of the line."""
     away = line.signed_distance(silhouette(earlier, np.array([keypoints[name] for name in garment.keypoints])))
     least = float(min(away.max(), -away.min()))
     if least >= LEAST_FLAP:
@@ -157,7 +158,8 @@ def _variant(step: PlanStep, name: str | None) -> PlanVariant:
 
 
 def _fold_line(step: PlanStep, variant: PlanVariant, keypoints: Mapping[str, Array]) -> FoldLine | None:
-    """Fold line directed so that the moving key points lie to its left; None if they lie on both sides."""
+    """Return the fold line, directed so that the moving key points lie to its left; None if they lie on both
+    sides, or if its two anchors nearly coincide."""
     a, b = (anchor.on(keypoints) for anchor in step.line)
     length = float(np.linalg.norm(b - a))
     if length < 0.02:
@@ -190,14 +192,15 @@ def _fold_step(
         height = layers * garment.material.thickness
         grasps[i] = Grasp(frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
-        # The layers are counted at the mirror image: tension can move the landing just past the edge of the cloth.
+        # Layers are counted at the mirror image: tension can move the release point just past the cloth's edge.
         below = layers_at(earlier, outline, line.reflect(point), garment.layers) * garment.material.thickness
         targets[i] = frozen(np.array([*landing, below + RELEASE_CLEARANCE]))
     return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
 
 
 def _footprint(point: Array, heading: float) -> Array:
-    """(4, 2) area of the open pads: their width along the held line, their stroke across it."""
+    """Return the corners (4, 2) [m] of the area of the open pads: their width along `heading`, the direction of
+    the cloth that they will hold, and their stroke perpendicular to it."""
     pads = PadGeometry()
     along = 0.5 * pads.width * np.array([np.cos(heading), np.sin(heading)])
     across = 0.5 * pads.stroke * np.array([-np.sin(heading), np.cos(heading)])
@@ -205,14 +208,14 @@ def _footprint(point: Array, heading: float) -> Array:
 
 
 def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:
-    """(2,) release point of a grasp: its mirror image, shifted by the step's tension."""
+    """Return the release point (2,) of a grasp: its mirror image, shifted by the step's tension."""
     past, apart = step.tension
     along = float((point - np.mean(points, axis=0)) @ line.direction)
     return line.reflect(point) - past * line.normal + apart * np.sign(round(along, 6)) * line.direction
 
 
 def _middle_of_moving(line: FoldLine, outline: Array) -> float:
-    """Middle of the moving part along the fold line [m from the line's point]."""
+    """Position of the moving part's middle along the fold line [m], measured from the line's point."""
     along = (outline - line.point) @ line.direction
     moving = along[line.signed_distance(outline) > 0]
     return float((moving.min() + moving.max()) / 2)
@@ -228,8 +231,8 @@ def _grasp_point(
 
 
 def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:
-    """Ids of the grasps: as the plan states, otherwise by position. The left grasp has the larger y; if both are
-    in line along x, the left grasp is the one farther from the robot."""
+    """Choose the ids of the grasps: as the plan states, otherwise by position. The left grasp is the one with the
+    larger y. If the two grasps are in line along x (IN_LINE), the left one is the one farther from the robot."""
     named = [g.grasp_id for g in grasps]
     if len(named) == 1:
         return [named[0] or (GraspId.LEFT if points[0][1] >= 0 else GraspId.RIGHT)]
@@ -244,5 +247,6 @@ def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[Gra
 
 
 def _fold_angle(angle: float) -> float:
-    """The angle of an undirected held line, in (-60, 120] degrees. The interval's ends are away from both axes."""
+    """Reduce the angle [rad] of an undirected line to (-60, 120] degrees. The ends of this interval are away from
+    both axes, so small errors of a line along an axis do not make the angle jump."""
     return float(np.pi * 2 / 3 - (np.pi * 2 / 3 - angle) % np.pi)

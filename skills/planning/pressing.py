@@ -1,9 +1,9 @@
-"""Pressing a crease so that the fold lies flatter: dabs along the crease.
+"""Plans the pressing of a crease, which makes the fold flatter: the hands dab along the crease.
 
 A fabric's internal friction holds bends (its hysteresis, 2HB of KES-F), so a crease that was pressed flat opens
 less. Hands dab and do not stroke, because a sliding hand drags the upper layers along. One finger presses beside
-the line and the other further in, at the same time: a bulge that is pressed only in its middle moves inwards.
-Creases of earlier folds and edges are not pressed, because fingers there would turn corners up.
+the line and the other further in, at the same time: a bulge that is pressed only in its middle moves inwards. The
+creases of earlier folds, and edges, are not pressed, because fingers there would turn corners up.
 """
 
 from __future__ import annotations
@@ -22,33 +22,36 @@ OPENING = 0.030
 FINGERS = 0.019
 """Distance from the middle of the open hand to the middle of a finger [m]."""
 MOST = 12
-"""Maximum number of dabs in one press."""
+"""Maximum number of dabs on one crease."""
 BAND = 0.060
 """Distance from the line within which raised cloth belongs to the crease [m]."""
 INSET = 0.010
 """Distance from the line to the outer finger [m]."""
 ROOM = 0.135
-"""Minimum extent of the cloth from the line to the opposite edge [m]. A press on the crease of a smaller stack
-would push the whole stack."""
+"""Minimum extent of the cloth from the line inwards [m]. A hand that presses the crease of a smaller stack would
+push the whole stack away."""
 PITCH = 0.045
 """Distance between dabs along the crease [m]."""
 GRID = 0.005
-"""Resolution along the crease [m]."""
+"""Resolution of positions along the crease [m]."""
 CLEARANCE = 0.020
-"""Height above the highest cloth between two dabs [m]."""
+"""Height of the hand above the highest cloth on its way from one dab to the next [m]."""
 START = 0.080
-"""Height above the highest cloth before the first dab [m]: the hand touches no cloth on its way there."""
+"""Height of the hand above the highest cloth at the start of its path [m]. On its way there it touches no
+cloth."""
 ONE_HAND = 0.36
-"""Extent of the dabs along y above which both hands share them [m]."""
+"""If the dabs extend further than this along y, both hands share them; otherwise one hand makes them all [m]."""
 SPEED, JERK = 0.3, 24.0
-"""Maximum speed [m/s] and jerk [m/s3] of the hands. With larger values the arms would slow down the whole path."""
+"""Maximum speed [m/s] and jerk [m/s3] of the hands. Larger values would exceed the arms' limits, and the planner
+would then slow down the whole path."""
 DWELL_S, TICK_S = 0.25, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Dab:
-    """One dab. point: (2,) under the middle of the hand, table frame. bottom: final height of the tips, with the
-    layers flat [m]. high: height of the cloth above the flat stack [m]."""
+    """One contact of a hand with the cloth. point: (2,) under the middle of the hand, table frame [m]. bottom:
+    lowest height of the tips, at which the layers are flat [m]. high: height of the cloth above the flat
+    stack [m]."""
 
     point: Array
     bottom: float
@@ -63,10 +66,11 @@ def crease_dabs(
     inside: Callable[[Array], bool],
     most: int = MOST,
 ) -> tuple[Dab, ...]:
-    """Dabs where the last fold's crease, at `line`, stands high. The fingers lie across the crease.
+    """Plan dabs where the crease of the last fold, at `line`, stands high. The two fingers lie across the crease.
 
-    places: (k, 2) raised above the flat stack by above (k,) [m]. flat: height of the flat stack at a place (2,)
-    [m]. inside: whether a place (2,) lies on the garment, clear of the edges at the ends of the crease.
+    places: (k, 2) that are higher than the flat stack by above (k,) [m]. flat: function that returns the height of
+    the flat stack at a place (2,) [m]. inside: function that returns whether a place (2,) lies on the garment,
+    away from its edges.
     """
     beside = -line.signed_distance(places)
     crease = (beside >= 0.0) & (beside < BAND)
@@ -84,14 +88,14 @@ def crease_dabs(
 
 
 def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
-    """The highest dab, and the other dabs that the same hand can make with it."""
+    """Return the dab at the highest cloth, and the dabs near it that the same hand can make."""
     highest = max(dabs, key=lambda dab: dab.high)
     return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
 
 
 def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[GraspId, ToolPath]:
-    """Tool paths over the dabs for one hand, or for two hands with common times. Each path begins high above its
-    first dab.
+    """Compute the tool paths over the dabs, for one hand or for two hands that move simultaneously. Each path
+    begins START above the garment, over its first dab.
 
     highest: height of the garment [m]. Two hands move in the same direction, each over its half. Without dabs the
     result is empty.
@@ -116,8 +120,8 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
 
 
 def _spread(along: Array, most: int) -> Array:
-    """Evenly spaced positions along a crease, PITCH apart or wider if `most` requires it, near any of along (k,)
-    [m]."""
+    """Choose evenly spaced positions along a crease: PITCH apart, or wider if there would be more than `most`.
+    Only positions near one of the raised places along (k,) [m] are returned."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
@@ -129,13 +133,14 @@ def _spread(along: Array, most: int) -> Array:
 
 
 def _finger(line: FoldLine, along: float, inset: float) -> Array:
-    """(2,) the point `along` the line from its point and `inset` inside it [m]."""
+    """Return the place (2,) of a finger: `along` [m] from the line's point, and `inset` [m] from the line into the
+    folded garment."""
     return line.point + along * line.direction - inset * line.normal
 
 
 def _stops(dabs: Sequence[Dab], highest: float) -> Array:
-    """(1 + 4 k, 3) stops of a hand: high above the first dab, then for each of k dabs above, down, down (dwell)
-    and above."""
+    """Return the stops (1 + 4 k, 3) of a hand [m]: high above the first dab, then four for each of the k dabs:
+    above, down, down again (the hand stays for DWELL_S) and above."""
     points = [[*dabs[0].point, highest + START]]
     for dab in dabs:
         over, on = [*dab.point, highest + CLEARANCE], [*dab.point, dab.bottom]
@@ -144,14 +149,15 @@ def _stops(dabs: Sequence[Dab], highest: float) -> Array:
 
 
 def _times(stops: Array) -> list[float]:
-    """Durations of the legs between stops [s]. On a leg of length l and duration t, minimum jerk has a peak speed
-    of 15/8 of the mean speed and a peak jerk of 60 l / t^3."""
+    """Compute the durations of the legs between stops [s]. On a leg of length l and duration t, a minimum-jerk
+    motion has a peak speed of 15/8 of the mean speed and a peak jerk of 60 l / t^3."""
     length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
     return [max(DWELL_S, 1.875 * float(way) / SPEED, (60.0 * float(way) / JERK) ** (1 / 3)) for way in length]
 
 
 def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
-    """Path through the stops, one leg for each duration of `clock` [s], with minimum jerk (Flash & Hogan 1985)."""
+    """Compute the path through the stops, with minimum jerk (Flash & Hogan 1985). clock: durations of the
+    legs [s]."""
     t, position = [0.0], [stops[0]]
     for here, there, duration in zip(stops[:-1], stops[1:], clock, strict=True):
         q = np.linspace(0.0, 1.0, max(2, round(duration / TICK_S)) + 1)[1:]

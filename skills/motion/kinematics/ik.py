@@ -2,8 +2,9 @@
 
 The solver is a Levenberg-Marquardt iteration on the pose error with the damping of Sugihara (IEEE T-RO 27(5),
 2011): proportional to the squared error, plus a bias. Joints that push against their limit are excluded from the
-step. The null space of the redundant arm keeps a single pose near `q_reference`, and a path away from the joint
-limits. Forward kinematics agrees with Pinocchio to 1e-12 (tested).
+step. The arm has seven joints, so it can move without moving the tool (in its null space). For a single pose, this
+freedom keeps the joints near `q_reference`; along a path, it keeps them away from their limits. Forward kinematics
+agrees with Pinocchio to 1e-12 (tested).
 """
 
 from __future__ import annotations
@@ -22,18 +23,19 @@ MAX_ITERATIONS = 60
 STEP_LIMIT = 0.4
 """Largest joint step of one iteration [rad]."""
 TOLERANCE = 1e-9
-"""Tolerance of position [m] and of orientation [rad]."""
+"""Maximum error of position [m] and of orientation [rad] of a solution."""
 LIMIT_ZONE = 0.35
-"""Distance to a limit [rad] below which self-motion moves a joint on a path away from it."""
+"""If a joint on a path is nearer to a limit than this, self-motion moves it away from the limit [rad]."""
 LIMIT_GAIN = 4.0
-"""Largest such self-motion per metre of tool travel [rad/m]."""
+"""Maximum self-motion away from a limit per metre of tool travel [rad/m]."""
 SEEDS = 12
-"""Number of fixed random seed configurations, besides the arm's present and its parked one."""
+"""Number of fixed random configurations that serve as seeds, besides the arm's present and its parked one."""
 
 
 @njit(cache=True, nogil=True)
 def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-untyped-def]
-    """Fills axes (7, 3) and origins (7, 3) of the joints and the tool's R (3, 3), p (3,) in the base frame."""
+    """Fills in, in the base frame: axes (7, 3) and origins (7, 3) of the joints, and the tool's R (3, 3), p
+    (3,)."""
     W = np.empty((3, 3))
     M = np.empty((3, 3))
     for i in range(3):
@@ -66,7 +68,7 @@ def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-
 
 @njit(cache=True, nogil=True)
 def _pose_error(R, p, R_target, p_target, e):  # type: ignore[no-untyped-def]
-    """Fills e (6,): position difference, rotation vector of R_target R^T; returns their norms."""
+    """Fills e (6,) with the position difference and the rotation vector of R_target R^T; returns their norms."""
     D = np.empty((3, 3))
     for i in range(3):
         e[i] = p_target[i] - p[i]
@@ -119,7 +121,7 @@ def _cholesky_solve(A, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-def]
-    """dq (7,) = J+ e + (I - J+ J) rest over the active joints, with J+ the damped pseudo-inverse."""
+    """Fills dq (7,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse."""
     A = np.zeros((6, 6))
     b = np.empty(6)
     for i in range(6):
@@ -141,7 +143,7 @@ def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True)
 def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_reference, gain, iterations):  # type: ignore[no-untyped-def]
-    """Iterates q (7,) in place; returns whether it reaches the pose within TOLERANCE."""
+    """Iterates q (7,) in place; returns whether the tool reaches the pose within TOLERANCE."""
     axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
     R, p, e = np.empty((3, 3)), np.empty(3), np.empty(6)
     dq, rest, active = np.empty(7), np.empty(7), np.empty(7, dtype=np.bool_)
@@ -203,7 +205,8 @@ def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, 
 
 @njit(cache=True, nogil=True)
 def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-untyped-def]
-    """Fills out (7,): self-motion that moves joints away from near limits while the tool travels `distance`."""
+    """Fills out (7,) with a step of self-motion that moves joints away from limits that they are near, while the
+    tool travels `distance` [m]."""
     push, active = np.empty(7), np.ones(7, dtype=np.bool_)
     none = True
     for k in range(7):
@@ -223,7 +226,8 @@ def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, out):  # type: ignore[no-untyped-def]
-    """Fills out (n, 7); returns the number of samples reached without a joint step above max_step."""
+    """Fills out (n, 7) with the joints along a path of n poses; returns the number of poses that are reached
+    without a joint step above max_step."""
     n = p_path.shape[0]
     axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
     R, p, drift, q = np.empty((3, 3)), np.empty(3), np.empty(7), q0.copy()
@@ -247,14 +251,14 @@ def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, o
 
 @dataclass(frozen=True, eq=False)
 class PathSolution:
-    """q: (m, 7) joints of the first m of n poses. complete: whether m = n."""
+    """Joints along a path of n tool poses. q: (m, 7), of the first m poses. complete: whether m = n."""
 
     q: Array
     complete: bool
 
 
 def tool_pose(chain: ArmChain, q: Array) -> Array:
-    """T_base_tool (4, 4) of one arm at q (7,)."""
+    """Compute T_base_tool (4, 4) of one arm at q (7,)."""
     T = np.eye(4)
     R, p = np.empty((3, 3)), np.empty(3)
     _forward(chain.rotation, chain.translation, np.asarray(q, float), np.empty((7, 3)), np.empty((7, 3)), R, p)
@@ -271,9 +275,10 @@ def jacobian(chain: ArmChain, q: Array) -> Array:
 
 
 def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, gain: float = 0.1) -> Array | None:
-    """Joints (7,) that bring one tool to T_base_tool (4, 4), near q0 (7,); None when the iteration fails.
+    """Find joints (7,) near q0 (7,) that bring one tool to T_base_tool (4, 4); None when the iteration fails.
 
-    The solution stays within the planning position limits. gain: null-space gain towards q0, 0..1.
+    The solution stays within the planning position limits. gain: share (0..1) of the distance to q0 that the null
+    space may remove in each iteration.
     """
     chain, joints = model.chains[side], arm_slice(side)
     q = np.array(q0, dtype=float)
@@ -286,7 +291,8 @@ def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, 
 
 
 def arm_seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
-    """Seeds (k, 7) for `solve_seeds`: q_now (14,), the parked pose, and fixed random configurations."""
+    """Return seeds (k, 7) of one arm for `solve_seeds`: its joints in q_now (14,), its parked pose, and fixed
+    random configurations."""
     joints = arm_slice(side)
     lower, upper = model.planning.lower[joints], model.planning.upper[joints]
     spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
@@ -294,7 +300,8 @@ def arm_seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
 
 
 def solve_seeds(model: RobotModel, side: Side, T_base_tool: Array, seeds: Array) -> Array:
-    """All distinct solutions (m, 7) reached from seeds (k, 7), in the seeds' order."""
+    """Find all distinct solutions (m, 7) for T_base_tool (4, 4) that are reached from seeds (k, 7), in their
+    order."""
     chain, joints = model.chains[side], arm_slice(side)
     out = np.empty_like(seeds)
     m = _solve_many(
@@ -315,11 +322,11 @@ def follow_path(
     max_step: float = 0.35,
     margin: float = 0.01,
 ) -> PathSolution:
-    """Joints along tool poses rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0 (7,).
+    """Find joints along tool poses: rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0 (7,).
 
     Stops at the first pose that is out of reach, or that needs a joint step above max_step [rad] (a jump to
-    another branch). Joints stay `margin` [rad] inside the planning position limits, because the spline through the
-    samples overshoots. A joint that starts beyond the margin has its start as the limit.
+    another solution). Joints stay `margin` [rad] inside the planning position limits, because the spline through
+    the samples overshoots. If a joint starts beyond the margin, its start is its limit.
     """
     chain, joints = model.chains[side], arm_slice(side)
     out = np.empty((position.shape[0], 7))

@@ -1,7 +1,8 @@
 """The posture of a hand: the degrees of freedom that a fold leaves to the arm, and the resulting tool poses.
 
-The cloth hangs about the held line. The hand may therefore lean about the line (pitch) and a little along it
-(roll). It may also turn by pi about its own axis, which leaves the line as it is.
+The cloth can turn about the held line, the strip of cloth between the pads. The hand may therefore lean about this
+line (pitch), and a little along it (roll). It may also turn by pi about its own axis, which does not change the
+line.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 class Posture:
     """The posture of one arm.
 
-    path: the grasp of the fold step whose tool path this arm takes (the other arm's when the arms are swapped).
-    turned: whether the hand is turned by pi about its axis. pitch, roll: lean added to the path's [rad], stated
-    for the hand that is not turned. pitch_change: smooth increase of the pitch from grasp to release [rad]. In a
-    long fold the hand ends leaning the opposite way.
+    path: the grasp of the fold step whose tool path this arm takes (that of the other arm when the arms are
+    swapped). turned: whether the hand is turned by pi about its axis. pitch, roll: lean that is added to that of
+    the path [rad], as if the hand were not turned. pitch_change: smooth increase of the pitch from grasp to
+    release [rad], so that in a long fold the hand can lean in opposite directions at the two ends.
     """
 
     path: GraspId
@@ -35,7 +36,7 @@ class Posture:
     pitch_change: float = 0.0
 
     def rotation(self, path: ToolPath) -> Array:
-        """R_table_tool (n, 3, 3) along a tool path."""
+        """Compute R_table_tool (n, 3, 3) of this posture along a tool path."""
         lean = path.pitch + self.pitch
         if self.pitch_change:
             u = (path.t - path.t[0]) / max(path.t[-1] - path.t[0], 1e-9)
@@ -45,7 +46,7 @@ class Posture:
 
 
 def angles_of(rotation: Array) -> tuple[Array, Array, Array]:
-    """Heading, pitch, roll (n,) of R_table_tool (n, 3, 3): the inverse of `vocabulary.tool_rotation`."""
+    """Compute heading, pitch, roll (n,) of R_table_tool (n, 3, 3): the inverse of `vocabulary.tool_rotation`."""
     R = rotation
     pitch = np.arcsin(np.clip(-R[:, 2, 1], -1.0, 1.0))
     heading = np.unwrap(np.arctan2(R[:, 0, 1], -R[:, 1, 1]))
@@ -54,7 +55,7 @@ def angles_of(rotation: Array) -> tuple[Array, Array, Array]:
 
 
 def resampled(path: ToolPath, t: Array) -> ToolPath:
-    """The same path at other times t (m,), linear between samples."""
+    """Sample a path at other times t (m,), linearly between its samples."""
     if len(t) == len(path.t) and np.array_equal(t, path.t):
         return path
 
@@ -66,7 +67,7 @@ def resampled(path: ToolPath, t: Array) -> ToolPath:
 
 
 def blended(path: ToolPath, start: Array) -> ToolPath:
-    """The path shifted to begin at `start` (3,) [m]; the offset fades out along the path."""
+    """Shift a path so that it begins at `start` (3,) [m]. The offset fades out along the path."""
     step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(step)])
     u = travelled / max(travelled[-1], 1e-9)
@@ -76,8 +77,8 @@ def blended(path: ToolPath, start: Array) -> ToolPath:
 
 
 def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolPath:
-    """`samples` points evenly along the arc, with a straight descent by `above` before and a rise by `below`
-    after it [m]."""
+    """Sample a path at `samples` points that are evenly spaced along it, and add a straight descent by `above`
+    before it and a straight rise by `below` after it [m]."""
     step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(step)])
     arc = resampled(path, np.interp(np.linspace(0.0, travelled[-1], samples), travelled, path.t))
@@ -92,5 +93,5 @@ def with_ends(path: ToolPath, above: float, below: float, samples: int) -> ToolP
 
 
 def in_base(table: Table, position: Array) -> Array:
-    """Positions (n, 3) in the base frame, from those in the table frame [m]."""
+    """Convert positions (n, 3) [m] from the table frame to the base frame."""
     return position + np.array([0.0, 0.0, table.height])

@@ -1,4 +1,5 @@
-"""The fold: the tools follow their paths from the actual grasps to the release, then retreat and park."""
+"""Plans the fold itself: the tools follow their paths from the actual grasps to the release; then the arms
+park."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ SAMPLE_TIME = 0.04
 
 @dataclass(frozen=True, eq=False)
 class ArcMotion:
-    """fold: from the (lifted) grasps to the release. tool_paths: the tools' motion by arm, table frame."""
+    """Motion after the grasp. fold: from the (lifted) grasps to the release. retreat: up. park: to the parked
+    pose. tool_paths: the tools' motion during `fold`, by arm, table frame."""
 
     fold: ArmTrajectory
     retreat: ArmTrajectory
@@ -52,7 +54,7 @@ def plan_arc(
     """Plan the fold from the configuration actually reached, q_grasp (14,), then up and to the parked pose.
 
     The paths are shifted to begin at the tools' actual poses. The offsets of position and orientation fade out
-    along the arc. Timing is the paths' own unless the arms' limits or tool_speed [m/s] require a slower one.
+    along the arc. The times are those of the paths, unless the arms' limits or tool_speed [m/s] require more time.
     Failures: STALE_STATE (q_grasp is not a valid state), LIMIT_EXCEEDED (tool_speed is not above zero, or the fold
     would take too long), UNREACHABLE, those of `check_trajectory` and `plan_retreat`.
     """
@@ -84,19 +86,20 @@ def plan_arc(
 
 
 def intended_duration(paths: Mapping[GraspId, ToolPath], tool_speed: float | None) -> float:
-    """Duration of the fold if the arms' limits do not slow it [s]. tool_speed: the speed cap [m/s], or None."""
+    """Duration of the fold if the arms' limits do not slow it down [s]. tool_speed: maximum speed [m/s], or
+    None."""
     times = _sample_times(paths)
     return float(times[-1]) * _speed_stretch(paths, times, tool_speed)
 
 
 def _sample_times(paths: Mapping[GraspId, ToolPath]) -> Array:
-    """(n,) evenly spaced sample times of both tools, over the first path's duration [s]."""
+    """Return evenly spaced sample times (n,) for all tools [s], from start to end of the first path."""
     t = next(iter(paths.values())).t
     return np.linspace(t[0], t[-1], max(8, int(np.ceil((t[-1] - t[0]) / SAMPLE_TIME)) + 1))
 
 
 def _speed_stretch(paths: Mapping[GraspId, ToolPath], times: Array, tool_speed: float | None) -> float:
-    """Factor (1 or more) by which time is stretched so that both tools keep to the speed cap [m/s]."""
+    """Factor (1 or more) by which time is stretched so that no tool is faster than `tool_speed` [m/s]."""
     if tool_speed is None:
         return 1.0
     longest_step = max(
@@ -108,7 +111,8 @@ def _speed_stretch(paths: Mapping[GraspId, ToolPath], times: Array, tool_speed: 
 def _tool_poses_from_actual(
     model: RobotModel, table: Table, side: Side, posture: Posture, path: ToolPath, q_grasp: Array
 ) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3), positions (n, 3) of the tool, base frame: from its actual pose to the planned end."""
+    """Compute poses of the tool from its actual pose to the planned end: rotations (n, 3, 3), positions (n, 3),
+    base frame."""
     T = ik.tool_pose(model.chains[side], q_grasp[arm_slice(side)])
     actual_position = T[:3, 3] - np.array([0.0, 0.0, table.height])
     shifted = blended(path, actual_position)
@@ -121,7 +125,7 @@ def _tool_poses_from_actual(
 
 
 def _resulting_path(model: RobotModel, table: Table, side: Side, fold: ArmTrajectory) -> ToolPath:
-    """Path of one tool along the planned trajectory, table frame."""
+    """Compute the path of one tool during the planned trajectory, table frame."""
     T = np.array([ik.tool_pose(model.chains[side], q) for q in fold.q[:, arm_slice(side)]])
     heading, pitch, roll = angles_of(T[:, :3, :3])
     position = T[:, :3, 3] - np.array([0.0, 0.0, table.height])

@@ -1,8 +1,8 @@
 """The arm motion of one fold: approach, descent, arc, retreat and return to the parked pose.
 
 `plan_fold_motion` plans the whole motion before anything moves. The height at which the guarded descent ends is
-known only afterwards. `arc.plan_arc` is therefore called again from the configuration actually reached, and
-`grasp.plan_grasp` when a grasp is tried again elsewhere.
+known only when it has ended. `arc.plan_arc` is therefore called again from the configuration that was reached. If
+a grasp is tried again at another place, `grasp.plan_grasp` is called again.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ from skills.vocabulary import FoldStep, GraspId, Outcome, Table, ToolPath
 __all__ = ["FoldMotion", "plan_fold_motion", "plan_hands_motion"]
 
 MAX_STRETCH = 1.3
-"""If the arms' limits stretch the fold by more than this factor, the next choice of postures is tried too."""
+"""If the arms' limits lengthen the fold's duration by more than this factor, the next postures are tried too."""
 SEARCHES = 2
-"""Number of posture searches. A search is coarse: the detailed plan can reject all the choices it found."""
+"""Maximum number of posture searches. A search is coarse, so the detailed planning can reject all its choices.
+Then a second search looks for others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,8 @@ def plan_fold_motion(
 ) -> Outcome[FoldMotion]:
     """Plan one fold from q_now (14,), at rest.
 
-    paths: keyed as step.grasps, else ValueError is raised. Everything else as for `plan_hands_motion`.
+    paths: one per grasp of `step.grasps`, else ValueError is raised. The other arguments and the failures are
+    those of `plan_hands_motion`.
     """
     if set(paths) != set(step.grasps):
         raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
@@ -129,14 +131,14 @@ def plan_hands_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Plan the hands' motion from q_now (14,), at rest: above their paths, down, along them, up and home.
+    """Plan the hands' motion from q_now (14,), at rest: to points above the starts of their paths, down, along the
+    paths, up and to the parked pose.
 
-    The lean of the hands, and which arm takes which path, are chosen here. limits: the model's planning limits
-    when None. tool_speed: cap while the cloth is held [m/s].
-    lift: height of a straight lift before the fold begins [m]; the paths then begin that much higher.
-    avoid: `postures` of motions that were tried, which are not chosen again. rng: for RRT-Connect.
-    Failures: UNREACHABLE, IN_COLLISION (with the binding constraint, and a shift of the garment if one helps),
-    LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
+    The function chooses the lean of the hands, and the arm for each path. limits: the model's planning limits when
+    None. tool_speed: maximum speed while the cloth is held [m/s]. lift: height of a straight lift between grasp
+    and fold [m]; the paths then begin higher by this height. avoid: postures of earlier motions, which are not
+    chosen again. rng: for RRT-Connect. Failures: UNREACHABLE, IN_COLLISION (with the binding constraint, and a
+    shift of the garment if one helps), LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
     """
     invalid = (
         validate_state(model, q_now)
@@ -164,7 +166,7 @@ def plan_hands_motion(
         tried += [choice.postures for choice in choices]
     failure = first_failure or ranked.failure
     assert failure is not None
-    if first_failure or avoid:  # A recovery asks for another choice of postures: no shift is suggested.
+    if first_failure or avoid:  # With `avoid`, a recovery wants other postures, not a shift of the garment.
         return Outcome(failure=failure)
     with_suggestion = with_shift_suggestion(
         model, checker, table, paths, q_now, failure, above=approach_height, below=RETREAT_HEIGHT
@@ -173,7 +175,8 @@ def plan_hands_motion(
 
 
 def _best_motion(task: _Task, choices: Sequence[PostureChoice]) -> tuple[FoldMotion | None, Failure | None]:
-    """The first motion that the arms' limits hardly slow, else the shortest; and the first failure."""
+    """Plan the choices in detail, in order. Return the first motion whose fold takes less than MAX_STRETCH times
+    its intended duration, else the shortest motion; and the first failure."""
     intended = intended_duration(task.paths, task.tool_speed)
     best: FoldMotion | None = None
     failure: Failure | None = None

@@ -1,4 +1,5 @@
-"""Motion of both arms through free space, from rest to rest: straight where possible, else through way-points."""
+"""Plans motions of both arms through free space, from rest to rest: straight if possible, else through
+way-points."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from skills.vocabulary import Outcome
 __all__ = ["plan_free_motion"]
 
 CORNERS = (0.48, 0.3, 0.15)
-"""Parts of each segment that a corner's blend replaces, tried in turn."""
+"""Shares of each segment that the blend at a way-point replaces at this end of the segment, tried in turn."""
 
 
 def plan_free_motion(
@@ -34,11 +35,11 @@ def plan_free_motion(
 ) -> Outcome[ArmTrajectory]:
     """Plan a collision-free motion from rest at q0 (14,) to rest at q1 (14,).
 
-    The motion is straight if that is free. Otherwise it passes through way-points, with blended corners where
-    these are free too. It passes the same collision check that is made before it is sent.
-    limits: the model's planning limits when None. rng: for RRT-Connect.
-    Failures: STALE_STATE (q0 is not a valid state), LIMIT_EXCEEDED (q1 is not a valid goal, or the limits are so
-    low that the motion would take too long), IN_COLLISION (q0 or q1 is in collision, or no path was found).
+    The motion is straight in joint space if that is free. Otherwise it passes through way-points, with blended
+    corners if these are free too. The result has passed the same collision check that is made again before it is
+    sent. limits: the model's planning limits when None. rng: for RRT-Connect. Failures: STALE_STATE (q0 is not a
+    valid state), LIMIT_EXCEEDED (q1 is not a valid goal, or the limits are so low that the motion would take too
+    long), IN_COLLISION (q0 or q1 is in collision, or no path was found).
     """
     limits = limits or model.planning
     invalid = validate_state(model, q0) or validate_goal(model, q1, q0)
@@ -60,8 +61,8 @@ def plan_free_motion(
 
 
 def _time_parameterized(points: Array, limits: JointLimits) -> Iterator[ArmTrajectory]:
-    """Yield trajectories through points (n, 14): first with blended corners if that is faster, then with a stop at
-    each."""
+    """Yield trajectories through points (n, 14): first those with blended corners that are faster than stopping,
+    then the one that stops at each point."""
     stopping = join([free_motion(a, b, limits) for a, b in pairwise(points)])
     for share in CORNERS if len(points) > 2 else ():
         blended = time_path(blend_corners(points, share), limits)

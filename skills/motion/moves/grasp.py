@@ -1,4 +1,4 @@
-"""The approach to poses above the grasps, and straight descents to the grasps and a little beyond."""
+"""Plans the approach to poses above the grasps, and straight descents to the grasps and a little deeper."""
 
 from __future__ import annotations
 
@@ -22,16 +22,18 @@ __all__ = ["APPROACH_HEIGHT", "Descent", "GraspMotion", "plan_grasp"]
 APPROACH_HEIGHT = 0.08
 """Height above a grasp at which the straight descent begins [m]."""
 OVERTRAVEL = 0.015
-"""Depth below the planned grasp down to which a descent continues without a contact [m]."""
+"""If a descent meets no contact, it continues to this depth below the planned grasp [m]."""
 STEP = 0.002
 """Distance between the joint samples of a descent [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """One arm's straight descent: joints q (m, 7) at depths (m,) below the point above the grasp [m].
+    """One arm's straight descent.
 
-    grasp_depth: depth of the planned grasp [m]. The descent continues below it for the overtravel.
+    depth: (m,) distance below the start of the descent, which lies above the grasp [m]. q: (m, 7) joints at these
+    depths. grasp_depth: depth of the planned grasp [m]. The descent continues below it by the overtravel, or as
+    far as the arm reaches.
     """
 
     q: Array
@@ -39,13 +41,14 @@ class Descent:
     grasp_depth: float
 
     def at(self, depth: float) -> Array:
-        """(7,) joints at a depth [m], clamped to the ends."""
+        """Return the joints (7,) at a depth [m], which is limited to the range of `depth`."""
         return np.array([np.interp(depth, self.depth, self.q[:, k]) for k in range(7)])
 
 
 @dataclass(frozen=True, eq=False)
 class GraspMotion:
-    """approach: motion of both arms to poses above the grasps. descend: the descent of each arm in use, by arm."""
+    """Motion to the grasps. approach: of both arms, to poses above the grasps. descend: the straight descent of
+    each arm in use, by arm."""
 
     approach: ArmTrajectory
     descend: Mapping[Side, Descent]
@@ -56,7 +59,7 @@ class GraspMotion:
 
     @property
     def q_grasp(self) -> Array:
-        """(14,) with every hand at its planned grasp."""
+        """Joints (14,) with every hand at its planned grasp."""
         q = np.array(self.q_above)
         for side, descent in self.descend.items():
             q[arm_slice(side)] = descent.at(descent.grasp_depth)
@@ -79,10 +82,10 @@ def plan_grasp(
 ) -> Outcome[GraspMotion]:
     """Plan the approach to `approach_height` [m] above the start of each path, and each arm's straight descent.
 
-    postures: by arm. paths: as for `plan_fold_motion`; shift them to try a grasp elsewhere. q_hint: joints
-    (7,) near the point above the grasp, by arm; the arm's present joints when None.
-    Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (a height is negative, too large or not
-    finite), UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
+    postures: by arm. paths: as for `plan_fold_motion`; to try a grasp at another place, pass shifted paths.
+    q_hint: joints (7,) near those at the start of the descent, by arm; None: the arms' present joints. Failures:
+    STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (a height is negative, too large or not finite),
+    UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
     limits = limits or model.planning
     invalid = (
@@ -143,7 +146,7 @@ def _plan_descent(
 
 
 def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
-    """(samples, 14) joints while all hands descend together to their planned grasps."""
+    """Sample the joints (samples, 14) while all hands descend simultaneously to their planned grasps."""
     q = np.tile(q_above, (samples, 1))
     for i, share in enumerate(np.linspace(0.0, 1.0, samples)):
         for side, descent in descend.items():

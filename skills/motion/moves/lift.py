@@ -1,4 +1,4 @@
-"""The straight lift of the hands: to test a grasp, or to clear the table."""
+"""Plans the straight lift of the hands, which tests a grasp or takes the hands away from the table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["plan_lift"]
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
 STEP = 0.006
-"""Distance between joint samples [m]."""
+"""Height between two joint samples [m]."""
 
 
 def plan_lift(

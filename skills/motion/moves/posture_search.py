@@ -1,8 +1,8 @@
 """Search for the postures of the hands: lean, half turn, and which arm takes which grasp.
 
-Candidates are tried in the order of their lean. Inverse kinematics follows each of them over the whole fold
-(descent, arc, retreat). The cheapest combination in which the arms do not touch is the best. The order and the
-seed configurations are fixed, so the same input always gives the same result.
+The postures of each arm are tried in order of increasing lean. Inverse kinematics follows each posture over the
+whole fold (descent, arc, retreat). The best choice is the combination of lowest cost in which the arms do not
+touch. The order and the seed configurations are fixed, so the same input always gives the same result.
 """
 
 from __future__ import annotations
@@ -31,25 +31,28 @@ PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
 """Changes of pitch during the fold, tried only if no constant lean is feasible."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
-"""Pitch and roll that cost 1. Roll lifts one end of the held line, so it costs more than pitch."""
+"""A constant pitch of PITCH_UNIT costs 1, and so does a roll of ROLL_UNIT; the cost grows with the square of the
+angle. Roll costs more than pitch, because it lifts one end of the strip of cloth between the pads."""
 TRAVEL_WEIGHT = 0.3
-"""Cost per second of joint motion at full speed, during the fold and on the approach to it."""
+"""Cost per second that the joint motion of fold and approach would take at full speed."""
 MARGIN_WEIGHT = 0.01
-"""Cost of nearness to a joint limit: this weight over the distance in radians."""
+"""Weight of the nearness to a joint limit. The cost is this weight divided by the smallest distance to a
+limit [rad]."""
 SWAP_COST = 0.5
 """Cost of swapping the arms."""
 GOOD_COST = 4.0
 """If a choice costs less than this, the swapped assignment of arms is not searched."""
 DETOUR_COST = 0.5
-"""Cost of an approach, or of a return to the parked pose, that is in collision on a straight line."""
+"""Cost if the straight line in joint space from the present pose to the fold is in collision. The line from the
+fold to the parked pose costs the same."""
 MAX_CANDIDATES = 8
-"""Maximum number of candidates per arm."""
+"""Maximum number of feasible postures that are collected per arm."""
 ENOUGH_CANDIDATES = 3
-"""Number of candidates of one arm after which much more expensive leans are not tried."""
+"""With this number of feasible postures of an arm, leans that cost over 1 more than the cheapest are not tried."""
 MAX_CHOICES = 5
-"""Maximum number of choices returned."""
+"""Maximum number of choices from one assignment of the arms."""
 AT_LIMIT_COST = 2.0
-"""Cost of a joint that moves along its limit: its path has a kink where it leaves the limit."""
+"""Cost if a joint moves along its limit, because its path then has a kink where it leaves the limit."""
 SEARCH_MARGIN = 0.03
 """Extra distance to the joint limits in the search [rad], because the actual grasp differs a little."""
 SAMPLES = 18
@@ -57,7 +60,8 @@ SAMPLES = 18
 
 @dataclass(frozen=True, eq=False)
 class PostureChoice:
-    """postures, q: by arm. q: (n, 7) joints along the descent, the arc and the retreat, coarsely sampled."""
+    """A posture for each arm in use. postures, q: by arm. q: (n, 7) joints along the descent, the arc and the
+    retreat, coarsely sampled. cost: sum over the arms, see the constants of this module."""
 
     postures: Mapping[Side, Posture]
     q: Mapping[Side, Array]
@@ -66,10 +70,10 @@ class PostureChoice:
 
 @dataclass(eq=False)
 class _Tally:
-    """Why candidates of one assignment of arms failed, for the failure's text.
+    """Counts why the postures failed for one assignment of the arms. The failure's text is made from it.
 
-    started, complete, free: number of joint paths by arm that have a start, reach every pose, and do not touch
-    body or table.
+    started, complete, free: by arm, the numbers of joint paths that have a start, that reach every pose, and that
+    touch neither body nor table.
     """
 
     swapped: bool
@@ -84,7 +88,8 @@ class _Tally:
     pair_contacts: Counter[str] = field(default_factory=Counter)
 
     def binding(self, arms: Sequence[Side]) -> _Binding:
-        """The first constraint that no candidate satisfies: an arm's reach, its surroundings, or the other arm."""
+        """Return the first constraint that no posture satisfies: an arm's reach, its surroundings, or both
+        arms."""
         for arm in arms:
             if not self.complete[arm]:
                 joint = self.limit[arm].most_common(1)[0][0] if self.limit[arm] else "the arm's length"
@@ -100,7 +105,8 @@ class _Tally:
 
 @dataclass(frozen=True)
 class _Binding:
-    """stage: of the search (0 reach, 1 surroundings, 2 both arms). what: a joint, or two objects in contact."""
+    """The constraint that makes a fold infeasible. stage: stage of the search at which it failed (0 reach, 1
+    surroundings, 2 both arms together). what: name of a joint, or of two objects in contact."""
 
     stage: int
     constraint: str
@@ -132,7 +138,8 @@ class _Candidate:
 
 @lru_cache(maxsize=2)
 def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...]:
-    """(cost, pitch, roll, pitch_change, turned), the cheapest first. changing: those whose pitch changes."""
+    """Return all leans as (cost, pitch, roll, pitch_change, turned), the cheapest first. changing: whether to
+    return the leans whose pitch changes during the fold, or the constant ones."""
     if changing:
         max_pitch = float(PITCH.max()) + 1e-9
         leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= max_pitch]
@@ -157,11 +164,12 @@ def rank_postures(
     below: float,
     avoid: Sequence[Mapping[Side, Posture]] = (),
 ) -> Outcome[tuple[PostureChoice, ...]]:
-    """Up to five choices of postures, the cheapest first, for tool paths keyed as the fold step's grasps.
+    """Find choices of postures for the tool paths of a fold step, and sort them by cost, the cheapest first.
 
-    The arms may be swapped. above: height of the straight descent to the grasp [m]; below: height of the straight
-    retreat from the release [m]. avoid: choices that are not returned again. Failures: UNREACHABLE (no posture
-    reaches every pose), IN_COLLISION (some do, but none without collision).
+    At most five choices come from each assignment of the arms (as planned, or swapped). above: height of the
+    straight descent to the grasp [m]; below: height of the straight retreat from the release [m]. avoid: choices
+    that are not returned again. Failures: UNREACHABLE (no posture reaches every pose), IN_COLLISION (postures
+    reach every pose, but none without a collision).
     """
     tallies: list[_Tally] = []
     coarse = {i: with_ends(path, above, below, SAMPLES) for i, path in paths.items()}
@@ -175,7 +183,7 @@ def rank_postures(
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
         for changing in (False, True):
             if changing and (found or not all(tally.started[arm] for arm in arms)):
-                break  # A changing lean starts like a constant one, so it has no start either.
+                break  # If no constant lean reaches its start, no changing one does: they start alike.
             for arm, i in arms.items():
                 candidates[arm] += _candidates(
                     model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally
@@ -206,7 +214,7 @@ def _candidates(
     leans: Sequence[tuple[float, float, float, float, bool]],
     tally: _Tally,
 ) -> list[_Candidate]:
-    """Postures of one arm that reach every pose without touching body or table, cheapest lean first."""
+    """Find postures of one arm that reach every pose without touching body or table, the cheapest lean first."""
     position = in_base(table, path.position)
     seeds = ik.arm_seeds(model, arm, q_now)
     kept: list[_Candidate] = []
@@ -237,7 +245,8 @@ def _candidates(
 def _joint_paths(
     model: RobotModel, arm: Side, rotation: Array, position: Array, starts: Array, path: ToolPath, tally: _Tally
 ) -> list[Array]:
-    """Joint paths (n, 7) along the whole tool path, one for each start that reaches its end."""
+    """Find joint paths (n, 7) along the whole tool path: one for each start configuration from which its end is
+    reached."""
     joint_paths = []
     tally.started[arm] += len(starts)
     if len(starts) == 0 and arm not in tally.where:
@@ -274,8 +283,8 @@ def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
 def _first_contact(
     model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, arms_used: Sequence[Side]
 ) -> Contact | None:
-    """The first contact of one arm on its path. The other arm is parked if it is used too, else at its present
-    position."""
+    """Find the first contact of one arm on its joint path q (n, 7). The other arm is assumed to be parked if it is
+    used too, else to stay at its present position."""
     q_both = np.tile(model.q_park if arm.other in arms_used else q_now, (len(q), 1))
     q_both[:, arm_slice(arm)] = q
     return checker.first_collision(q_both, allow_fingertips=True)
@@ -289,7 +298,8 @@ def _collision_free_combinations(
     avoid: Sequence[Mapping[Side, Posture]],
     tally: _Tally,
 ) -> list[PostureChoice]:
-    """The cheapest few combinations without a contact while the arms move simultaneously."""
+    """Find the cheapest combinations (at most MAX_CHOICES) in which the arms do not touch while they move
+    simultaneously."""
     arms = list(candidates)
     found: list[PostureChoice] = []
     for combination in sorted(product(*(candidates[arm] for arm in arms)), key=lambda p: sum(c.cost for c in p)):
@@ -313,14 +323,15 @@ def _collision_free_combinations(
 
 
 def _detours(checker: CollisionChecker, q_now: Array, q_both: Array) -> int:
-    """Number of approach and return motions that are in collision on a straight line."""
+    """Number of motions (approach, return) that are in collision on the straight line in joint space: 0, 1 or
+    2."""
     edges = ((q_now, q_both[0]), (q_both[-1], checker.model.q_park))
     return sum(not checker.edge_free(a, b, resolution=0.1) for a, b in edges)
 
 
 def _failure(tallies: Sequence[_Tally], grasp_ids: Sequence[GraspId]) -> Failure:
-    """Failure with the binding constraint of the assignment of arms that passed the most stages. Its values also
-    contain the other assignment's constraint."""
+    """Create the failure. It states the binding constraint of the assignment of arms that passed the most stages
+    of the search. Its values also contain the constraint of the other assignment."""
     bindings = [(tally, tally.binding([_arm_for(i, tally.swapped) for i in grasp_ids])) for tally in tallies]
     tally, first = max(bindings, key=lambda pair: (pair[1].stage, not pair[0].swapped))
     others = [str(b) for t, b in bindings if t is not tally]

@@ -1,4 +1,4 @@
-"""The retreat after a fold or a failure: the hands straight up, then both arms to the parked pose."""
+"""Plans the retreat after a fold or a failure: the hands move straight up, then both arms to the parked pose."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ __all__ = ["RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 RETREAT_HEIGHT = 0.10
 """Height by which the hands rise after a fold [m]."""
 HEIGHT_SHARES = (1.0, 0.7, 0.5, 0.35)
-"""Parts of the height that are tried in turn. The smallest, 35 mm of 100 mm, clears every stack."""
+"""Shares of the retreat's height that are tried in turn. Even the smallest, 35 mm of 100 mm, clears every
+stack."""
 
 
 @dataclass(frozen=True, eq=False)
 class Retreat:
-    """retreat: straight up. park: from there to the parked pose."""
+    """The two parts of a retreat. retreat: straight up. park: from there to the parked pose."""
 
     retreat: ArmTrajectory
     park: ArmTrajectory
@@ -42,8 +43,8 @@ def plan_retreat(
 ) -> Outcome[Retreat]:
     """Plan a straight lift by `height` [m] from q_now (14,), at rest, then both arms to the parked pose.
 
-    If the full height fails, the parts of it in HEIGHT_SHARES are tried in turn.
-    Failures: those of `plan_lift` and `plan_free_motion`, for the full height.
+    If the retreat by the full height fails, smaller heights are tried (HEIGHT_SHARES). Failures: those of
+    `plan_lift` and `plan_free_motion`, for the full height.
     """
     limits = limits or model.planning
     first_failure: Failure | None = None

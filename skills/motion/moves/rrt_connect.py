@@ -1,4 +1,4 @@
-"""Collision-free paths in joint space: a straight line, a few fixed way-points, or RRT-Connect.
+"""Finds collision-free paths in joint space: a straight line, a path through fixed way-points, or RRT-Connect.
 
 RRT-Connect (Kuffner and LaValle, ICRA 2000) plans over all 14 joints with the caller's random generator and a
 bounded number of iterations. Random shortcuts then shorten the path.
@@ -19,23 +19,24 @@ from skills.motion.validation.collision import CollisionChecker, Contact
 __all__ = ["blend_corners", "candidate_paths", "check_endpoints", "no_path_found"]
 
 STEP = 0.35
-"""Longest new branch of a tree [rad, largest joint]."""
+"""Maximum length of a new branch of a tree [rad, joint with the largest motion]."""
 MAX_ITERATIONS = 1500
 SHORTCUTS = 60
 COARSE, FINE = 0.05, 0.01
-"""Spacing of the collision checks along a path [rad, largest joint]. Hands that pass each other can go unnoticed
-at the coarse spacing."""
+"""Spacing of the collision checks along a path [rad, joint with the largest motion]. At the coarse spacing, a
+collision of hands that pass each other can be missed."""
 LEAD_SHARES = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
-"""Progress (0..1) of the leading and of the trailing arm at a way-point where one arm leads."""
+"""For paths on which one arm leads: progress (0..1) of the leading and of the trailing arm at the way-point."""
 
 
 def candidate_paths(
     model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator | None = None
 ) -> Iterator[tuple[str, Array]]:
-    """Yield (method, way-points (n, 14)) of paths from q0 (14,) to q1 (14,), the best first.
+    """Yield paths from q0 (14,) to q1 (14,), the best first, each as (method, way-points (n, 14)).
 
-    A path is straight in joint space between its way-points. method: "straight", "via" or "rrt". The last path is
-    checked for collision at the fine spacing, all others at the coarse spacing.
+    A path is straight in joint space between its way-points. method: "straight", "via" (through fixed way-points)
+    or "rrt". The second RRT path, which is the last one, is checked for collision at the fine spacing, all other
+    paths at the coarse spacing.
     """
     for via in _fixed_waypoints(model, q0, q1):
         points = np.array([q0, *via, q1])
@@ -50,7 +51,8 @@ def candidate_paths(
 
 
 def check_endpoints(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | None:
-    """IN_COLLISION when q0 (14,) or q1 (14,) is itself in collision, so that no path can be free."""
+    """Return IN_COLLISION if q0 (14,) or q1 (14,) is itself in collision, so that no path can be free, else
+    None."""
     for name, q in (("start", q0), ("goal", q1)):
         contact = checker.contact(q)
         if contact is not None:
@@ -64,7 +66,8 @@ def check_endpoints(checker: CollisionChecker, q0: Array, q1: Array) -> Failure 
 
 
 def no_path_found(contact: Contact | None) -> Failure:
-    """IN_COLLISION: no candidate path is free. contact: where the last one collides, None if none was found."""
+    """Create the failure IN_COLLISION for the case that no candidate path is free. contact: of the last candidate;
+    None if there was no candidate."""
     message = f"no collision-free path was found in {MAX_ITERATIONS} tries"
     if contact is not None:
         message = f"no collision-free path was found; the last candidate is in collision: {contact}"
@@ -77,9 +80,9 @@ def no_path_found(contact: Contact | None) -> Failure:
 
 
 def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
-    """The path through points (n, 14) with parabolic blends at its corners, sampled evenly (samples, 14).
+    """Replace the corners of the path through points (n, 14) by parabolas, and sample it evenly: (samples, 14).
 
-    share: part (0..0.5) of each adjoining segment that a blend replaces.
+    share: part (0..0.5) of each adjoining segment that a parabola replaces.
     """
     u = np.linspace(0.0, 1.0, 12)[:, None]
     path = [points[:1]]
@@ -94,7 +97,8 @@ def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
 
 
 def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Intermediate way-points that usually suffice: none; one arm leads the other; through the parked pose."""
+    """Return lists of intermediate way-points; usually one of them gives a free path. The lists: none, one arm
+    leads the other, both arms or one arm through the parked pose."""
     left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
 
     def at_progress(left_share: float, right_share: float) -> Array:
@@ -140,7 +144,8 @@ class _Tree:
 
 
 def _extend(checker: CollisionChecker, tree: _Tree, goal: Array, resolution: float) -> tuple[int, bool]:
-    """Grow one branch towards the goal: (new node or -1, whether it reached the goal)."""
+    """Grow one branch of the tree towards the goal. Return the new node (-1 if blocked), and whether it reached
+    the goal."""
     nearest_node = tree.nearest(goal)
     gap = goal - tree.nodes[nearest_node]
     length = float(np.abs(gap).max())

@@ -1,4 +1,4 @@
-"""A shift of the garment that makes an infeasible fold feasible."""
+"""Finds a shift of the garment that makes an infeasible fold feasible."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skills.vocabulary import GraspId, Table, ToolPath
 __all__ = ["with_shift_suggestion"]
 
 SHIFTS = (0.06, 0.15)
-"""Shifts tried in turn, along x and along y towards the table's middle [m]."""
+"""Lengths of the shifts that are tried in turn, each along x and along y, towards the table's middle [m]."""
 
 
 def with_shift_suggestion(
@@ -31,10 +31,11 @@ def with_shift_suggestion(
     above: float,
     below: float,
 ) -> Failure:
-    """The same failure, with a shift of the garment that makes the fold feasible, if one of SHIFTS does.
+    """Return the same failure, with a shift of the garment that makes the fold feasible, if one of SHIFTS does.
 
-    values["shift_m"]: (2,) in the table frame, None when no shift helps. This costs up to four posture searches.
-    If the arms block each other, no shift is tried: they do so wherever the garment lies.
+    The hint describes the shift. values["shift_m"]: (2,) in the table frame, None when no shift helps. The search
+    takes up to four posture searches. If the arms block each other, no shift is tried, because they would block
+    each other wherever the garment lies.
     """
     if failure.values.get("binding", {}).get("constraint") == "arms":
         return failure
@@ -48,7 +49,8 @@ def with_shift_suggestion(
 
 
 def _candidate_shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
-    """Shifts (2,) towards the table's middle, from the unreached place, else from the middle of the fold."""
+    """Yield shifts (2,) [m] that move the place which was not reached towards the table's middle. Without such a
+    place, the middle of the fold is used."""
     place = failure.values.get("binding", {}).get("where_m", [])[:2]
     if not place:
         place = np.mean([p.position[:, :2].mean(axis=0) for p in paths.values()], axis=0)

@@ -1,6 +1,7 @@
-"""Validation of what is to be timed: finite samples, times that increase, and a duration that can be sampled.
+"""Validates the inputs of timing: samples are finite, times increase, and the motion is not too long to be
+sampled.
 
-The planners of `skills.motion.moves` return a `TimingError` as a failure.
+The functions raise `TimingError`; the planners of `skills.motion.moves` return it as a failure.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from robots.ports import Array
 __all__ = ["LONGEST_MOTION", "TimingError", "validate_duration", "validate_path", "validate_times"]
 
 LONGEST_MOTION = 600.0
-"""Longest time of one motion [s], which is 60 000 samples. At the slowest settings of a cell (5 % of the joints'
-speed, tools at 0.02 m/s) the longest motions take about three minutes."""
+"""Maximum duration of one motion [s]; it has 60 000 samples. Even at the slowest settings of a cell (5 % of the
+joints' speed, tools at 0.02 m/s) no motion takes more than about three minutes."""
 
 
 class TimingError(CellError):
-    """A motion cannot be timed: its samples are not a path, or it would take longer than LONGEST_MOTION."""
+    """Raised when a motion cannot be timed: its samples are not a path, or it would take longer than
+    LONGEST_MOTION."""
 
     kind = FailureKind.LIMIT_EXCEEDED
 
@@ -44,7 +46,8 @@ def validate_duration(seconds: float, what: str = "the motion") -> None:
 def validate_path(path: Array, samples: int = 2, lengths: Array | None = None, speed: float | None = None) -> None:
     """Raises TimingError if a joint path is not at least `samples` vectors of finite numbers.
 
-    lengths: as many tool lengths as the path has samples, finite too; speed: above zero [m/s].
+    The error is also raised for lengths (distances that the tools have travelled, one row per sample) that do not
+    fit the path or are not finite, and for a speed [m/s] that is not above zero.
     """
     shape = np.shape(path)
     if len(shape) != 2 or shape[0] < samples or shape[1] == 0:
@@ -64,7 +67,7 @@ def validate_path(path: Array, samples: int = 2, lengths: Array | None = None, s
 
 
 def validate_times(t: Array, samples: int) -> None:
-    """Raises TimingError if t is not `samples` finite times that increase."""
+    """Raises TimingError if t does not consist of `samples` finite, increasing times."""
     if np.shape(t) != (samples,):
         raise _bad_input(
             f"{samples} samples of the path do not fit times of shape {np.shape(t)}",

@@ -1,4 +1,5 @@
-"""A jerk-limited set-point that follows a moving or jumping goal, one control tick at a time (Ruckig)."""
+"""Moves a set-point with limited jerk towards a goal that may move or jump, one control tick at a time
+(Ruckig)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ __all__ = ["JerkLimiter", "step_towards"]
 
 @dataclass(frozen=True)
 class JerkLimiter:
-    """State of the set-point: [m], [m/s], [m/s2], or the same in radians."""
+    """State of the set-point: position [m], velocity [m/s], acceleration [m/s2], or the same in radians."""
 
     position: float
     velocity: float = 0.0
@@ -31,7 +32,8 @@ def step_towards(
     acceleration: float,
     jerk: float,
 ) -> JerkLimiter:
-    """The state dt [s] later, on the time-optimal motion to a goal at `goal` [m] that moves at `goal_speed` [m/s].
+    """Return the state dt [s] later, on the time-optimal motion to a goal at `goal` [m] that moves at
+    `goal_speed` [m/s].
 
     speed, acceleration, jerk: limits [m/s], [m/s2], [m/s3]. Raises InternalError when Ruckig finds no motion, for
     values that are not finite, and for limits or a dt that are not above zero.

@@ -3,15 +3,15 @@
 Free motions are straight lines in joint space, timed by Ruckig along the line. On a path that must be followed
 exactly, only the parameter is timed, q(s(t)), so the arms never leave the path:
 
-1. TOPP-RA (Pham and Pham, IEEE T-RO 34(3), 2018) gives the fastest ds/dt under velocity and acceleration
-   limits and the caps on the tools' speed; or the caller gives the law s(t), as for a fold.
+1. TOPP-RA (Pham and Pham, IEEE T-RO 34(3), 2018) gives the fastest ds/dt within the limits of velocity,
+   acceleration and the tools' speed. Or the caller gives the time law s(t), as for a fold.
 2. ds/dt is smoothed over time, which bounds the jerk. The jerk limits set the width of the kernel.
 3. Velocity, acceleration and jerk of q(s(t)) are measured on the samples, and time is stretched evenly until
    all of them are within their limits.
 
-Samples that repeat are one sample: a spline through both would have a bend of any size between them. At a sharp
-turn the spline has a bend that would stretch the whole motion, so that the path is also timed with a stop there,
-and the shorter motion is taken.
+Repeated samples count as one sample, because a spline through both could have an arbitrarily large bend between
+them. At a sharp turn of the path, the spline has a bend that would slow down the whole motion. The path is
+therefore also timed with a stop at the turn, and the shorter motion is taken.
 
 Ruckig's way-points (`intermediate_positions`) are never used, because they call a network service.
 """
@@ -52,26 +52,28 @@ __all__ = [
 TICK = 0.01
 """Longest time between samples [s]."""
 STOP_TIME = 0.6
-"""Time in which a running clock stops, or starts again [s]."""
+"""Time in which the clock of a trajectory slows down to a stop, or starts again [s]."""
 WARP_FACTORS = (1.0, 1.25, 1.6, 2.0, 2.8, 4.0)
-"""Factors on STOP_TIME, tried in turn when the joints need longer."""
+"""Factors on STOP_TIME that are tried in turn, because the joints' limits can require a longer time."""
 HEADROOM = 0.98
-"""Share of the limits used in planning. The Hermite interpolant between samples takes the rest."""
+"""Share of the limits that is used in planning. The rest is for the Hermite interpolant, which can exceed the
+values at the samples."""
 GRID = 100
 LAW_STEP = 0.002
 REPEATED = 1e-5
-"""Distance below which two samples of a path are one: the time that it takes at full joint speed [s]."""
+"""Two samples of a path that are nearer to each other than this count as one. The distance is expressed as the
+time that it takes at full joint speed [s]."""
 SHARP_TURNS = (0.0, 0.5)
-"""Cosines of the turns (90 and 60 degrees from one sample to the next) beyond which a stop is tried, in turn. A
-smooth path is sampled finely enough that it turns by less."""
+"""A sample at which the path turns sharply may become a stop. Cosines of the turns from which this is tried, in
+turn (90 and 60 degrees between successive steps). A smooth path is sampled so finely that it turns by less."""
 MAX_STRETCHES = 40
-"""Maximum number of time stretches. One or two suffice, except for bends of a milliradian, whose sampled jerk is
-irregular."""
+"""Maximum number of times that a trajectory is stretched. One or two suffice, except for bends of a milliradian,
+whose sampled jerk is irregular."""
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Largest share of each limit that a trajectory takes (1 = at the limit), over joints and time."""
+    """Largest share of each limit that a trajectory uses (1 = at the limit), over all joints and times."""
 
     velocity: float
     acceleration: float
@@ -83,17 +85,18 @@ class Peaks:
 
     @property
     def stretch(self) -> float:
-        """Factor on time that brings velocity, acceleration and jerk within their limits."""
+        """Factor on the trajectory's times that brings velocity, acceleration and jerk within their limits."""
         return max(self.velocity, self.acceleration**0.5, self.jerk ** (1.0 / 3.0))
 
 
 def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
-    """Peaks of the cubic Hermite interpolant: acceleration at both ends of each interval, jerk within it."""
+    """Compute the peaks of the cubic Hermite interpolant. In each interval, the acceleration is largest at one
+    end, the jerk is constant, and the velocity can be largest in between."""
     h = np.diff(trajectory.t)[:, None]
     q0, q1, v0, v1 = trajectory.q[:-1], trajectory.q[1:], trajectory.qd[:-1], trajectory.qd[1:]
     a0 = 6 * (q1 - q0) / h**2 - (4 * v0 + 2 * v1) / h
     a1 = -6 * (q1 - q0) / h**2 + (2 * v0 + 4 * v1) / h
-    # The velocity of a Hermite piece is a parabola: its extremum can lie inside.
+    # The velocity of a Hermite piece is a parabola, whose extremum can lie inside the interval.
     s = np.clip(a0 / np.where(a0 == a1, np.inf, a0 - a1), 0.0, 1.0)
     inside = v0 + h * (a0 * s + 0.5 * (a1 - a0) * s**2)
     velocity = np.maximum(np.maximum(np.abs(v0), np.abs(v1)), np.abs(inside))
@@ -107,7 +110,7 @@ def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
 
 
 def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
-    """A trajectory at rest at q (14,) for `duration` [s]. Raises TimingError for one that is too long."""
+    """Create a trajectory that rests at q (14,) for `duration` [s]. Raises TimingError for too long a duration."""
     validate_path(q[None], 1)
     validate_duration(duration, "the rest")
     n = max(1, int(np.ceil(duration / TICK - 1e-9)))
@@ -135,7 +138,8 @@ def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
 
 
 def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
-    """From rest at q0 (14,) to rest at q1 (14,), straight in joint space, time-optimal within the limits.
+    """Compute the time-optimal motion within the limits from rest at q0 (14,) to rest at q1 (14,), straight in
+    joint space.
 
     Raises TimingError for values that are not finite, and for a motion that would take too long.
     """
@@ -182,10 +186,10 @@ def time_path(
 ) -> ArmTrajectory:
     """Time a smooth joint path (n, 14) from rest to rest, as fast as the limits allow.
 
-    lengths: (n, k) distance travelled by each of k tools at each sample [m]; speed: cap on the tools [m/s]. The
-    path is the cubic spline through the samples, or several that meet at rest where it turns sharply.
-    Raises TimingError for a single sample, for values that are not finite, and for a motion that would take too
-    long.
+    lengths: (n, k) distance travelled by each of k tools at each sample [m]; speed: maximum speed of the
+    tools [m/s]. The path is the cubic spline through the samples. If it turns sharply, it can be several splines,
+    with a stop between them. Raises TimingError for a single sample, for values that are not finite, and for a
+    motion that would take too long.
     """
     validate_path(path, lengths=lengths, speed=speed)
     kept = _without_repeats(path / limits.velocity)
@@ -211,7 +215,7 @@ def time_path(
 
 
 def _time_part(path: Array, limits: JointLimits, lengths: Array | None, speed: float | None) -> ArmTrajectory:
-    """Time one spline from rest to rest."""
+    """Time the spline through path (n, 14), from rest to rest."""
     s = _path_parameter(path, limits)
     curve = CubicSpline(s, path)
     speed_cap = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
@@ -219,7 +223,8 @@ def _time_part(path: Array, limits: JointLimits, lengths: Array | None, speed: f
 
 
 def _without_repeats(path: Array) -> list[int]:
-    """Indices of the samples of path (n, k) that differ from the one kept before, and its two ends."""
+    """Return the indices of the samples of path (n, k) that remain without repeats: each differs from the
+    remaining one before it. The two ends always remain."""
     kept = [0]
     for i in range(1, len(path)):
         if np.linalg.norm(path[i] - path[kept[-1]]) > REPEATED:
@@ -231,7 +236,8 @@ def _without_repeats(path: Array) -> list[int]:
 
 
 def _stops_tried(path: Array) -> Iterator[list[int]]:
-    """Indices of the samples of path (n, k), without repeats, at which to stop: none, then at its sharp turns."""
+    """Yield lists of samples (indices) of path (n, k), without repeats, at which to stop: first no stop, then the
+    sharp turns, for each bound of SHARP_TURNS."""
     yield []
     step = np.diff(path, axis=0)
     along = step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
@@ -245,12 +251,12 @@ def _stops_tried(path: Array) -> Iterator[list[int]]:
 
 
 def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
-    """Time a joint path (n, 14) at the requested times t (n,) [s], or slower where limits bind.
+    """Time a joint path (n, 14) at the requested times t (n,) [s], or more slowly where the limits require it.
 
     Times that keep the limits, with soft start and stop, are used unchanged. If only the start or stop is too
-    hard, it is softened. Otherwise the result is the fastest law that is nowhere ahead of the requested times.
-    Raises TimingError for a single sample, for values that are not finite, for times that do not increase, and for
-    a motion that would take too long.
+    abrupt, it is softened. Otherwise the result is the fastest time law that is nowhere ahead of the requested
+    times. Raises TimingError for a single sample, for values that are not finite, for times that do not increase,
+    and for a motion that would take too long.
     """
     validate_path(path)
     validate_times(t, len(path))
@@ -272,20 +278,23 @@ def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
 
 
 def _as_requested(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | None:
-    """The spline through path (n, 14) at tau (n,) [s]; None if a limit, or a soft start or stop, is violated."""
+    """Return the spline through path (n, 14) at times tau (n,) [s]; None if it exceeds a limit, or if its start or
+    stop is not soft."""
     curve = CubicSpline(tau, path, bc_type="clamped")
     t = _sample_times(float(tau[-1]))
     q, qd, qdd = curve(t), curve(t, 1), curve(t, 2)
     qd[0] = qd[-1] = 0.0
     trajectory = ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))
-    # The arms rest before the start and after the end: the acceleration may jump by one tick of full jerk.
+    # The arms rest before the start and after the end, so the acceleration jumps there. It may jump by the amount
+    # by which full jerk changes it in one tick.
     soft_ends = np.all(np.abs(qdd[[0, -1]]) <= limits.jerk * TICK)
     return trajectory if soft_ends and peaks(trajectory, limits).worst <= 1.0 else None
 
 
 @dataclass(frozen=True)
 class ClockWarp:
-    """Rate of a trajectory's clock from now on: a cubic from (rate, slope) to `goal` with slope 0.
+    """A change of the rate at which a trajectory's clock runs: a cubic from `rate` with `slope` [1/s] to `goal`
+    with slope 0.
 
     start: the clock's present reading [s]. duration: of the change [s], after which the rate stays at `goal`.
     """
@@ -297,7 +306,8 @@ class ClockWarp:
     slope: float = 0.0
 
     def at(self, tau: Array | float) -> tuple[Array, Array, Array]:
-        """Clock reading [s], its rate [1] and the rate's slope [1/s] at times tau (n,) from now [s]."""
+        """Return the clock's reading [s], its rate [1] and the rate's slope [1/s], (n,) each, tau (n,) [s] from
+        now."""
         d = self.duration
         u = np.clip(np.asarray(tau, dtype=float) / d, 0.0, 1.0)
         rate_drop, slope_share = self.rate - self.goal, self.slope * d
@@ -312,7 +322,7 @@ class ClockWarp:
 
 
 def warp_clock(trajectory: ArmTrajectory, warp: ClockWarp, limits: JointLimits) -> ClockWarp:
-    """`warp` with its duration lengthened until the trajectory's joints keep `limits`.
+    """Lengthen the duration of a warp until the trajectory's joints keep `limits`.
 
     A stop is lengthened up to four times. A start is less urgent and is lengthened up to sixteen times.
     """
@@ -324,7 +334,8 @@ def warp_clock(trajectory: ArmTrajectory, warp: ClockWarp, limits: JointLimits) 
 
 
 def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
-    """The trajectory while the clock changes its rate: the same path, ending at rest if the goal is 0."""
+    """Compute the motion along the trajectory while its clock changes its rate. The path is the same; the motion
+    ends at rest if the goal is 0."""
     tau = _sample_times(warp.duration)
     clock, rate, slope = warp.at(tau)
     inside = clock < trajectory.duration
@@ -337,7 +348,7 @@ def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
 
 
 def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """q, qd, qdd (m, 14) of the Hermite interpolant at times t (m,)."""
+    """Evaluate the Hermite interpolant at times t (m,): q, qd, qdd (m, 14)."""
     i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
     h = (trajectory.t[i + 1] - trajectory.t[i])[:, None]
     s = (t - trajectory.t[i])[:, None] / h
@@ -361,15 +372,15 @@ def _path_parameter(path: Array, limits: JointLimits) -> Array:
 
 
 def _kernel_width(limits: JointLimits) -> float:
-    """Width of the averaging window of ds/dt [s]: a / j. A reversal takes 2 a / j; half of this suffices for most
-    paths."""
+    """Width of the window over which ds/dt is averaged [s]: a / j, the ratio of the limits of acceleration and
+    jerk. A reversal of the acceleration takes 2 a / j; half of this suffices for most paths."""
     return float((limits.acceleration / limits.jerk).max())
 
 
 def _time_optimal_law(
     curve: CubicSpline, s: Array, limits: JointLimits, speed_cap: tuple[CubicSpline, float] | None
 ) -> tuple[Array, Array]:
-    """TOPP-RA's time law from rest to rest: finely sampled t (m,) [s] and s (m,)."""
+    """Compute TOPP-RA's time law from rest to rest, finely sampled: t (m,) [s] and s (m,)."""
     path = _WithLengths(curve, speed_cap[0]) if speed_cap else _WithLengths(curve, None)
     extra = path.dof - curve(0.0).shape[0]
     v = HEADROOM * np.concatenate([limits.velocity, np.full(extra, speed_cap[1] if speed_cap else 1.0)])
@@ -384,7 +395,7 @@ def _time_optimal_law(
     rate = None if data is None else data[1]
     if rate is None or not np.all(np.isfinite(rate)):
         return np.array([0.0, 4.0 * s[-1]]), np.array([s[0], s[-1]])
-    # The acceleration is constant between grid points, so the times are exact.
+    # d2s/dt2 is constant between grid points, so the times are exact.
     ds = np.diff(grid)
     t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(rate[:-1] + rate[1:], 1e-6))])
     validate_duration(float(t[-1]))
@@ -396,7 +407,8 @@ def _time_optimal_law(
 
 
 class _WithLengths(toppra.interpolator.AbstractGeometricPath):
-    """A joint path with the tools' travelled lengths as additional coordinates."""
+    """A joint path for TOPP-RA, in which the distances that the tools have travelled are additional
+    coordinates."""
 
     def __init__(self, curve: CubicSpline, lengths: CubicSpline | None) -> None:
         self._curves = (curve,) if lengths is None else (curve, lengths)
@@ -419,7 +431,8 @@ class _WithLengths(toppra.interpolator.AbstractGeometricPath):
 
 
 def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmTrajectory:
-    """Steps 2 and 3 of the module: smooth the law (t, s), then stretch time until every limit is kept."""
+    """Perform steps 2 and 3 of the module's description: smooth the time law (t, s), then stretch time until every
+    limit is kept."""
     law, duration = _smooth(t, s, _kernel_width(limits))
     stretch = 1.0
     for _ in range(MAX_STRETCHES):
@@ -432,7 +445,7 @@ def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLim
 
 
 def _smooth(t: Array, s: Array, width: float) -> tuple[make_interp_spline, float]:
-    """s(t) averaged twice over windows of `width` [s], as a C4 spline, and its duration [s]."""
+    """Average s(t) twice over windows of `width` [s]. Return it as a C4 spline, and its duration [s]."""
     validate_duration(float(t[-1]) + 2.0 * width)
     k = max(1, round(width / LAW_STEP))
     n = int(np.ceil(t[-1] / LAW_STEP))

@@ -1,4 +1,4 @@
-"""Collision checks and clearance of both arms with each other, the robot's body and the table (coal, Pinocchio).
+"""Checks collisions, and computes clearance, between the arms, the robot's body and the table (coal, Pinocchio).
 
 The table is a solid block from its top to the floor. `body_margin` applies between parts of the robot,
 `table_margin` between the arms and the table. The fingertips may touch the table in a grasp (`allow_fingertips`);
@@ -20,16 +20,18 @@ from skills.vocabulary import Table
 __all__ = ["CollisionChecker", "Contact"]
 
 BODY_MARGIN = 0.01
-"""Between an arm and any part of the robot [m]: covers tracking error and model error."""
+"""Minimum distance between an arm and any other part of the robot [m]. It covers errors of tracking and model."""
 TABLE_MARGIN = 0.015
-"""Between the table and any part of an arm above its fingers [m]."""
+"""Minimum distance between the table and any part of an arm except its fingers [m]."""
 FINGERTIP_MARGIN = 0.02
-"""Between the table and the fingers while the arms move freely [m]: clears folded cloth."""
+"""Minimum distance between the table and the fingers while the arms move freely [m]. It is larger than the height
+of folded cloth."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """The names of two objects that are nearer than allowed. index: along the path (0 for a single pose)."""
+    """The names of two objects that are nearer than allowed. index: of the pose in a path (0 for a single
+    pose)."""
 
     first: str
     second: str
@@ -40,7 +42,8 @@ class Contact:
 
 
 class CollisionChecker:
-    """Not thread-safe: create one per thread. The margins [m] are fixed at construction."""
+    """Checks poses of the robot. It is not thread-safe: create one per thread. The margins [m] are fixed at
+    construction."""
 
     def __init__(
         self,
@@ -81,7 +84,7 @@ class CollisionChecker:
                 self._geometry.addCollisionPair(pin.CollisionPair(i, index))
 
     def _drop_rigid_pairs(self) -> None:
-        """Remove pairs without relative motion by an arm joint, such as the fingers of one hand."""
+        """Remove pairs that no arm joint moves relative to each other, such as the fingers of one hand."""
         shapes, pin_model = self._geometry.geometryObjects, self.model.pin_model
         arm = {pin_model.getJointId(name) for name in self.model.joint_names}
 
@@ -122,7 +125,7 @@ class CollisionChecker:
         )
 
     def contact(self, q: Array, *, allow_fingertips: bool = False, index: int = 0) -> Contact | None:
-        """The first pair that is nearer than its margin at q (14,), or None."""
+        """Return the first pair that is nearer than its margin at q (14,), or None."""
         if not self.in_collision(q, allow_fingertips=allow_fingertips):
             return None
         data = self._grasp if allow_fingertips else self._free
@@ -132,7 +135,7 @@ class CollisionChecker:
         return Contact("unknown", "unknown", index)
 
     def first_collision(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
-        """The first contact along joint vectors (n, 14), with its index, or None."""
+        """Return the first contact along joint vectors (n, 14), with its index, or None."""
         for i, q in enumerate(path):
             contact = self.contact(q, allow_fingertips=allow_fingertips, index=i)
             if contact is not None:
@@ -140,8 +143,8 @@ class CollisionChecker:
         return None
 
     def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
-        """Smallest distance of any pair at q (14,) [m]. allow_fingertips: leave out the pairs of fingers and
-        table."""
+        """Compute the smallest distance of all pairs at q (14,) [m]. allow_fingertips: ignore the pairs of fingers
+        and table."""
         data = self._grasp if allow_fingertips else self._free
         pin.updateGeometryPlacements(
             self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)
@@ -156,7 +159,7 @@ class CollisionChecker:
     def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05, allow_fingertips: bool = False) -> bool:
         """Whether the straight line from q0 (14,) to q1 (14,) is free, checked every `resolution` [rad]."""
         n = max(1, int(np.ceil(np.abs(q1 - q0).max() / resolution)))
-        # From coarse to fine, which finds a collision early.
+        # Multiples of high powers of two come first: widely spaced checks find most collisions early.
         order = sorted(range(1, n + 1), key=lambda i: (i & -i) * -1)
         return not any(
             self.in_collision(q0 + (i / n) * (q1 - q0), allow_fingertips=allow_fingertips) for i in order

@@ -1,4 +1,4 @@
-"""Failures of the hands' paths: out of reach, or in collision."""
+"""Creates the failures of hand motions: out of reach, or in collision."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ __all__ = ["out_of_reach", "too_near"]
 
 
 def out_of_reach(table: Table, side: Side, what: str, point: Array) -> Failure:
-    """UNREACHABLE: an arm cannot reach `point` (3,) [m], base frame. what: the part of the motion, in words."""
+    """Create the failure UNREACHABLE: an arm cannot reach `point` (3,) [m], base frame. what: the part of the
+    motion, in words."""
     where = [round(float(x), 3) for x in point - np.array([0.0, 0.0, table.height])]
     return Failure(
         FailureKind.UNREACHABLE,
@@ -23,7 +24,8 @@ def out_of_reach(table: Table, side: Side, what: str, point: Array) -> Failure:
 
 
 def too_near(what: str, pair: str) -> Failure:
-    """IN_COLLISION: two bodies are nearer than allowed. what: the part of the motion, pair: the bodies."""
+    """Create the failure IN_COLLISION: two bodies are nearer than allowed. what: the part of the motion, in words.
+    pair: the bodies' names."""
     return Failure(
         FailureKind.IN_COLLISION,
         f"{what} is in collision: {pair}",

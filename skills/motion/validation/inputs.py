@@ -1,4 +1,7 @@
-"""Validation of planner inputs, as opposed to infeasible folds: finite values, increasing times, joint ranges."""
+"""Validates the planners' inputs: values are finite, times increase, joints are within their ranges.
+
+A valid input can still describe a fold that is not feasible; the planners themselves report this.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,11 @@ from skills.vocabulary import GraspId, ToolPath
 __all__ = ["validate_goal", "validate_height", "validate_paths", "validate_state", "validate_tool_speed"]
 
 HIGHEST = 3.0
-"""Largest height of a lift or an approach [m]. No arm reaches as far."""
+"""Maximum height of a lift or an approach [m]. No arm reaches as high."""
 
 
 def validate_state(model: RobotModel, q: Array) -> Failure | None:
-    """STALE_STATE when q is not a vector of 14 finite numbers: the arms' state is not known."""
+    """Return STALE_STATE (the arms' state is not known) when q is not a vector of 14 finite numbers, else None."""
     if np.shape(q) == (14,) and np.all(np.isfinite(q)):
         return None
     return Failure(
@@ -31,9 +34,9 @@ def validate_state(model: RobotModel, q: Array) -> Failure | None:
 
 
 def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
-    """LIMIT_EXCEEDED when q is not a vector of 14 finite numbers, or outside the planning range.
+    """Return LIMIT_EXCEEDED when q is not a vector of 14 finite numbers, or outside the planning range, else None.
 
-    A joint that q_now (14,) already has outside the range may stay as far outside.
+    If a joint in q_now (14,) is already outside the range, it may stay as far outside.
     """
     if np.shape(q) != (14,) or not np.all(np.isfinite(q)):
         return Failure(
@@ -55,8 +58,8 @@ def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
 
 
 def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
-    """UNREACHABLE when a tool path has values that are not finite, times that do not increase, or takes longer
-    than the longest motion."""
+    """Return UNREACHABLE when a tool path has values that are not finite or times that do not increase, or when it
+    takes longer than LONGEST_MOTION; else None."""
     for grasp_id, path in paths.items():
         fields = (path.t, path.position, path.heading, path.pitch, path.roll)
         if not all(np.all(np.isfinite(a)) for a in fields):
@@ -77,7 +80,8 @@ def validate_paths(paths: Mapping[GraspId, ToolPath]) -> Failure | None:
 
 
 def validate_height(height: float) -> Failure | None:
-    """LIMIT_EXCEEDED when the height of a lift is negative, above HIGHEST, or not finite."""
+    """Return LIMIT_EXCEEDED when the height of a lift or an approach is negative, above HIGHEST, or not finite,
+    else None."""
     if 0.0 <= height <= HIGHEST:
         return None
     return Failure(
@@ -89,7 +93,8 @@ def validate_height(height: float) -> Failure | None:
 
 
 def validate_tool_speed(speed: float | None) -> Failure | None:
-    """LIMIT_EXCEEDED when the cap on the tools' speed [m/s] is not above zero, or not a number. None is no cap."""
+    """Return LIMIT_EXCEEDED when the maximum speed of the tools [m/s] is not above zero, or not a number, else
+    None. A speed of None is valid: the speed is then not limited."""
     if speed is None or speed > 0.0:
         return None
     return Failure(

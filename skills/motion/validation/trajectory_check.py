@@ -23,13 +23,13 @@ __all__ = ["check_trajectory", "contact_along"]
 
 START_TOLERANCE = float(np.deg2rad(1.0))
 LIMIT_TOLERANCE = 1e-6
-"""Relative excess over a limit that is tolerated: rounding only."""
+"""Relative excess over a limit that is tolerated. It covers only rounding."""
 REST = 1e-6
-"""Speed [rad/s] that counts as standing still."""
+"""Maximum joint speed of an arm at rest [rad/s]."""
 LONGEST_GAP = 0.0101
-"""Longest time between samples [s]."""
+"""Maximum time between samples [s]."""
 CHECK_STEP = 0.02
-"""Joint motion between two collision checks [rad]."""
+"""Joint motion between two poses that are checked for collision [rad]."""
 
 
 def check_trajectory(
@@ -42,10 +42,11 @@ def check_trajectory(
     allow_fingertips: bool = False,
     start_tolerance: float = START_TOLERANCE,
 ) -> Outcome[Peaks]:
-    """Check a trajectory before it is sent; the value is its largest share of each limit.
+    """Check a trajectory before it is sent. The outcome's value is the largest share of each limit that it uses.
 
     q_now: (14,) the arms' present joints [rad]. allow_fingertips: the fingers may touch the table (a grasp).
-    Failures: LIMIT_EXCEEDED, START_MISMATCH, IN_COLLISION.
+    start_tolerance: maximum distance of each joint from the trajectory's start [rad]. Failures: LIMIT_EXCEEDED,
+    START_MISMATCH, IN_COLLISION.
     """
     failure = (
         _malformed(trajectory)
@@ -139,9 +140,10 @@ def _collision(checker: CollisionChecker, trajectory: ArmTrajectory, allow_finge
 def contact_along(
     checker: CollisionChecker, trajectory: ArmTrajectory, *, allow_fingertips: bool = False
 ) -> Contact | None:
-    """The first contact along a trajectory, with the index of its sample, or None.
+    """Return the first contact along a trajectory, with the index of its sample, or None.
 
-    Planners use the same spacing: between samples that are further apart, two hands can pass through each other.
+    Samples about CHECK_STEP apart are checked. Planners use the same spacing, because two hands can pass through
+    each other between samples that are further apart.
     """
     indices = _spaced_samples(trajectory.q, CHECK_STEP)
     contact = checker.first_collision(trajectory.q[indices], allow_fingertips=allow_fingertips)
@@ -149,7 +151,7 @@ def contact_along(
 
 
 def _spaced_samples(q: Array, step: float) -> NDArray[np.intp]:
-    """Indices of samples of q (n, 14) that are about `step` [rad] apart, both ends included."""
+    """Return the indices of samples of q (n, 14) that are about `step` [rad] apart, including both ends."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)
     keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))

@@ -1,4 +1,4 @@
-"""Diagnosis: maps the figures of an inspection to the paper's failure kinds."""
+"""Diagnoses a fold: maps the figures of an inspection to the paper's failure kinds."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ __all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "outline_matches"
 def diagnose(
     seen: Inspection, step: FoldStep | None, settings: InspectionSettings
 ) -> tuple[FailureKind | None, float]:
-    """The failure kind, None if the fold is as predicted, and its confidence (0..1, by distance to the limit)."""
+    """Return the failure kind, or None if the fold is as predicted, and the confidence of this diagnosis. The
+    confidence (0..1) grows with the distance of the deciding figure from its limit."""
     outline_ok = outline_matches(seen, settings)
     corner_lag = _corner_lag(seen)
     min_left_behind = _min_left_behind(seen)
     if not outline_ok and min_left_behind > settings.left_behind:
         return FailureKind.MISSED_LAYER, _confidence(min_left_behind, settings.left_behind)
-    # Cloth that a dropped corner leaves behind is also piled up, so the corner takes precedence.
+    # Cloth that a dropped corner leaves behind is also piled up, so the corner is tested before the piling.
     if not outline_ok and corner_lag > settings.left_behind:
         return FailureKind.DROPPED_CORNER, _confidence(corner_lag, settings.left_behind)
     if seen.piled_area_m2 > settings.piled_area:
@@ -30,7 +31,7 @@ def diagnose(
         kind = _outline_defect(seen, step, settings)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _confidence(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
-    # Loose layers can be lower or higher than predicted: height counts only if a part of the edge is not visible.
+    # Loose layers can be lower or higher than predicted: height decides only if a part of the edge is not visible.
     if not _edge_visible(seen) and seen.missing_layer > settings.missing_share:
         return FailureKind.DROPPED_CORNER, 0.5 * _confidence(seen.missing_layer, settings.missing_share) + 0.2
     if seen.drift_m > settings.drift or abs(seen.drift_rad) > settings.drift_angle:
@@ -45,14 +46,16 @@ def diagnose(
 
 
 def outline_matches(seen: Inspection, settings: InspectionSettings) -> bool:
-    """Whether the silhouette is as predicted, by overlap and by boundary deviation."""
+    """Whether the silhouette is as predicted: overlap and boundary deviation are within their limits."""
     return seen.iou_aligned >= settings.iou and abs(seen.edge_deviation_m) <= settings.deviation
 
 
 def diagnosed_by_height(seen: Inspection, settings: InspectionSettings) -> bool:
-    """Whether the diagnosis is based on height: piled cloth, or a lagging moved edge within a matching outline.
+    """Whether the diagnosis is based on height: piled cloth, or a moved edge that lags although the outline
+    matches.
 
-    The moved edge is located by a rise of one layer, which raised cloth can hide.
+    The moved edge is located by the height of one layer. Cloth that stands high can hide this step, so such a
+    diagnosis can be wrong.
     """
     if seen.diagnosis is FailureKind.PILING:
         return True
@@ -60,7 +63,7 @@ def diagnosed_by_height(seen: Inspection, settings: InspectionSettings) -> bool:
 
 
 def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, ...]:
-    """The figures beyond their limits, as text for the operator."""
+    """Describe the figures that are beyond their limits, one text each, for the operator."""
     outline_ok = outline_matches(seen, settings)
     behind = (np.nan, np.nan) if outline_ok else (_corner_lag(seen), _min_left_behind(seen))
     edge = (np.nan, np.nan) if seen.edge is None else (seen.edge.corner, seen.edge.sag)
@@ -93,7 +96,8 @@ def _mm(length: float) -> str:
 
 
 def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[FailureKind, float] | None:
-    """The larger defect of the moved edge on other cloth, with its confidence, or None."""
+    """Return the larger defect of the edge that was moved onto other cloth (a dropped corner or a sag) with its
+    confidence; None if both are within their limits."""
     if seen.edge is None:
         return None
     corner, sag = seen.edge.corner / settings.edge_corner, seen.edge.sag / settings.edge_sag
@@ -108,26 +112,26 @@ def _edge_visible(seen: Inspection) -> bool:
 
 
 def _confidence(value: float, threshold: float) -> float:
-    """Confidence: 1/2 at the threshold, 1 at twice the threshold and beyond."""
+    """Confidence that a value is beyond its threshold: 1/2 at the threshold, 1 from twice the threshold on."""
     return float(np.clip(0.5 * value / threshold, 0.0, 1.0))
 
 
 def _corner_lag(seen: Inspection) -> float:
-    """How far the garment at one grasp lies behind the other one [m]; NaN for a fold with one arm."""
+    """How much further behind the garment lies at one grasp than at the other [m]; NaN for a fold with one arm."""
     at_grasps = [reach for name, reach in seen.left_behind.items() if name != "middle"]
     return max(at_grasps) - min(at_grasps) if len(at_grasps) == 2 else float("nan")
 
 
 def _min_left_behind(seen: Inspection) -> float:
-    """How far the whole garment lies behind along the fold [m]; NaN if that is not visible."""
+    """How far behind the garment lies at the place where it lies least behind [m]; NaN if that is not visible."""
     return min(seen.left_behind.values()) if seen.left_behind else float("nan")
 
 
 def _outline_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
-    """The defect of a deviating outline, by the parts left behind, then by the place of the largest deviation.
+    """Name the defect of an outline that deviates from the prediction.
 
-    SAG if the middle lies behind both ends, or if the deviation is between the targets. DROPPED_CORNER if it is
-    near a target. Otherwise OFF_TARGET.
+    SAG if the middle lies behind both ends. Otherwise the place of the largest deviation decides: DROPPED_CORNER
+    if it is near a target, SAG if it is between the two targets, OFF_TARGET elsewhere.
     """
     if step is None or not step.targets:
         return FailureKind.OFF_TARGET

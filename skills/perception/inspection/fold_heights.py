@@ -1,4 +1,4 @@
-"""Comparison of the heights of a folded garment with the prediction: piled cloth and missing layers."""
+"""Compares the heights of a folded garment with the prediction, to find piled cloth and missing layers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_
 def judged_area(
     mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
 ) -> NDArray[np.bool_]:
-    """The part of a mask (H, W) in which heights are judged: away from its rim and from the fold lines."""
+    """Return the part (H, W) of a mask in which heights are judged: away from its rim and from the fold lines."""
     inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     if step is not None:
         rows, columns = np.nonzero(inner)
@@ -36,13 +36,15 @@ def upper_height(height: NDArray[np.float32], judged: NDArray[np.bool_]) -> floa
 
 
 def extra_height(excess: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
-    """95th percentile of the excess (H, W) over a prediction [m]; 0 if too little is visible."""
+    """95th percentile of the excess height (H, W) over a prediction in the judged area [m]; 0 if too little of it
+    is visible."""
     upper = upper_height(excess, judged)
     return upper if np.isfinite(upper) else 0.0
 
 
 def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold: float, pixel: float) -> float:
-    """Area in which the excess (H, W) [m] is above the threshold [m], in [m2]. pixel: edge of a pixel [m]."""
+    """Part of the judged area in which the excess height (H, W) [m] is above the threshold [m], in [m2]. pixel:
+    edge of a pixel [m]."""
     return float(np.count_nonzero((excess > threshold) & judged)) * pixel**2
 
 
@@ -55,10 +57,11 @@ def missing_layer(
     t: Array,
     settings: InspectionSettings,
 ) -> float:
-    """Share (0..1) of the upper layers that is missing at the worst target; NaN if no target can be judged.
+    """Return the missing share (0..1) of the predicted height at the worst target; NaN if no target can be judged.
 
-    It compares measured and predicted mean height over a patch around each target where folded cloth is predicted.
-    moved: (H, W) predicted height [m] after the rigid motion R (2, 2), t (2,) [m].
+    Measured and predicted mean height are compared over a patch around each target, if enough cloth is predicted
+    there. height: (H, W) measured [m]. moved: (H, W) predicted height [m] after the rigid motion R (2, 2), t
+    (2,) [m].
     """
     if step is None:
         return float("nan")

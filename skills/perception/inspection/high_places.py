@@ -1,4 +1,4 @@
-"""Places where folded cloth is higher than its flat layers, which the hands can press down."""
+"""Finds places where folded cloth stands higher than its flat layers, so that the hands can press them down."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ from skills.vocabulary import PredictedShape
 __all__ = ["HighPlaces", "find_high_places"]
 
 EROSION = 9
-"""Size of the erosion of the silhouette [px]. At its rim, depths of cloth and table are mixed."""
+"""Side of the square by which the silhouette is eroded [px]. At its rim, depths of cloth and table are mixed."""
 EDGE = 0.030
-"""Minimum distance of the fingers from an edge [m], outside the bulge of a crease.
-Chosen by a few trials: 35 mm leaves too few places on large towels; with 25 mm, shorts are pushed away."""
+"""Minimum distance of a pressing finger from an edge of the cloth [m]. It was chosen by a few trials: 35 mm leaves
+too few places on large towels; with 25 mm, fingers push shorts away."""
 WINDOW = 5
-"""Window of the mean height [px]."""
+"""Side of the square over which the height is averaged [px]."""
 MISSING_DEPTH = 0.0035
-"""Height below the flat stack from which upper layers are missing [m]."""
+"""Where the cloth is lower than the flat stack by more than this, upper layers are missing [m]."""
 
 LOOKUPS = 3
-"""Number of iterations of a look-up, each at the height found by the one before."""
+"""Number of iterations that find the pixel of a place. The pixel depends on the height of the cloth, so each
+iteration uses the height found by the one before."""
 
 
 @dataclass(frozen=True, eq=False)
 class HighPlaces:
     """Places where a garment is higher than the flat stack.
 
-    places: (k, 2) [m]. above: (k,) height above the flat stack [m]. inside: whether a place (2,) [m] is at least
-    EDGE away from every edge of the stack and of its upper layers, which a finger would turn up or push back.
+    places: (k, 2) [m]. above: (k,) height above the flat stack [m]. inside: function that returns whether a place
+    (2,) [m] is at least EDGE away from every edge of the stack and of its upper layers. Nearer to an edge, a
+    finger would turn it up or push it back.
     """
 
     places: Array
@@ -55,7 +57,8 @@ def find_high_places(
     """Find the places that are at least `min_height` [m] higher than the flat stack.
 
     height: (H, W) above the table [m], NaN where unknown, and mask: (H, W) of the garment, both in `view`. flat:
-    the fold without the height of its creases, with vertices in the middle of layers `thickness` [m] thick.
+    the ideal fold, whose creases are as flat as its layers. Its vertices lie in the middle of layers that are
+    `thickness` [m] thick.
     """
     inner = cv2.erode(mask.astype(np.uint8), np.ones((EROSION, EROSION), np.uint8)) > 0
     smooth = smooth_height(height, WINDOW)
@@ -69,15 +72,16 @@ def find_high_places(
 def _clear_of_edges(
     whole: NDArray[np.bool_], smooth: NDArray[np.float32], view: TableView
 ) -> Callable[[Array], bool]:
-    """The function `HighPlaces.inside`. whole: (H, W), where all layers are present; smooth: (H, W) height [m]."""
+    """Create the function `HighPlaces.inside`. whole: (H, W) whether all layers are present. smooth: (H, W)
+    averaged height [m]."""
     closed = cv2.morphologyEx(whole.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     edge_distance = cv2.distanceTransform(closed, cv2.DIST_L2, 5) * view.pixel
     heights = smooth[whole & np.isfinite(smooth)]
     median_height = float(np.median(heights)) if len(heights) else 0.0
 
     def inside(place: Array) -> bool:
-        """Looks up where the cloth at this place appears in the view: first with the median height, then with the
-        measured one."""
+        """Whether the place is far enough from all edges. The pixel at which its cloth appears is computed first
+        with the median height, then with the measured height."""
         cloth_height = median_height
         for _ in range(LOOKUPS):
             column, row = np.round(view.to_pixel(view.shadow_on_table(np.array([*place, cloth_height])))).astype(

@@ -1,4 +1,4 @@
-"""Inspection after a fold: compares the garment on the table with the simulation's prediction."""
+"""Inspects a fold: compares the garment on the table with the simulation's prediction."""
 
 from __future__ import annotations
 
@@ -60,13 +60,14 @@ def inspect(
 ) -> Outcome[Inspection]:
     """Compare one picture with the predicted mesh and diagnose the fold.
 
-    step: the fold that was made, with its targets and lines; without it only silhouette and height are judged.
-    reference: as for `perceive`. previous: the last picture, to detect a frozen camera. before: the picture before
-    the fold (previous if None), to detect the cloth that the fold laid on top. flat_top: `Perception.top` of the
-    flat garment [m], the offset of the upper side (creases, pile) from the mesh's middle surface.
+    predicted: the predicted mesh. step: the fold that was made, with its targets and lines; without it only
+    silhouette and height are judged. reference: picture of the empty table. previous: the last picture, to detect
+    a frozen camera. before: the picture before the fold (previous if None), to detect the cloth that the fold laid
+    on top. flat_top: mean height of the flat garment as the camera saw it, `Perception.top` [m]. Creases and pile
+    make it higher than the mesh's middle surface; the prediction is raised by the difference.
 
-    Failures: CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, when nothing can be judged. A bad fold is not a failure: it is
-    the `diagnosis` of the value.
+    Failures: CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW if nothing can be judged. A bad fold is not a failure: the
+    value's `diagnosis` describes it.
     """
     settings = settings or InspectionSettings()
     fault = camera_fault(frame, calibration, previous, settings.perception)
@@ -110,9 +111,10 @@ def inspect(
 def _segmented(
     seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], settings: PerceptionSettings
 ) -> Outcome[Segmentation]:
-    """Segment the garment by the first method with sufficient confidence, else by the first that finds it.
+    """Segment the garment. The result is that of the first method with sufficient confidence, else that of the
+    first method that finds a garment.
 
-    height: (H, W) above the table [m].
+    seen, empty: the rectified picture, and that of the empty table (or None). height: (H, W) above the table [m].
     """
     bare = empty.rgb if empty is not None else None
     uncertain: list[Segmentation] = []
@@ -137,7 +139,8 @@ def _segmented(
 
 
 class _Figures:
-    """The figures of one comparison. found: the segmentation in `view`. expected: (H, W) predicted height [m].
+    """Computes the figures of one comparison. found: the segmentation in `view`. expected: (H, W) predicted
+    height [m].
 
     R (2, 2), t (2,) [m]: the rigid motion that aligns the prediction with the observation.
     """
@@ -158,7 +161,7 @@ class _Figures:
         self.R, self.t = align(self._outline, self._observed)
 
     def inspection(self, rgb: NDArray[np.uint8], edge: MovedEdge | None) -> Inspection:
-        """All figures, without a diagnosis."""
+        """Compute all figures, without a diagnosis. edge: the moved edge, or None."""
         view, mask, step, settings = self._view, self._found.mask, self._step, self._settings
         where = np.isfinite(self._expected)
         moved = move_view(view, self._expected, self.R, self.t)

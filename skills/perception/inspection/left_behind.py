@@ -1,4 +1,4 @@
-"""How far the garment still reaches beyond the fold line, at each grasp and between them."""
+"""Measures how far the garment still reaches beyond the fold line after a fold, at each grasp and between them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ def left_behind(
     step: FoldStep | None,
     settings: InspectionSettings,
 ) -> Mapping[str, float]:
-    """How much further than predicted the garment reaches beyond the fold line [m].
+    """Measure how much further than predicted the garment reaches beyond the fold line [m], on the side from which
+    it was folded.
 
-    Keys are the grasps, and 'middle' between two; NaN where too little is visible. Empty without a step.
+    mask, predicted: (H, W) observed and predicted silhouette. The result's keys are the grasps, and 'middle' for
+    the place between two grasps; a value is NaN if too little is visible there. Empty without a step.
     """
     if step is None or not step.grasps:
         return {}

@@ -1,9 +1,9 @@
-"""Localisation of the edge that a fold moved, by the rise of one layer of cloth.
+"""Locates the edge that a fold moved, by the rise of the surface by one layer of cloth.
 
-The moved edge lies on cloth of the same fabric and does not show in the silhouette. At the moved layers, however,
-the surface has risen by their thickness since the picture before the fold; in front of the edge it has not.
-Earlier wrinkles and creases cancel out in the difference. The depth noise of one pixel is larger than a layer, but
-that of the mean over a strip along the edge is ten times smaller.
+The moved edge lies on cloth of the same fabric, so neither colour nor silhouette shows it. Where the moved layers
+lie, however, the surface has risen by their thickness since the picture before the fold; in front of the edge it
+has not. Earlier wrinkles and creases cancel out in the difference. The depth noise of one pixel is larger than the
+thickness of a layer, but the noise of the mean over a strip along the edge is ten times smaller.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ __all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]
 
 
 _TOLERANCE = 0.010
-"""Huber threshold: strips further than this from the fitted shape of an edge count less [m]."""
+"""Huber threshold: in the fit of an edge, strips whose lag differs from the fit by more than this count
+less [m]."""
 
 
 @dataclass(frozen=True)
@@ -32,33 +33,34 @@ class EdgeSettings:
     """Lengths [m]."""
 
     strips: int = 9
-    """Number of strips along the moved edge."""
+    """Number of strips into which the moved edge is divided along its length."""
     outside: float = 0.024
     inside: float = 0.120
-    """Search range in front of and behind the predicted place of the edge."""
+    """Search range: `outside` is in front of the predicted place of the edge, `inside` behind it."""
     crease: float = 0.045
-    """Distance to the fold line within which nothing is judged, because the crease is raised there."""
+    """Nearer than this to the fold line, no rise is measured, because the crease is raised there."""
     rim: float = 0.010
     """Length ignored at the two ends of the edge, where depth is missing."""
     loop: float = 0.006
-    """Cloth that was higher than the median of the stack by this much before the fold is the loop of an earlier
-    crease. New layers press it down, so no rise is measured there."""
+    """Cloth that was higher than the stack's median height by more than this before the fold belongs to the loop
+    of an earlier crease. New layers press it down, so no rise is measured there."""
     min_rise: float = 0.0010
-    """Minimum rise: depth cannot resolve thinner moved layers."""
+    """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
     sample: float = 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class MovedEdge:
-    """lag: (n,) distance of the edge behind its predicted place [m] in strips from end to end, NaN where unknown.
-    rise: height of the moved layers [m]."""
+    """The place of the moved edge. lag: (n,) distance of the edge behind its predicted place in n strips from one
+    end to the other [m], NaN where unknown. rise: height of the moved layers [m]."""
 
     lag: Array
     rise: float
 
     @property
     def corner(self) -> float:
-        """How much further behind the worse visible end lies than the other half of the edge [m]."""
+        """How much further behind an end lies than the median of the opposite half of the edge, for the worse of
+        the visible ends [m]; NaN if none is visible."""
         behind = self._ends()
         return float(np.nanmax(behind)) if np.isfinite(behind).any() else float("nan")
 
@@ -71,8 +73,8 @@ class MovedEdge:
     def sag(self) -> float:
         """How much further behind the middle lies than the line between the two ends [m].
 
-        The amplitude of half a sine over a straight line, fitted to all strips with Huber's weights; NaN if too
-        few strips are visible.
+        Half a sine over a straight line is fitted to all strips with Huber's weights, and its amplitude is
+        returned; NaN if too few strips are visible.
         """
         known = np.isfinite(self.lag)
         if np.count_nonzero(known) < 5:
@@ -87,13 +89,15 @@ class MovedEdge:
         return float(fit[2])
 
     def _ends(self) -> tuple[float, float]:
-        """How much further behind each end lies than the other half of the edge [m]; NaN if it is not visible."""
+        """How much further behind each end lies than the median of the opposite half of the edge [m]; NaN if it is
+        not visible."""
         first, last = (self._end(lag) - _median(lag[len(lag) // 2 :]) for lag in (self.lag, self.lag[::-1]))
         return first, last
 
     @staticmethod
     def _end(lag: Array) -> float:
-        """Smaller lag of the first two visible strips in the first third of the edge, to avoid false alarms."""
+        """Lag of the end at which `lag` begins [m]: the smaller one of the first two visible strips within the
+        first third of the edge. The smaller one is used to avoid false alarms."""
         seen = lag[: len(lag) // 3]
         seen = seen[np.isfinite(seen)][:2]
         return float(seen.min()) if len(seen) else float("nan")
@@ -116,8 +120,9 @@ def moved_edge(
 ) -> MovedEdge | None:
     """Locate the edge by the rise of height during the fold; None if it cannot be measured.
 
-    height, before: (H, W) in `view` after and before the fold, above the same empty table [m]. R (2, 2), t (2,)
-    [m]: the rigid motion that aligns the prediction with the observation; the cloth below moved with it.
+    height, before: (H, W) height in `view` after and before the fold, above the same empty table [m]. R (2, 2), t
+    (2,) [m]: the rigid motion that aligns the prediction with the observation. It is assumed that the cloth below
+    has made the same motion.
     """
     settings = settings or EdgeSettings()
     expected = _expected_edge(predicted, step, settings)
@@ -146,7 +151,8 @@ def moved_edge(
 def _expected_edge(
     predicted: PredictedShape, step: FoldStep, settings: EdgeSettings
 ) -> tuple[Array, Array] | None:
-    """Positions along the fold line (n,) and the predicted reach of the moved part beyond it there (n,) [m]."""
+    """Return positions (n,) along the fold line, and the predicted distance (n,) to which the moved part reaches
+    beyond the line there [m]; None if too little cloth was moved."""
     moved = step.line.signed_distance(fold_xy(step.earlier, predicted.material)) > 0
     if np.count_nonzero(moved) < 10:
         return None
@@ -159,7 +165,7 @@ def _expected_edge(
     if high - low < 0.08:
         return None
     places = np.arange(low, high, settings.sample)
-    # The mesh is coarser than the samples: linear interpolation between the farthest vertices near each knot.
+    # The mesh is coarser than the samples: the farthest vertex near each knot is used, with linear interpolation.
     knots = np.linspace(low, high, max(round((high - low) / 0.03), 2))
     half = 0.6 * (knots[1] - knots[0])
     farthest = np.array([reach[np.abs(along - k) <= half].max(initial=-np.inf) for k in knots])
@@ -168,7 +174,7 @@ def _expected_edge(
 
 
 def _sampled(image: NDArray[np.float32], view: TableView, xy: Array) -> Array:
-    """Values of a view image at places (n, m, 2) [m]; NaN outside the view and where unknown."""
+    """Return the values (n, m) of a view image at places (n, m, 2) [m]; NaN outside the view and where unknown."""
     at = view.to_pixel(xy).astype(np.float32)
     return cv2.remap(
         image, at[..., 0], at[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan")
@@ -176,7 +182,8 @@ def _sampled(image: NDArray[np.float32], view: TableView, xy: Array) -> Array:
 
 
 def _mean(rise: Array) -> Array:
-    """Mean profile (m,) across the edge over a strip's samples (n, m); NaN where too few are known."""
+    """Average the n profiles of a strip, rise (n, m), to one profile (m,) across the edge; NaN where too few
+    values are known."""
     known = np.isfinite(rise)
     count = known.sum(axis=0)
     total = np.where(known, rise, 0.0).sum(axis=0)
@@ -184,11 +191,12 @@ def _mean(rise: Array) -> Array:
 
 
 def _step_place(profile: Array, depth: Array, layer: float) -> float:
-    """Least-squares place [m] of a step from 0 to `layer` [m] in a profile (m,); NaN if too little is known."""
+    """Find the place [m] of a step from 0 to `layer` [m] in a profile (m,), by least squares; NaN if too few
+    values are known."""
     known = np.isfinite(profile)
     if np.count_nonzero(known) < 20:
         return float("nan")
-    # A sample costs rise^2 before the step and (rise - layer)^2 behind it. Their differences are summed.
+    # A sample costs rise^2 before the step and (rise - layer)^2 behind it. The differences of the two are summed.
     cost_difference = np.where(known, 0.5 * layer - np.clip(profile, -0.5 * layer, 1.5 * layer), 0.0)
     total = np.r_[0.0, np.cumsum(cost_difference)]
     return float(np.r_[depth, 2 * depth[-1] - depth[-2]][int(np.argmax(total))])

@@ -1,4 +1,4 @@
-"""Rendering of a predicted mesh as the camera sees it, and rigid motion of view images."""
+"""Renders a predicted mesh as the camera sees it, and moves view images rigidly."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ __all__ = ["draw_shape", "move_view", "outline_of"]
 
 
 def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
-    """Height (H, W) of a predicted mesh as the camera sees it [m], NaN outside the mesh.
+    """Render the height (H, W) of a predicted mesh as the camera sees it [m], NaN outside the mesh.
 
-    Each triangle is drawn where it appears in the view, with parallax, low ones first.
+    Each triangle is drawn where it appears in the view, with parallax. Low triangles are drawn first, so higher
+    ones cover them.
     """
     place = np.round(view.to_pixel(view.shadow_on_table(shape.vertices)) * 16).astype(np.int32)
     z = shape.vertices[shape.triangles, 2].mean(axis=1)
@@ -27,7 +28,7 @@ def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
 
 
 def outline_of(view: TableView, mask: NDArray[np.bool_]) -> Array:
-    """The longest boundary (n, 2) of a region [m]. Raises ValueError when the region is empty."""
+    """Return the longest boundary (n, 2) of a region [m]. Raises ValueError when the region is empty."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:
         raise ValueError("the predicted shape lies outside of the view")
@@ -35,7 +36,7 @@ def outline_of(view: TableView, mask: NDArray[np.bool_]) -> Array:
 
 
 def move_view(view: TableView, image: NDArray[np.float32], R: Array, t: Array) -> NDArray[np.float32]:
-    """A view image after the table motion p -> R p + t [m], NaN where no source pixel exists."""
+    """Move a view image by the motion p -> R p + t [m] on the table; NaN where no source pixel exists."""
     corners = np.array([[0.0, 0.0], [view.shape[1], 0.0], [0.0, view.shape[0]]])
     to = view.to_pixel(view.to_table(corners) @ R.T + t)
     M = cv2.getAffineTransform(corners.astype(np.float32), to.astype(np.float32))

@@ -19,7 +19,7 @@ __all__ = ["Inspection", "InspectionSettings"]
 
 @dataclass(frozen=True)
 class InspectionSettings:
-    """Limits within which a fold counts as predicted. Lengths [m], angles [rad], areas [m2]."""
+    """Limits: a fold within all of them counts as predicted. Lengths [m], angles [rad], areas [m2]."""
 
     iou: float = 0.90
     """Minimum overlap with the prediction after rigid alignment."""
@@ -29,27 +29,29 @@ class InspectionSettings:
     piled_area: float = 0.0012
     """Maximum area that is more than `extra_height` higher than predicted."""
     fold_margin: float = 0.040
-    """Distance to a fold line within which heights are not judged, because of the fold's bulge."""
+    """Nearer than this to a fold line, heights are not judged, because the crease bulges there."""
     deviation: float = 0.022
-    """Maximum boundary deviation; more is a defect of the edge."""
+    """Maximum distance between observed and predicted boundary after alignment."""
     corner_radius: float = 0.07
     left_behind: float = 0.035
-    """A corner that lies behind the other by more than this was dropped."""
+    """If one corner lies behind the other by more than this, it was dropped."""
     sag: float = 0.020
-    """A middle of the fold that lies behind both ends by more than this sagged."""
+    """If the middle of the fold lies behind both ends by more than this, it sagged."""
     strip: float = 0.06
-    """Half width of the strips, at each grasp and between them, in which `left_behind` and `sag` are measured."""
+    """Half the width of the strips in which `left_behind` and `sag` are measured: one strip at each grasp, and one
+    between two grasps."""
     missing_share: float = 0.45
-    """Maximum missing share of the upper layers' predicted height at a target."""
+    """Maximum missing share of the predicted height at a target."""
     layer_height: float = 0.0018
-    """Minimum predicted thickness of upper layers that depth can resolve."""
+    """Minimum predicted height at a target at which missing layers are judged; depth cannot resolve less."""
     edge_sag: float = 0.026
     edge_corner: float = 0.0195
-    """Maximum lag of the moved edge's middle, and of a corner of it, on cloth (`moved_edge`).
+    """Limits for an edge that was moved onto other cloth (`moved_edge`): `edge_sag` for the lag of its middle,
+    `edge_corner` for the lag of a corner.
 
-    The lag of a corner is the mean over its strip, in steps of 2 mm, or of 1 mm if a strip is not visible; the
-    limit lies between two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good
-    folds lag by up to 15 mm, nearly all by less than 8 mm."""
+    The lag of a corner is measured in steps of 2 mm, or of 1 mm if a strip is not visible; the limit lies between
+    two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good folds lag by up to
+    15 mm, nearly all by less than 8 mm."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
 
 
@@ -57,17 +59,18 @@ class InspectionSettings:
 class Inspection:
     """Comparison of the observed fold with the prediction.
 
-    iou: overlap without alignment; iou_aligned: after the rigid motion that aligns the prediction with the
-    observation. drift: (2,) [m] displacement by this motion of drift_about (2,) [m], the centre of the predicted
-    outline; drift_m: its length; drift_rad: the angle: p -> turned(p - drift_about) + drift_about + drift.
-    height_m: height of the stack above the table, away from the plan's fold lines (95th percentile; NaN if too
-    little is visible). extra_height_m: the same relative to the prediction. piled_area_m2: area that is too high.
-    edge_deviation_m: largest boundary deviation after alignment, positive outside, at edge_place (2,).
-    missing_layer: largest missing share of a target's upper layers (0..1), NaN if unknown. edge: the edge that two
-    arms moved onto other cloth, None if it is not visible. left_behind: for each grasp, and for 'middle' between
-    two, how much further than predicted the garment reaches beyond the fold line [m]; NaN if unknown. diagnosis:
-    None when the fold is as predicted. confidence: of the diagnosis, 0..1. contour: (n, 2) observed boundary [m].
-    mask, predicted: (H, W), and height: (H, W) above the table [m], NaN where unknown, in `view`'s pixels.
+    iou: overlap of prediction and observation without alignment; iou_aligned: overlap after the rigid motion that
+    aligns the prediction with the observation. This motion is p -> turned(p - drift_about) + drift_about + drift.
+    drift_about: (2,) centre of the predicted outline [m]. drift: (2,) displacement of this centre [m]; drift_m:
+    its length; drift_rad: the angle of the motion. height_m: height of the stack above the table, away from the
+    plan's fold lines (95th percentile; NaN if too little is visible). extra_height_m: the same for the height
+    above the prediction. piled_area_m2: area that is too high. edge_deviation_m: largest boundary deviation after
+    alignment, positive outside, at edge_place (2,). missing_layer: largest missing share (0..1) of the predicted
+    height at a target, NaN if unknown. edge: the edge that two arms moved onto other cloth, None if it is not
+    visible. left_behind: for each grasp, and for 'middle' between two, how much further than predicted the garment
+    reaches beyond the fold line [m]; NaN if unknown. diagnosis: None when the fold is as predicted. confidence: of
+    the diagnosis, 0..1. contour: (n, 2) observed boundary [m]. mask, predicted: (H, W) observed and predicted
+    silhouette, and height: (H, W) above the table [m], NaN where unknown, all in `view`'s pixels.
     """
 
     iou: float

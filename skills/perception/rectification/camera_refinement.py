@@ -1,9 +1,10 @@
-"""Refinement of the camera's pose from one picture of the empty table.
+"""Refines the camera's pose by one picture of the empty table.
 
-A camera's bracket is known to a few millimetres and milliradians, which is a centimetre on the table. The empty
-table shows most of the error: the depth picture gives the plane (two tilts and the height), the near and far edges
-give the distance and the rotation. The picture does not show the shift along y. The estimate is therefore the
-maximum a posteriori of a Gauss-Newton fit with the given calibration as the prior.
+The pose of a camera's bracket is known to a few millimetres and milliradians, which makes an error of a centimetre
+on the table. The empty table shows most of this error: the depth picture gives the table's plane (two tilts and
+the height), the near and far edges give the distance and the rotation. The picture does not show the shift along
+y. The estimate is therefore a maximum a posteriori estimate, by Gauss-Newton steps, with the given calibration as
+the prior.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ def refine_calibration(
 ) -> Outcome[CameraCalibration]:
     """Correct the calibration by a picture of the empty table.
 
-    Failures: CAMERA_FAULT when the depth picture shows no plane. CAMERA_FAULT also when the correction exceeds a
-    bracket's tolerance: the calibration then belongs to another set-up. notes: the correction and the number of
-    visible edges.
+    Failures: CAMERA_FAULT when the depth picture shows no plane, or when the correction is larger than
+    `largest_position` or `largest_angle`: the calibration then belongs to another set-up. The outcome's notes
+    contain the size of the correction and the number of visible edges.
     """
     settings = settings or RefinementSettings()
     plane = _table_plane(frame, calibration, table)
@@ -85,7 +86,8 @@ def refine_calibration(
 
 
 def _corrected_pose(T: Array, correction: Array) -> Array:
-    """The camera's pose after a shift [m] and a rotation (rotation vector [rad]) in the table's axes."""
+    """Apply a correction (6,) to the camera's pose T (4, 4): a shift [m] and a rotation vector [rad], both in the
+    table's axes."""
     R, _ = cv2.Rodrigues(np.asarray(correction[3:], dtype=float))
     out = np.array(T, dtype=float)
     out[:3, :3] = R @ T[:3, :3]
@@ -113,7 +115,7 @@ def _residuals(
         for x, rays in edges:
             d = rays @ T[:3, :3].T
             seen = T[0, 3] - d[:, 0] * T[2, 3] / d[:, 2]
-            # Errors of neighbouring pixels are correlated: a line counts as four independent measurements.
+            # Errors of neighbouring pixels are correlated: a whole edge counts as four independent measurements.
             parts.append((seen - x) / (settings.edge_place * np.sqrt(len(rays) / 4.0)))
         return np.concatenate(parts)
 
@@ -129,7 +131,8 @@ def _rays(calibration: CameraCalibration, uv: Array) -> Array:
 
 
 def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Table) -> tuple[Array, float] | None:
-    """The table's upward normal in camera axes (3,) and the camera's height above it [m]."""
+    """Fit the table's plane to the depth picture. Return its upward normal (3,) in camera axes and the camera's
+    height above it [m]; None if the picture shows no plane."""
     v, u = np.mgrid[2 : frame.depth.shape[0] : 5, 2 : frame.depth.shape[1] : 5].reshape(2, -1)
     depth = frame.depth[v, u].astype(float)
     known = np.isfinite(depth)
@@ -162,10 +165,11 @@ def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Tabl
 def _edge_pixels(
     rgb: NDArray[np.uint8], calibration: CameraCalibration, table: Table, x: float, settings: RefinementSettings
 ) -> Array | None:
-    """Rays (n, 3) through the table's edge at this x [m], or None when the edge is not clearly visible.
+    """Find rays (n, 3) in camera axes through the table's edge at this x [m]; None when the edge is not clearly
+    visible.
 
-    The edge is the strongest change of colour within `search` across the expected line. A line is then fitted to
-    most of these points.
+    Across the expected line, within `search`, the strongest change of colour is a point of the edge. A line is
+    fitted to these points, and points that are far from it are removed.
     """
     T = np.linalg.inv(calibration.T_table_camera)
     P = calibration.intrinsics.matrix @ T[:3]

@@ -1,4 +1,4 @@
-"""Smoothed height of the empty table as measured, which is the local error of the calibration."""
+"""Smooths the measured height of the empty table. This height is the local error of the calibration."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 __all__ = ["table_height"]
 
 _REDUCTION = 4
-"""Number of view pixels along the edge of a coarse pixel, on which the table is smoothed."""
+"""Edge length of a coarse pixel, in view pixels. The height is smoothed on coarse pixels."""
 _SIGMA = 1.0
 """Standard deviation of the smoothing, in coarse pixels."""
 _MIN_KNOWN_SHARE = 0.25
-"""Minimum known share of the surroundings; below it the nearest place with this share is used."""
+"""If a smaller share than this of a place's surroundings is known, the value of the nearest place with a larger
+share is used."""
 
 
 def table_height(measured: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Smoothed height (H, W) of the empty table from the measured one (H, W), NaN where unknown, both [m].
+    """Smooth the measured height (H, W) of the empty table [m], NaN where unknown; the result is (H, W) [m].
 
-    Only known pixels count: a hole takes the height of its surroundings. All 0 when nothing is known.
+    Only known pixels count: a hole takes the height of its surroundings. If nothing is known, the result is 0.
     """
     known = np.isfinite(measured)
     if not known.any():
@@ -42,7 +43,7 @@ def _blurred(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _from_nearest(values: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """values (h, w) where they are valid, elsewhere the value at the nearest valid place."""
+    """Return values (h, w) in which each invalid value is replaced by the nearest valid one."""
     if valid.all():
         return values
     _, label = cv2.distanceTransformWithLabels(

@@ -1,8 +1,8 @@
-"""The rectified table view: a resampled picture with a fixed scale in metres.
+"""Rectifies a picture: resamples it to a view of the table with a fixed scale in metres.
 
-The camera sees the table plane through a homography, H = K (r1 r2 t) of the pinhole model (Hartley and
-Zisserman, Multiple View Geometry, section 8.1.1). Resampling the picture by it gives an image in which a
-pixel is a square of fixed size on the table.
+In the pinhole model, a homography H = K (r1 r2 t) maps the table plane to the picture (Hartley and Zisserman,
+Multiple View Geometry, section 8.1.1). If the picture is resampled by it, each pixel is a square of fixed size on
+the table.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from skills.vocabulary import CameraCalibration, Table
 __all__ = ["RectifiedView", "TableView"]
 
 BELOW = 0.10
-"""Points further below the table's top are invalid [m]: a calibration errs by a few centimetres at most."""
+"""Measured points that lie further than this below the table's top are invalid [m], because the error of a
+calibration is a few centimetres at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,8 @@ class TableView:
 
     Row 0 is at the table's largest x, column 0 at its largest y. pixel: edge of a pixel on the table [m]. Pixel
     coordinates are (column, row); integers are the pixels' centres. A point above the table appears where its line
-    of sight meets z = 0, see `shadow_on_table`. Raises ValueError when the table has fewer than 8 pixels a side.
+    of sight meets z = 0, see `shadow_on_table`. Raises ValueError when a side of the table has fewer than 8
+    pixels.
     """
 
     def __init__(self, calibration: CameraCalibration, table: Table, pixel: float = 0.002) -> None:
@@ -61,9 +63,10 @@ class TableView:
         self.valid = self._inside()
 
     def to_table(self, uv: Array, height: float | Array = 0.0) -> Array:
-        """View pixels (..., 2) (column, row) -> table positions (..., 2) [m] at `height` above the table [m].
+        """Convert view pixels (..., 2) (column, row) to positions (..., 2) [m], for points at `height` above the
+        table [m].
 
-        height: one for all, or (...).
+        height: one value for all pixels, or (...).
         """
         uv = np.asarray(uv, dtype=float)
         x = self._x_far - (uv[..., 1] + 0.5) * self.pixel
@@ -73,14 +76,15 @@ class TableView:
         return c[:2] + (on_table - c[:2]) * (1.0 - np.asarray(height)[..., None] / c[2])
 
     def to_pixel(self, xy: Array) -> Array:
-        """Points on the table (..., 2) [m] -> view pixels (..., 2) (column, row)."""
+        """Convert points on the table (..., 2) [m] to view pixels (..., 2) (column, row)."""
         xy = np.asarray(xy, dtype=float)
         column = (self._y_left - xy[..., 1]) / self.pixel - 0.5
         row = (self._x_far - xy[..., 0]) / self.pixel - 0.5
         return np.stack([column, row], axis=-1)
 
     def to_image(self, xyz: Array) -> Array:
-        """Points in the table frame (..., 2) or (..., 3) [m] -> camera pixels (..., 2)."""
+        """Convert points in the table frame (..., 2) or (..., 3) [m] to pixels (..., 2) of the camera's
+        picture."""
         xyz = np.asarray(xyz, dtype=float)
         if xyz.shape[-1] == 2:
             xyz = np.concatenate([xyz, np.zeros_like(xyz[..., :1])], axis=-1)
@@ -88,7 +92,8 @@ class TableView:
         return uvw[..., :2] / uvw[..., 2:]
 
     def shadow_on_table(self, xyz: Array) -> Array:
-        """Where points (..., 3) above the table appear on z = 0, seen from the camera (..., 2) [m]."""
+        """Project points (..., 3) along the camera's lines of sight onto the plane z = 0: (..., 2) [m]. A point
+        above the table appears at this place of the view."""
         xyz = np.asarray(xyz, dtype=float)
         c = self.camera_position
         scale = c[2] / np.maximum(c[2] - xyz[..., 2:], 1e-6)
@@ -115,18 +120,20 @@ class TableView:
         return RectifiedView(rgb.astype(np.uint8, copy=False), height.astype(np.float32, copy=False), self.valid)
 
     def _height(self, frame: CameraFrame) -> NDArray[np.float32]:
-        """Depth (H, W) along the optical axis -> height above the table (H, W) [m]."""
+        """Convert depth (H, W) along the optical axis to height (H, W) above the table [m]."""
         k, T = self._calibration.intrinsics, self._calibration.T_table_camera
         rows, columns = frame.depth.shape
         across = T[2, 0] * (np.arange(columns) - k.cx) / k.fx
         down = T[2, 1] * (np.arange(rows) - k.cy) / k.fy
         slope = (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
         height = frame.depth * slope + np.float32(T[2, 3])
-        # a shiny table mirrors objects above it; some drivers report their largest range for missing values
+        # A height can be far too low: a shiny table mirrors objects above it, and some drivers report their
+        # largest range for missing values.
         return np.where(height > -BELOW, height, np.float32(np.nan))
 
     def _inside(self) -> NDArray[np.bool_]:
-        """Where the camera's picture covers the view, one camera pixel inside its border."""
+        """Return whether each pixel of the view lies in the camera's picture, at least one camera pixel inside its
+        border."""
         k = self._calibration.intrinsics
         rows, columns = self.shape
         c, r = np.arange(columns, dtype=np.float32)[None, :], np.arange(rows, dtype=np.float32)[:, None]

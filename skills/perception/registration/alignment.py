@@ -1,4 +1,4 @@
-"""Rigid alignment of two outlines of one shape, and their largest remaining deviation."""
+"""Aligns two outlines of one shape rigidly, and measures their largest remaining deviation."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ __all__ = ["align", "edge_deviation"]
 
 
 def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array, Array]:
-    """The rigid motion p -> R p + t, R (2, 2), t (2,) [m], that aligns a boundary (n, 2) with another (m, 2).
+    """Compute the rigid motion p -> R p + t, R (2, 2), t (2,) [m], that aligns a boundary (n, 2) with another one
+    (m, 2).
 
-    It minimises point-to-line distances in both directions with Tukey's weights, so that a protruding corner does
-    not rotate the whole. The scale of the weights decreases from the initial misfit to 10 mm.
+    It minimises point-to-line distances in both directions. Tukey's weights prevent a protruding corner from
+    rotating the whole outline. The scale of the weights decreases from 60 mm to 10 mm; it stays larger if the
+    misfit is large.
     """
     if polygon_area(outline) < 0:
         outline = outline[::-1]
@@ -47,8 +49,8 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
 
 
 def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
-    """Largest distance between two boundaries that persists over 3 cm [m], positive outside; and its place
-    (2,)."""
+    """Find the largest distance between two boundaries that persists over 3 cm of boundary [m], positive where the
+    observed boundary lies outside; and its place (2,) [m]."""
     if polygon_area(outline) < 0:
         outline = outline[::-1]
     observed_boundary = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)

@@ -1,10 +1,10 @@
-"""Pose of the stiff part of a garment, its body, for any pose of the sleeves or legs.
+"""Fits the pose of a garment's body, its stiff part, for any pose of the sleeves or legs.
 
 A blunt corner, such as a shoulder or the end of a collar, is hardly visible in the outline. Its place follows from
-its distance to the body's edges. The template is placed on the boundary by a rotation, a translation and a scale
-along each of its axes. The corners of the body are found by consensus (Fischler and Bolles, Random sample
-consensus, 1981), but deterministically, over all pairs of corners. The pose is then fitted to the whole boundary
-by point-to-line distances with Tukey's weights, which exclude the limbs.
+the place of the body, whose edges are visible. The template is placed on the boundary by a rotation, a translation
+and a scale along each of its axes. The corners that belong to the body are found by consensus (Fischler and
+Bolles, Random sample consensus, 1981), here not with random samples, but with all pairs of corners. The pose is
+then fitted to the whole boundary by point-to-line distances with Tukey's weights, which exclude the limbs.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ __all__ = ["BodySettings", "lay_body"]
 class BodySettings:
     """Lengths [m].
 
-    agree: maximum distance of a body's corner from its place by two others. scale: initial scale of Tukey's
-    weights, decreasing to `last_scale`. stretch: maximum ratio of the two axes' scales.
+    agree: maximum distance of a corner from the place that two other corners predict for it; nearer corners agree
+    with them. scale: initial scale of Tukey's weights, which decreases to `last_scale`. stretch: maximum ratio of
+    the scales along the two axes.
     """
 
     agree: float = 0.02
@@ -43,10 +44,11 @@ def lay_body(
     boundary: Boundary,
     settings: BodySettings | None = None,
 ) -> Array | None:
-    """Places (k, 2) [m] of the template's corners (k, 2), counter-clockwise, as if all belonged to the body.
+    """Compute the places (k, 2) [m] of the template's corners (k, 2), counter-clockwise, as if all of them
+    belonged to the body. None when fewer than three corners agree, or when the scales along the two axes differ
+    too much.
 
-    placed: (k, 2) registered corners [m]. clear: (k,), whether a corner is distinct in the outline. None when
-    fewer than three corners agree, or when the axes' scales differ too much.
+    placed: (k, 2) registered corners [m]. clear: (k,), whether a corner is distinct in the outline.
     """
     settings = settings or BodySettings()
     body_corners = _consensus(template, placed, clear, settings.agree)
@@ -65,7 +67,7 @@ def lay_body(
 
 @dataclass(frozen=True, eq=False)
 class _Pose:
-    """The map p -> R diag(scale) p + t."""
+    """Pose of the template: the map p -> R diag(scale) p + t."""
 
     R: Array
     scale: Array
@@ -81,7 +83,8 @@ def _rotation(angle: float) -> Array:
 
 
 def _similarity(a: Array, b: Array) -> _Pose:
-    """The least-squares similarity that maps points a (n, 2) to b (n, 2)."""
+    """Compute the least-squares similarity (rotation, translation, one scale) that maps points a (n, 2) to b
+    (n, 2)."""
     from_, to = a - a.mean(axis=0), b - b.mean(axis=0)
     along = float((from_ * to).sum())
     across = float((from_[:, 0] * to[:, 1] - from_[:, 1] * to[:, 0]).sum())
@@ -91,7 +94,8 @@ def _similarity(a: Array, b: Array) -> _Pose:
 
 
 def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: float) -> NDArray[np.bool_]:
-    """Mask of the clear corners that agree on one similarity: the set with the longest edges."""
+    """Find the clear corners that agree on one similarity, as a mask (k,): of all such sets, the one whose edges
+    are longest in total."""
     lengths = segment_lengths(template)
     clear_indices = np.flatnonzero(clear)
     best, best_set = 0.0, np.zeros(len(template), bool)
@@ -99,7 +103,7 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
         for j in clear_indices[n + 1 :]:
             pair = _similarity(template[[i, j]], placed[[i, j]])
             agreeing = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < agree)
-            # A corner counts a little even without edges: its neighbours may be blunt.
+            # Each corner adds a little to the score, so that a corner between blunt ones counts without an edge.
             score = float(lengths[agreeing & np.roll(agreeing, -1)].sum()) + 0.01 * np.count_nonzero(agreeing)
             if score > best:
                 best, best_set = score, agreeing
@@ -109,7 +113,7 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
 def _refined(
     pose: _Pose, template: Array, q: Array, normals: Array, tukey_scale: float, settings: BodySettings
 ) -> _Pose:
-    """One Gauss-Newton step on the distances of boundary points q (m, 2) to the template's edges."""
+    """Improve the pose by one Gauss-Newton step on the distances of points q (m, 2) to the template's edges."""
     X = pose.of(template)
     segment, t, foot = closest_segments(X, q, normals, settings.normal_reach)
     next_vertex = (segment + 1) % len(X)

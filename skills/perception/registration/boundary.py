@@ -1,4 +1,4 @@
-"""Sub-pixel localisation of the garment's boundary from the colours on both sides."""
+"""Locates the garment's boundary with sub-pixel accuracy, from the colours on both sides."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from robots.ports import Array
 __all__ = ["outward_normals", "refine_boundary", "smooth_closed"]
 
 _REACH = 6.0
-"""Search range on both sides of the mask's boundary [px]."""
+"""Distance from the mask's boundary up to which the true boundary is searched, on both sides [px]."""
 
 
 def refine_boundary(
     mask: NDArray[np.bool_], rgb: NDArray[np.uint8], table: NDArray[np.float32] | None
 ) -> tuple[Array, float]:
-    """Sub-pixel contour (n, 2) (column, row) of a mask, and the share of it that is clearly visible (0..1).
+    """Compute the sub-pixel contour (n, 2) (column, row) of a mask, and the share (0..1) of it that is clearly
+    visible.
 
-    A pixel on the boundary is a mixture a G + (1 - a) s T of the garment's colour G and the table's T,
-    darkened by a shadow s. For a direction w orthogonal to T, I.w = a G.w for any s. The boundary is where a
-    falls through 1/2. If garment and table differ only in brightness, w = G - T.
-    table: (H, W, 3), the table's colour without garment; None: the colours outside the mask are used.
+    The colour I of a pixel on the boundary is a mixture a G + (1 - a) s T of the garment's colour G and the
+    table's colour T, which a shadow darkens by the factor s. For a direction w orthogonal to T, I.w = a G.w for
+    any s. The boundary is where a falls through 1/2. If garment and table differ only in brightness, w = G - T.
+    table: (H, W, 3) colour of the table without garment; None: the colours outside the mask are used.
     """
     pixels = _trace(mask)
     points = smooth_closed(pixels, 2.0)
@@ -41,7 +42,7 @@ def refine_boundary(
 
 
 def outward_normals(points: Array) -> Array:
-    """Outward unit normals (n, 2) of a closed contour (n, 2) in either direction."""
+    """Compute the outward unit normals (n, 2) of a closed contour (n, 2), whether it runs clockwise or not."""
     tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     x, y = points.T
@@ -50,7 +51,7 @@ def outward_normals(points: Array) -> Array:
 
 
 def smooth_closed(values: Array, sigma: float) -> Array:
-    """Gaussian smoothing along the first axis of a closed sequence."""
+    """Smooth a closed sequence along its first axis by a Gaussian. sigma: in samples."""
     reach = int(np.ceil(3 * sigma))
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     kernel /= kernel.sum()
@@ -65,7 +66,7 @@ def smooth_closed(values: Array, sigma: float) -> Array:
 def _trace(mask: NDArray[np.bool_]) -> Array:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     longest = max(contours, key=len).reshape(-1, 2).astype(float)
-    # findContours walks the centres of the outermost pixels; the edge lies half a pixel further out.
+    # findContours returns the centres of the outermost pixels; the edge lies half a pixel further out.
     return longest + 0.5 * outward_normals(smooth_closed(longest, 2.0))
 
 
@@ -80,7 +81,8 @@ def _sample(image: NDArray[np.float32], positions: Array) -> Array:
 
 
 def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> tuple[Array, Array]:
-    """Garment share a (n, m) of each sample, and the contrast of its profile (n,) [grey levels]."""
+    """Compute the garment's share a (n, m) in the colour of each sample, and the contrast (n,) of each profile
+    [grey levels]."""
     unit = beneath / np.linalg.norm(beneath, axis=2, keepdims=True)
     garment = inside[:, None, :]
     w = garment - (garment * unit).sum(axis=2, keepdims=True) * unit
@@ -96,8 +98,8 @@ def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> t
 
 
 def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Offset (n,) nearest to the mask's boundary where each profile falls through 1/2, and whether it does so
-    (n,)."""
+    """Find where each profile falls through 1/2: the offset (n,) [px] nearest to the mask's boundary, and (n,)
+    whether there is one."""
     falls = (opacity[:, :-1] >= 0.5) & (opacity[:, 1:] < 0.5)
     drop = np.maximum(opacity[:, :-1] - opacity[:, 1:], 1e-9)
     where = offsets[:-1] + (opacity[:, :-1] - 0.5) / drop * (offsets[1] - offsets[0])
@@ -108,7 +110,7 @@ def _crossing(opacity: Array, offsets: Array) -> tuple[Array, NDArray[np.bool_]]
 
 
 def _running_median(shift: Array, width: int = 7) -> Array:
-    """Running median along the contour, which removes single outliers."""
+    """Compute the running median of `shift` along the closed contour, which removes single outliers."""
     half = width // 2
     padded = np.concatenate([shift[-half:], shift, shift[:half]])
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)

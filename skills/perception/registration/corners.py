@@ -1,7 +1,8 @@
-"""Final localisation of the corners of a registered contour.
+"""Relocates the corners of a registered contour, as the last step of the registration.
 
 A sharp corner moves to the tip of the boundary's corner, a crotch to the intersection of the adjoining edges. A
-blunt corner moves to the mean of its registered place and its place by the garment's body.
+blunt corner moves to the mean of two places: where the registration put it, and where it is relative to the
+garment's body (`body`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ __all__ = ["CornerSettings", "least_turn", "set_corners"]
 
 
 _TIP = 8
-"""Search range for a corner's tip, in boundary points before and after the nearest one."""
+"""Number of boundary points, before and after the nearest one, among which the tip of a corner is searched."""
 
 
 @dataclass(frozen=True)
@@ -28,22 +29,22 @@ class CornerSettings:
     """Lengths [m], angles [rad]."""
 
     notch_angle: float = 5.6
-    """Interior angle from which a corner is a notch between two limbs."""
+    """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch."""
     sharp: float = 0.7
-    """Sine of the angle from which a corner is sharp."""
+    """A corner is sharp if the sine of its interior angle is at least this, otherwise blunt."""
     snap: float = 0.03
-    """Maximum displacement of a corner."""
+    """Maximum displacement of a sharp corner."""
     notch: float = 0.25
     """Maximum displacement of a notch."""
     edge: float = 0.08
     notch_edge: float = 0.16
-    """Length of the edges considered at a corner, and at a notch."""
+    """Length of the edges to which lines are fitted: `edge` at a corner, `notch_edge` at a notch."""
     line_sigma: float = 0.0025
-    """Standard deviation of a line through the boundary where it meets another."""
+    """Standard deviation of the position of a line fitted to an edge, where it meets the other line."""
     template_sigma: float = 0.004
-    """Standard deviation of the template's proportions from one corner to its neighbours."""
+    """Standard deviation of the place that the template predicts for a corner from its neighbours."""
     smoothed: float = 0.0015
-    """Length that segmentation removes from a very acute corner."""
+    """Length that smoothing during segmentation removes from the tip of a very acute corner."""
     normal_reach: float = 0.05
     body: BodySettings = field(default_factory=BodySettings)
 
@@ -55,14 +56,15 @@ def set_corners(
     boundary: Boundary,
     settings: CornerSettings | None = None,
 ) -> Array:
-    """The registered contour X (n, 2) [m] with its feature points, feature (n,) >= 0, relocated.
+    """Return the registered contour X (n, 2) [m] with its corners relocated.
 
-    polygon: (k, 2) the template, counter-clockwise; feature holds the indices of its vertices.
+    polygon: (k, 2) the template, counter-clockwise. feature: (n,) index into `polygon` of each contour point that
+    is a corner, -1 for the other points.
 
     Straight lines are fitted to the edges on both sides of a corner. A sewn corner is round: its tip is the
     boundary point that reaches furthest towards the intersection of the lines. Near a crotch the table between the
-    legs is too narrow to be visible, so the intersection itself is used. The edges meet there at an acute angle,
-    so the template serves as a prior.
+    legs is too narrow to be visible, so the intersection itself is used. Because the edges meet there at an acute
+    angle, the intersection is uncertain, so the template serves as a prior.
     """
     settings = settings or CornerSettings()
     moved = X.copy()
@@ -78,7 +80,7 @@ def set_corners(
     body = lay_body(shape, X[corners], clear > 0.5, boundary, settings.body) if blunt.any() else None
     for k, vertex in enumerate(corners):
         if blunt[k]:
-            # The mean of two estimates with about equal and nearly independent errors.
+            # The two estimates have about equal and nearly independent errors, so their mean is used.
             place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
             moved[vertex] = boundary.points[boundary.nearest(place[None])[1][0]]
             continue
@@ -101,10 +103,11 @@ def set_corners(
 
 
 def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: CornerSettings | None = None) -> float:
-    """Turn of the boundary at a sharp corner's place, relative to the corner's own: the minimum over corners.
+    """Compute how much the boundary turns at the place of a sharp corner, relative to the turn of this corner in
+    the template. Return the smallest ratio over all sharp corners.
 
     corners: (k, 2) [m]. angles: (k,) interior angles of the template [rad]. A ratio near 0 means that the corner
-    was placed along an edge. Notches are ignored, because their inside is not visible.
+    was placed on a straight part of the boundary. Notches are ignored, because their inside is not visible.
     """
     settings = settings or CornerSettings()
     sharp = (np.abs(np.sin(angles)) >= settings.sharp) & (angles <= settings.notch_angle)
@@ -113,7 +116,7 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: Corn
     n, points = len(boundary.points), boundary.points
     near, far = _TIP, 3 * _TIP
     nearest_index = boundary.nearest(corners[sharp])[1]
-    # The corner may be round and a little displaced: the chords start beside it.
+    # The corner may be round and a little displaced, so the chords whose angle is measured start beside it.
     shares = []
     for offset in (-near, 0, near):
         i = nearest_index + offset
@@ -128,10 +131,11 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: Corn
 def _edge_lines(
     k: int, corner_arc: Array, total: float, q: Array, point_arc: Array, reach: float
 ) -> list[tuple[Array, Array]]:
-    """Lines (point, unit direction) through the boundary up to `reach` [m] before and after the k-th corner.
+    """Fit lines (point, unit direction) to the boundary on both sides of the k-th corner, up to `reach` [m] from
+    it.
 
-    corner_arc: (c,) arc positions of the corners, point_arc: (m,) of the boundary's points q (m, 2), total: length
-    of the contour [m].
+    corner_arc: (c,) positions of the corners along the contour; point_arc: (m,) positions of the boundary's points
+    q (m, 2) along it; total: length of the contour; all [m].
     """
     lines = []
     for sign, other in ((-1.0, corner_arc[k - 1]), (1.0, corner_arc[(k + 1) % len(corner_arc)])):
@@ -145,7 +149,8 @@ def _edge_lines(
 
 
 def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
-    """Place of the k-th corner by a rigid motion of `shape` (n, 2) to `placed` (n, 2); near corners count more.
+    """Predict the place (2,) of the k-th corner from the other corners: `shape` (n, 2), scaled to the same area,
+    is moved rigidly onto `placed` (n, 2). Corners near the k-th one count more.
 
     clear: (n,) 0..1, distinctness of each corner.
     """
@@ -162,8 +167,8 @@ def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
 
 
 def _map_estimate(lines: list[tuple[Array, Array]], prior: Array, settings: CornerSettings) -> Array:
-    """Maximum a posteriori estimate of the intersection of two lines (`line_sigma`) with a prior place
-    (`template_sigma`)."""
+    """Compute the maximum a posteriori estimate (2,) of the intersection of two lines, given a prior place.
+    Standard deviations: `line_sigma` for a line, `template_sigma` for the prior."""
     A, b = np.eye(2) / settings.template_sigma**2, prior / settings.template_sigma**2
     for point, direction in lines:
         normal = np.array([-direction[1], direction[0]])
@@ -184,8 +189,8 @@ def _intersection(lines: list[tuple[Array, Array]]) -> Array | None:
 def _rounded_corner_tip(
     corner: Array, lines: list[tuple[Array, Array]], angle: float, boundary: Boundary, settings: CornerSettings
 ) -> Array:
-    """Tip of a round corner: the boundary point furthest along the bisector of the edges, corrected for the length
-    that smoothing the picture removed."""
+    """Find the tip (2,) of a round corner: the boundary point that is furthest along the bisector of the edges,
+    corrected for the length that the smoothing of the picture removed. corner: (2,) intersection of the edges."""
     _, nearest = boundary.nearest(corner[None])
     near = boundary.points[(nearest[0] + np.arange(-_TIP, _TIP + 1)) % len(boundary.points)]
     outwards = sum(_towards(corner, point, u) for point, u in lines)
@@ -197,7 +202,7 @@ def _rounded_corner_tip(
 
 
 def _towards(corner: Array, point: Array, direction: Array) -> Array:
-    """Unit vector along a line through `point` towards the corner."""
+    """Return the unit vector along a line through `point` that points towards the corner."""
     return direction * np.sign(float(direction @ (corner - point)))
 
 
@@ -208,7 +213,8 @@ def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:
 
 
 def _line(points: Array) -> tuple[Array, Array] | None:
-    """Total least-squares line (point, unit direction), fitted again without the worst fifth of the points."""
+    """Fit a total least-squares line (point, unit direction), and fit it again without the worst fifth of the
+    points; None for too few points."""
     if len(points) < 6:
         return None
     for _ in range(2):

@@ -7,8 +7,8 @@ E_fit     = sum_i dist_T(m_i)^2 l_i                      m_i, l_i: midpoint and 
 E_stretch = 1/2 sum_i (l_i / l~_i - 1)^2 l~_i            l~_i: length in the reference contour
 E_bend    = 1/2 sum_j (t_j / t~_j - 1)^2 L~_j            t_j: interior angle at vertex j, in (0, 2 pi)
 
-E_fit alone is minimal even if the contour covers only a part of the garment's boundary. The second data term
-therefore penalises boundary samples that are far from the contour:
+E_fit does not notice if the contour covers only a part of the garment's boundary. A second data term therefore
+penalises boundary samples that are far from the contour:
 
 E_cover   = w sum_k dist_S(q_k)^2 h                      q_k: boundary samples, h [m] apart
 """
@@ -38,8 +38,8 @@ __all__ = [
 class EnergyWeights:
     """kappa, beta: the paper's weights [m2]. cover: weight of the second data term (0 gives the paper's energy).
 
-    normal_reach: penalty [m] on contour points that face the opposite way, which keeps a sleeve's edge from
-    matching the body's.
+    normal_reach: distance [m] that is added if a contour segment faces the opposite way to the boundary. It
+    prevents the edge of a sleeve from matching the edge of the body.
     """
 
     kappa: float = 0.02
@@ -49,10 +49,10 @@ class EnergyWeights:
 
 
 class Boundary:
-    """The observed boundary with its distance field and its samples.
+    """The observed boundary: finely resampled points for distances, and coarse samples for E_cover.
 
-    points: (n, 2) [m], counter-clockwise, closed implicitly. The distance is computed from the nearest point of a
-    fine resampling, not stored on a grid.
+    points: (n, 2) [m], counter-clockwise, closed implicitly. A distance is computed from the nearest point of the
+    fine resampling; there is no stored grid of distances.
     """
 
     def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.012) -> None:
@@ -67,11 +67,11 @@ class Boundary:
         self.sample_spacing = self.length / len(keep)
 
     def nearest(self, x: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Distance (m,) and index into `points` (m,) for x (m, 2)."""
+        """Find the nearest of `points` for x (m, 2): its distance (m,) and its index (m,)."""
         return _nearest(self.points, self._step, np.ascontiguousarray(x, dtype=float))
 
     def distance(self, x: Array) -> tuple[Array, Array]:
-        """Signed distance (m,), positive outside, and its gradient (m, 2) at x (m, 2)."""
+        """Compute the signed distance (m,) of x (m, 2), positive outside, and its gradient (m, 2)."""
         far, index = self.nearest(x)
         offset = x - self.points[index]
         normal = self.normals[index]
@@ -84,7 +84,7 @@ class Boundary:
 
 
 def resample_closed(points: Array, step: float) -> Array:
-    """A closed polygon (n, 2) resampled evenly, about `step` apart."""
+    """Resample a closed polygon (n, 2) evenly, with points about `step` apart."""
     closed = np.vstack([points, points[:1]])
     arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
     s = np.linspace(0.0, arc[-1], max(round(arc[-1] / step), 8), endpoint=False)
@@ -92,7 +92,8 @@ def resample_closed(points: Array, step: float) -> Array:
 
 
 def _normals(points: Array) -> Array:
-    """Outward unit normals of a counter-clockwise contour, over two neighbours on each side."""
+    """Compute the outward unit normals (n, 2) of a counter-clockwise contour (n, 2), from the second neighbour on
+    each side."""
     tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
     return np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
@@ -116,8 +117,9 @@ def interior_angles(X: Array) -> Array:
 class ContourTerms:
     """Residuals r (m,) of the energy, E = r . r, and their derivatives.
 
-    Residual k depends only on the vertices vertex[k] (3,), with derivatives gradient[k] (3, 2). A residual of
-    fewer vertices has gradient 0 for the others. count: number of vertices of the contour.
+    Residual k depends only on the vertices with the indices vertex[k] (3,), with derivatives gradient[k] (3, 2).
+    If it depends on fewer than three vertices, the gradient of the others is 0. count: number of vertices of the
+    contour.
     """
 
     r: Array
@@ -138,13 +140,13 @@ class ContourTerms:
         return J.reshape(len(self.r), 2 * self.count)
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """J^T J (2 n, 2 n) and J^T r (2 n,)."""
+        """Compute J^T J (2 n, 2 n) and J^T r (2 n,)."""
         return _normal(self.r, self.vertex, self.gradient, self.count)
 
 
 def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: EnergyWeights) -> ContourTerms:
-    """Terms of the energy for the vertices X (n, 2) [m]. reference: (n, 2) vertices that
-    define the rest lengths and rest angles."""
+    """Compute the terms of the energy for the vertices X (n, 2) [m]. reference: (n, 2) vertices that define the
+    rest lengths and rest angles."""
     lengths, angles = segment_lengths(reference), interior_angles(reference)
     n, cover = len(X), weights.cover > 0
     q = boundary.samples if cover else boundary.samples[:0]
@@ -163,10 +165,10 @@ def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: Energ
 
 
 def solve_damped(A: Array, g: Array, damping: float) -> Array:
-    """x (n,) with (A + damping I) x = g, for A (n, n) symmetric and positive semidefinite.
+    """Solve (A + damping I) x = g for x (n,). A: (n, n) symmetric and positive semidefinite.
 
-    Cholesky factorisation within the matrix's envelope. A contour's vertices couple only to their neighbours, so
-    all but the last rows are short.
+    The method is a Cholesky factorisation that skips the leading zeros of each row. It is fast, because a
+    contour's vertices couple only to their neighbours, so that all rows except the last ones are short.
     """
     return np.asarray(_solve(A, g, float(damping)))
 
@@ -175,7 +177,7 @@ def solve_damped(A: Array, g: Array, damping: float) -> Array:
 def _shape_terms(  # type: ignore[no-untyped-def]
     X, rest, angle, seen, distance, slope, kappa, beta, r, vertex, gradient
 ):
-    """Fills n residuals each of E_fit, E_stretch and E_bend."""
+    """Fills in the residuals of E_fit, E_stretch and E_bend, n each, and their derivatives."""
     n = len(X)
     for i in range(n):
         j, h = (i + 1) % n, (i - 1) % n
@@ -212,7 +214,7 @@ def _shape_terms(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _cover_terms(X, q, segment, t, foot, scale, r, vertex, gradient):  # type: ignore[no-untyped-def]
-    """Fills one residual of E_cover per boundary sample."""
+    """Fills in the residuals of E_cover, one per boundary sample, and their derivatives."""
     n = len(X)
     for k in range(len(q)):
         i = segment[k]
@@ -276,9 +278,10 @@ def _solve(A, g, damping):  # type: ignore[no-untyped-def]
 def closest_segments(
     X: Array, q: Array, normals: Array, normal_reach: float
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """For points q (m, 2): nearest segment of the contour X (m,), parameter on it (m,) and foot point (m, 2).
+    """Find the nearest point of the contour X (n, 2) for each of the points q (m, 2): its segment (m,), its
+    parameter on the segment (m,) and the foot point (m, 2).
 
-    The distance of a segment that faces another way than normals (m, 2) is increased by up to `normal_reach` [m].
+    If a segment faces another way than normals (m, 2), up to normal_reach^2 [m2] is added to its squared distance.
     """
     return _closest(
         np.ascontiguousarray(X), np.ascontiguousarray(q), np.ascontiguousarray(normals), float(normal_reach)
@@ -287,8 +290,9 @@ def closest_segments(
 
 @njit(cache=True, nogil=True)
 def _nearest(points, step, x):  # type: ignore[no-untyped-def]
-    """Distance and index of the nearest of `points`. Neighbours are at most `step` apart, so the search skips many
-    points that are far away. The last result is the first guess for the next point."""
+    """Finds the distance and the index of the nearest of `points` for each x. Neighbouring points are at most
+    `step` apart, so the search skips many points that are far away. The result for one x is the first guess for
+    the next."""
     distance, index = np.empty(len(x)), np.empty(len(x), np.int64)
     at = 0
     for k in range(len(x)):

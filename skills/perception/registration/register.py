@@ -1,9 +1,10 @@
 """Registration of a garment: bends the template's contour onto the observed boundary and yields the key points.
 
 This is the paper's registration (see `energy`). The template's vertices are feature points and keep their
-identity. Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic Jacobian) move the
-contour, segments are subdivided and merged, and the reference is updated. The fit starts from every plausible
-orientation; the one of lowest energy is chosen. At the end the corners are relocated on the boundary (`corners`).
+identity. In each update, Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic
+Jacobian) move the contour, segments are subdivided and merged, and the result becomes the new reference. The fit
+starts from every plausible orientation, and the result of lowest energy is chosen. At the end the corners are
+relocated on the boundary (`corners`).
 """
 
 from __future__ import annotations
@@ -32,18 +33,19 @@ __all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts
 
 
 _MARGIN = 0.005
-"""Tolerance of the boundary distances that rule an orientation out [m]."""
+"""Tolerance in the comparison of boundary distances by which an orientation is ruled out [m]."""
 
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """Lengths [m]. Segments longer than `longest` are split, neighbours shorter than `shortest` are merged."""
+    """Lengths [m]. Segments longer than `longest` are split; neighbouring segments that are both shorter than
+    `shortest` are merged."""
 
     weights: EnergyWeights = field(default_factory=EnergyWeights)
     longest: float = 0.06
     shortest: float = 0.015
     steps_each: int = 6
-    """Levenberg-Marquardt steps between two updates of the reference."""
+    """Maximum number of Levenberg-Marquardt steps between two updates of the reference."""
     updates: int = 12
     reduction: float = 0.05
     """The registration ends when an update lowers the energy by less than this fraction."""
@@ -51,17 +53,18 @@ class RegistrationSettings:
     """Two orientations whose mean boundary distances differ by less than this are equally good [m]."""
     candidates: int = 3
     corners: CornerSettings | None = field(default_factory=CornerSettings)
-    """Final relocation of the corners; None skips it."""
+    """Settings of the final relocation of the corners; None: the corners are not relocated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """keypoints: name -> (2,) [m]. contour: (n, 2) registered, counter-clockwise, key points among it.
+    """Result of a registration. keypoints: name -> (2,) [m]. contour: (n, 2) registered contour,
+    counter-clockwise; it includes the key points [m].
 
     energy: final data terms [m3]. residual: root mean square boundary distance [m]. angle: initial rotation of the
-    template [rad]. scale: observed size over the template's. ambiguous: symmetries that the silhouette does not
-    resolve; the orientation nearest to the template's is then chosen. history: energy before the first and after
-    each update. stages: the contours of these energies. least_turn: see `corners.least_turn`.
+    template [rad]. scale: observed size over the template's size. ambiguous: symmetries of the template, see
+    `symmetries`; the orientation nearest to that of the template is then chosen. history: energy before the first
+    and after each update. stages: the contours that have these energies. least_turn: see `corners.least_turn`.
     """
 
     keypoints: Mapping[str, Array]
@@ -78,7 +81,8 @@ class Registration:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A template placed on the boundary: polygon (k, 2), rotated by `angle` [rad]; mean distance [m]."""
+    """A template placed on the boundary. polygon: (k, 2) its vertices [m]. angle: its rotation [rad]. distance:
+    mean distance between polygon and boundary [m]."""
 
     polygon: Array
     angle: float
@@ -110,7 +114,7 @@ def register(
     angles = interior_angles(polygon)[feature[vertices]]
     notch = np.zeros(len(X), bool)
     notch[vertices] = angles > (settings.corners or CornerSettings()).notch_angle
-    # The boundary at a crotch is not visible: the two segments that end there are excluded.
+    # The boundary at a notch is not visible, so the two segments that end there are excluded.
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
@@ -127,12 +131,12 @@ def register(
 
 
 def best_starts(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> list[Start]:
-    """The template (k, 2), counter-clockwise, in each plausible orientation, best first."""
+    """Place the template (k, 2), counter-clockwise, in each plausible orientation, best first."""
     return _plausible(_placements(polygon, boundary), settings)
 
 
 def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
-    """The placed template bent onto the boundary, without relocating its corners: (n, 2) [m]."""
+    """Bend the placed template onto the boundary, without relocating its corners; the contour is (n, 2) [m]."""
     return fit(polygon, boundary, settings)[0]
 
 
@@ -140,7 +144,7 @@ def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> 
 
 
 def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
-    """The template in every orientation suggested by moments and the smallest enclosing rectangle, best first."""
+    """Place the template in all orientations that moments and smallest enclosing rectangle suggest, best first."""
     observed, template_axes = _axes(boundary.samples), _axes(polygon)
     angles: list[float] = []
     for a in observed:
@@ -151,7 +155,7 @@ def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
         if all(abs(_wrap(angle - a)) > np.deg2rad(3) for _, a, _ in placed):
             X = _place(polygon, angle, boundary)
             placed.append((X, angle, _forward_distance(X, boundary)))
-    # The reverse distance is expensive: it is computed only where the forward one is at most twice the smallest.
+    # The reverse distance is expensive: it is computed only if the forward distance is at most twice the smallest.
     max_forward = 2.0 * min(forward for _, _, forward in placed) + _MARGIN
     starts = [
         Start(X, angle, 0.5 * (forward + _reverse_distance(X, boundary)))
@@ -162,10 +166,10 @@ def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
 
 
 def _plausible(starts: list[Start], settings: RegistrationSettings) -> list[Start]:
-    """Orientations that are worth a full fit.
+    """Select the orientations that are worth a full fit.
 
-    Equally good ones half a turn apart have the same silhouette. Of these only the one nearest to the template's
-    own orientation is kept.
+    Two equally good orientations half a turn apart have the same silhouette. Only the one that is nearer to the
+    template's own orientation is used.
     """
     best = starts[0].distance
     equal = [s for s in starts if s.distance <= best + settings.equal]
@@ -183,7 +187,7 @@ def _wrap(angle: float) -> float:
 
 
 def _axes(points: Array) -> tuple[float, float]:
-    """Directions [rad] of the smallest enclosing rectangle's edge and of the long principal axis."""
+    """Directions [rad] of the long edge of the smallest enclosing rectangle, and of the long principal axis."""
     corners = cv2.boxPoints(cv2.minAreaRect(points.astype(np.float32)))
     a, b = corners[1] - corners[0], corners[2] - corners[1]
     long = a if a @ a >= b @ b else b
@@ -192,7 +196,8 @@ def _axes(points: Array) -> tuple[float, float]:
 
 
 def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
-    """The template rotated by `angle` [rad], its extents stretched to the observed ones (by a quarter at most)."""
+    """Rotate the template by `angle` [rad], and stretch its extents to the observed ones. The stretch along one
+    axis differs from the mean stretch by a quarter at most."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s], [s, c]])
     rotated = boundary.samples @ R
@@ -206,13 +211,13 @@ def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
 
 
 def _forward_distance(polygon: Array, boundary: Boundary) -> float:
-    """Mean distance of a placed template from the boundary [m]."""
+    """Mean distance of points on a placed template from the boundary [m]."""
     X = _subdivide(polygon, np.arange(len(polygon)), 0.03)[0]
     return float(boundary.nearest(X)[0].mean())
 
 
 def _reverse_distance(polygon: Array, boundary: Boundary) -> float:
-    """Mean distance of the boundary from a placed template [m]."""
+    """Mean distance of the boundary's samples from a placed template [m]."""
     _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, 0.0)
     return float(np.linalg.norm(foot - boundary.samples, axis=1).mean())
 
@@ -220,7 +225,8 @@ def _reverse_distance(polygon: Array, boundary: Boundary) -> float:
 def _score(
     X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> float:
-    """The energy of a finished fit with the template as the reference."""
+    """Energy of a finished fit: stretch and bending of its corners relative to the template, and the data
+    terms."""
     corners = X[feature >= 0]
     scale = np.sqrt(abs(polygon_area(corners) / polygon_area(polygon)))
     r = contour_terms(corners, polygon * scale, boundary, settings.weights).r
@@ -234,7 +240,11 @@ def _score(
 def fit(
     polygon: Array, boundary: Boundary, settings: RegistrationSettings
 ) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
-    """Registered contour (n, 2) [m], key point of each vertex (n,) (-1: none), energies, and their contours."""
+    """Fit a placed template (k, 2) to the boundary.
+
+    Returns the registered contour (n, 2) [m]; the index of each vertex's key point (n,), -1 for none; the energies
+    before the first and after each update; and the contours that have these energies.
+    """
     X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
     history, stages = [_energy(X, boundary, settings)], [X]
     for _ in range(settings.updates):
@@ -253,7 +263,7 @@ def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> flo
 
 
 def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
-    """A few Levenberg-Marquardt steps with `X` itself as the reference."""
+    """Move the contour X (n, 2) by a few Levenberg-Marquardt steps, with `X` itself as the reference."""
     reference = X
     terms = contour_terms(X, reference, boundary, settings.weights)
     (A, g), energy = terms.normal_equations(), terms.energy
@@ -287,7 +297,7 @@ def _subdivide(X: Array, feature: NDArray[np.intp], longest: float) -> tuple[Arr
 
 
 def _merge(X: Array, feature: NDArray[np.intp], shortest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Drop vertices between two short segments, unless one is a feature point."""
+    """Remove vertices between two short segments, unless they are feature points."""
     lengths = segment_lengths(X)
     keep = np.ones(len(X), bool)
     for i in range(len(X)):

@@ -1,4 +1,5 @@
-"""Log colours, in which illumination is a common offset, and Gaussian mixtures in them."""
+"""Computes log colours, and fits Gaussian mixtures to them. A change of illumination adds the same offset to all
+channels of a log colour."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from skills.perception.segmentation.mask import Field, Image, Mask
 __all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
 
 FLOOR = -18.0
-"""Lower bound of all log densities of colours, which accounts for outliers."""
+"""Lower bound of all log densities of colours, so that an outlier has a limited effect."""
 _LOG = np.log(np.arange(256, dtype=np.float32) + 8.0)
 _OPPONENT = np.array(
     [[1 / 3, 1 / 3, 1 / 3], [0.5**0.5, -(0.5**0.5), 0.0], [6**-0.5, 6**-0.5, -2 * 6**-0.5]], np.float32
@@ -20,23 +21,26 @@ _OPPONENT = np.array(
 
 
 def log_colour(rgb: Image) -> Field:
-    """Smoothed log colours of rgb (H, W, 3). An offset keeps the noise of dark pixels finite."""
+    """Compute the smoothed log colours (H, W, 3) of rgb (H, W, 3). An offset limits the noise of dark pixels."""
     return np.asarray(cv2.LUT(cv2.GaussianBlur(rgb, (0, 0), 0.8), _LOG), dtype=np.float32)
 
 
 def opponent(colour: Field) -> Field:
-    """Log luminance and two log chromaticities (..., 3), which are independent of the light's intensity."""
+    """Convert log colours (..., 3) to log luminance and two log chromaticities (..., 3). The chromaticities do not
+    depend on the light's intensity."""
     return np.asarray(cv2.transform(colour, _OPPONENT), dtype=np.float32)
 
 
 def noise_scale(rgb: Image, smooth: float = 2.0) -> Field:
-    """Noise of log colour (H, W), proportional to 1 / intensity. smooth: sigma of a blur [px]."""
+    """Compute the relative noise (H, W) of log colours: it is proportional to 1 / intensity. smooth: sigma of the
+    blur of the intensity [px]."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), (0, 0), smooth).astype(np.float32)
     return 128.0 / (grey + 8.0)
 
 
 def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
-    """Log density (H, W) of each pixel's colour under a mixture of three Gaussians fitted inside `core`."""
+    """Compute the log density (H, W) of each pixel's log colour in a mixture of three Gaussians, which is fitted
+    to the pixels inside `core`."""
     inner = cv2.erode(core.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     core_pixels = np.flatnonzero((inner if np.count_nonzero(inner) > 300 else core).ravel())
     channels = opponent(image)
@@ -56,8 +60,8 @@ def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
 
 @njit(cache=True, nogil=True)
 def _mixture(channels, noise, core_noise, centres, roots, constants):  # type: ignore[no-untyped-def]
-    """Log density (h, w) of the most likely Gaussian. roots: inverse Cholesky factors of the covariances. Where
-    noise exceeds `core_noise`, the Gaussians are wider by the same ratio."""
+    """Computes the log density (h, w) of the most likely Gaussian at each pixel. roots: inverse Cholesky factors
+    of the covariances. Where the noise exceeds `core_noise`, the Gaussians are wider by the ratio of the two."""
     rows, columns = noise.shape
     out = np.empty((rows, columns), np.float32)
     for i in range(rows):
@@ -79,7 +83,8 @@ def _mixture(channels, noise, core_noise, centres, roots, constants):  # type: i
 
 
 def cluster_colours(sample: Array, count: int = 3) -> tuple[list[float], list[Array], list[Array]]:
-    """Weights, centres (3,) and covariances (3, 3) of clusters: Lloyd's algorithm from luminance quantiles."""
+    """Cluster colours (n, 3) by Lloyd's algorithm, which starts from quantiles of the luminance. Return the
+    clusters' weights, centres (3,) and covariances (3, 3)."""
     order = np.argsort(sample[:, 0], kind="stable")
     centres = sample[order[[int(len(order) * (i + 0.5) / count) for i in range(count)]]]
     scale = np.array([0.3, 1.0, 1.0])

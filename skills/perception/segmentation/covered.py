@@ -1,4 +1,5 @@
-"""Detection, by height, of an object that covers much of the table, whose colour can be the most frequent one."""
+"""Detects, by height, an object that covers much of the table. Its colour can be the most frequent one, so it
+could be mistaken for the table."""
 
 from __future__ import annotations
 
@@ -10,17 +11,20 @@ from skills.perception.segmentation.mask import Field, Mask, eroded
 __all__ = ["covered", "mean_height"]
 
 _MIN_HEIGHT = 0.0012
-"""Mean height over a square of `_WINDOW` pixels from which something lies there [m]: four times its noise."""
+"""A place is covered if the mean height over a square of `_WINDOW` pixels is above this [m]: four times the noise
+of this mean."""
 _WINDOW = 5
 _MIN_SHARE = 0.4
-"""Share of the view above which covered pixels are reported. Fewer are outliers among the table's pixels."""
+"""Covered pixels are reported only if they are more than this share of the view. If they are fewer, the table's
+colour is the most frequent one."""
 _RIM = 2
 _MAX_RIM_SHARE = 0.25
-"""Share of the view's rim, `_RIM` pixels wide, above which the height is not trusted if the rim is high too."""
+"""If more than this share of the view's rim, `_RIM` pixels wide, is high too, the height is not trusted."""
 
 
 def covered(height: Field, valid: Mask) -> Mask:
-    """Mask (h, w) of something large above the table; empty unless it covers much of the view.
+    """Return the mask (h, w) of a large object on the table; the mask is empty unless the object covers much of
+    the view.
 
     height: (h, w) above the table [m], NaN where unknown. valid: (h, w), where the camera sees the table.
     """
@@ -34,7 +38,8 @@ def covered(height: Field, valid: Mask) -> Mask:
 
 
 def mean_height(height: Field, size: int) -> tuple[Field, Mask]:
-    """Mean height (h, w) over the known part of a square of `size` pixels [m], and where enough of it is known."""
+    """Average the height over the known part of a square of `size` pixels around each pixel. Return the mean
+    (h, w) [m], and the mask (h, w) of pixels at which enough of the square is known."""
     known = np.isfinite(height)
     total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
     share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))

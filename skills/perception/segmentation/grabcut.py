@@ -1,6 +1,7 @@
-"""Segmentation of a garment on a table of any pattern by GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004).
+"""Segments a garment on a table of any pattern by GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004).
 
-Colours of the view's rim are table. A graph cut along the colour edges gives the garment's boundary.
+The colours at the view's rim are assumed to be those of the table. A graph cut along edges of colour gives the
+garment's boundary.
 """
 
 from __future__ import annotations
@@ -36,13 +37,14 @@ _REDUCED_SIZE = 180
 _RIM = 0.04
 """Width of the rim that is assumed to be table, relative to the view's longer edge."""
 _MIN_COLOUR_DISTANCE = 3.5
-"""Distance from every colour of the rim beyond which a pixel may be garment [standard deviations]."""
+"""A pixel whose colour is further than this from every colour of the rim may be garment [standard deviations]."""
 _CUT_WEIGHT = 1.5
-"""Log odds that GrabCut's label adds to those of a pixel's own colour."""
+"""Weight of GrabCut's label: half of it is added to, or subtracted from, the log odds of a pixel's own colour."""
 
 
 def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
-    """Segment a garment by GrabCut on a reduced picture. The view's rim must show the table's pattern.
+    """Segment a garment by GrabCut on a reduced picture. All of the table's pattern must be visible at the view's
+    rim.
 
     rgb: (H, W, 3); valid: (H, W), where the camera sees the table.
     """
@@ -69,8 +71,8 @@ def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | No
 def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
     """Classify each pixel by the colours on both sides of a coarse boundary.
 
-    The cut misses gaps that are narrower than its pixels, such as the table between two legs.
-    coarse: (H, W), 1 where the garment is.
+    This finds gaps that the cut misses because they are narrower than its coarse pixels, such as the table between
+    two legs. coarse: (H, W), 1 where the garment is.
     """
     image = log_colour(rgb) - np.log(fit_table(rgb, valid).astype(np.float32) + 8.0)
     noise = noise_scale(rgb)
@@ -89,13 +91,15 @@ def _reduced(rgb: Image, valid: Mask) -> tuple[Image, Mask]:
 
 
 def _light_corrected(rgb: Image, inside: Mask) -> Image:
-    """Log luminance and chromaticities (h, w, 3) as bytes, less the gradient of the light along the rim."""
+    """Compute log luminance and chromaticities (h, w, 3) as bytes, without the gradient of the light, which is
+    estimated at the rim."""
     colour = opponent(log_colour(rgb) - np.log(fit_table(rgb, inside).astype(np.float32) + 8.0))
     return np.clip(128.0 + colour * np.array([60.0, 160.0, 160.0], np.float32), 0, 255).astype(np.uint8)
 
 
 def _colour_distance(colour: Image, rim: Mask) -> Field:
-    """Distance (h, w) of each pixel's colour from the nearest of four rim colours, in standard deviations."""
+    """Compute the distance (h, w) of each pixel's colour from the nearest of the rim's four main colours, in
+    standard deviations."""
     sample = colour[rim].astype(float)
     _, centres, covariances = cluster_colours(sample, 4)
     floor = np.diag([4.0, 3.0, 3.0]) ** 2

@@ -23,31 +23,35 @@ Field = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class SegmentationSettings:
-    """Lengths in view pixels, colours in units of the natural logarithm of intensity."""
+    """Lengths [px] in view pixels; differences of colour as differences of the natural logarithm of intensity."""
 
     deepest_shadow: float = 1.0
-    """A shadow may darken the table to exp(-1.0) = 37 %."""
+    """Darkest shadow, as a decrease of the logarithm: the table keeps at least exp(-1.0) = 37 % of its
+    intensity."""
     shadow_share: float = 0.05
     """Prior probability that a pixel of the table is in shadow."""
     surely_garment: float = 6.0
-    """Distance from every shade of the table above which a pixel is certainly garment [standard deviations]."""
+    """A pixel whose colour is further than this from every shade of the table is certainly garment [standard
+    deviations]."""
     dark_offset: float = 0.04
-    """A region darker than the table by this much, and wider than a shadow's rim, may be a dark garment."""
+    """A region that is darker than the table by more than this, and wider than `shadow_rim`, may be a dark
+    garment."""
     shadow_rim: int = 13
-    """Cast shadows of a flat garment are narrower than this [px]."""
+    """Width of cast shadows: those of a flat garment are narrower than this [px]."""
     garment_height: float = 0.0006
-    """Mean height of a dark region above which it is cloth, not shadow [m]."""
+    """A dark region whose mean height is above this is cloth, not shadow [m]."""
     smallest_area: int = 2500
-    """Smaller regions are not a garment [px^2]: 1 dm2 at 2 mm per pixel."""
+    """A region that is smaller than this is not a garment [px^2]: 1 dm2 at 2 mm per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """mask: (H, W) bool. contour: (n, 2) sub-pixel (column, row), one per pixel of boundary, not closed.
+    """Result of a segmentation. mask: (H, W) bool, the garment. contour: (n, 2) sub-pixel (column, row), one point
+    per pixel of the boundary; the first point is not repeated at the end.
 
-    confidence: 0..1, the share of the boundary where cloth and table are distinguishable, times the region's share
-    of the foreground. An empty mask has confidence 0 and no contour.
-    others: (H, W) bool, other objects on the table that are larger than a tenth of the smallest garment.
+    confidence: 0..1, the share of the boundary where cloth and table are distinguishable, times the garment's
+    share of all foreground. An empty mask has confidence 0 and no contour. others: (H, W) bool, other objects on
+    the table that are larger than a tenth of the smallest garment.
     """
 
     mask: Mask
@@ -61,12 +65,13 @@ class Segmentation:
 
 
 def empty_segmentation(shape: tuple[int, ...]) -> Segmentation:
-    """The result when no garment was found in a view of this shape (H, W)."""
+    """Return the result for the case that no garment was found in a view of this shape (H, W)."""
     return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0, np.zeros(shape, bool))
 
 
 def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float]:
-    """The largest region, closed, opened and without holes; other large regions; its share of the foreground."""
+    """Clean a mask (H, W) by closing and opening. Return the largest region without holes (H, W), the other large
+    regions (H, W), and the largest region's share of them all."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     # The closing is only a pixel wide, because the table between two legs is narrow.
     cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
@@ -84,8 +89,9 @@ def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float
 
 
 def fill(contour: Array, valid: Mask) -> Mask:
-    """The pixels whose centres lie within a sub-pixel contour."""
-    # Four times finer than the picture, because fillPoly also fills every cell that the outline touches.
+    """Return the mask (H, W) of the valid pixels whose centres lie within a sub-pixel contour (n, 2)."""
+    # The contour is filled on a grid four times finer than the picture, because fillPoly also fills every cell
+    # that the contour touches.
     fine = np.zeros((4 * valid.shape[0], 4 * valid.shape[1]), np.uint8)
     cv2.fillPoly(fine, [np.round((contour + 0.5) * 4 * 16 - 8).astype(np.int32)], 255, shift=4)
     image = cv2.resize(fine, (valid.shape[1], valid.shape[0]), interpolation=cv2.INTER_AREA)

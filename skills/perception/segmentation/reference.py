@@ -1,9 +1,9 @@
-"""Segmentation by comparison with a picture of the empty table, or with a table fitted to the view's rim.
+"""Segments a garment by comparison with a picture of the empty table, or with a table fitted to the view's rim.
 
-A shadow scales a colour but hardly changes its hue. The comparison therefore uses log colours, in which
-illumination is a common offset: a pixel with the table's colour times a factor below 1 can be shadow, any other
-is garment. The garment's colours are learnt from pixels that are certainly garment. Each pixel is then assigned to
-the most likely class: garment, lit table or shaded table.
+A shadow scales a colour but hardly changes its hue. The comparison therefore uses log colours, in which a change
+of illumination is the same offset in all channels. A pixel with the table's colour times a factor below 1 can be
+shadow; a pixel with any other colour is garment. The garment's colours are learnt from pixels that are certainly
+garment. Each pixel is then assigned to the most likely class: garment, unshaded table or shaded table.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from skills.perception.segmentation.table_model import (
 __all__ = ["segment_plain", "segment_reference"]
 
 _MIXED_SHARE = 0.1
-"""Flat share of a dark region above which the region is cloth and shadow together."""
+"""If more than this share of a dark region is flat, the region consists of cloth and shadow."""
 _WINDOW = 25
-"""Window of the mean height that separates cloth from an adjacent shadow [px]."""
+"""Side of the square over which the height is averaged, to separate cloth from an adjacent shadow [px]."""
 _STRIDE = 3
-"""Stride between the pixels that are used to find the garment's bounding box."""
+"""Distance between the pixels that are used to find the garment's bounding box [px]."""
 
 
 def segment_reference(
@@ -54,8 +54,8 @@ def segment_reference(
     """Segment a garment by comparison with a picture of the empty table, both (H, W, 3) uint8 in the same view.
 
     valid: (H, W), where both pictures see the table. height: (H, W) above the measured empty table [m], NaN where
-    unknown. Height separates cloth from shadow in dark, wide regions, decides where colours are ambiguous, and
-    separates a garment that covers half of the view from a change of light.
+    unknown. Height separates cloth from shadow in dark, wide regions, and decides where colours are ambiguous. It
+    also distinguishes a garment that covers half of the view from a change of light.
     """
     settings = settings or SegmentationSettings()
     image, table = log_colour(rgb), log_colour(reference)
@@ -87,7 +87,8 @@ def _segment_in_box(
     spread: tuple[float, float],
     settings: SegmentationSettings,
 ) -> Segmentation:
-    """Segment the garment in a part of the view. image, table: log colours (h, w, 3)."""
+    """Segment the garment in a part of the view. image, table: log colours (h, w, 3) of the picture and of the
+    unshaded, empty table. spread: of the table's colour, see `table_spread`."""
     noise = noise_scale(rgb)
     difference = opponent(image - table)
     core = _certain_garment(difference, noise, spread, valid, height, settings)
@@ -107,14 +108,16 @@ def _segment_in_box(
 def segment_plain(
     rgb: Image, valid: Mask, height: Field | None = None, settings: SegmentationSettings | None = None
 ) -> Segmentation:
-    """Segment a garment on a plain table, whose log colour is fitted as a plane to the rim of the view."""
+    """Segment a garment on a table without pattern. A plane, fitted to the rim of the view, gives its log
+    colour."""
     return segment_reference(rgb, fit_table(rgb, valid), valid, height, settings)
 
 
 def _changed_box(
     difference: Field, noise: Field, spread: tuple[float, float], valid: Mask, settings: SegmentationSettings
 ) -> tuple[slice, slice] | None:
-    """Bounding box of all pixels that differ from the lit table [px]. difference: every `_STRIDE`-th pixel."""
+    """Find the bounding box, with a margin, of all pixels that differ from the unshaded table: slices of rows and
+    of columns in the full view; None if no pixel differs. difference, noise, valid: every `_STRIDE`-th pixel."""
     light, chroma = difference[..., 0], np.hypot(difference[..., 1], difference[..., 2])
     darker = np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
     changed = (chroma > 4.0 * spread[1] * noise) | (np.abs(light) > darker)
@@ -137,7 +140,8 @@ def _certain_garment(
     height: Field | None,
     settings: SegmentationSettings,
 ) -> Mask:
-    """Pixels that are certainly garment: no shade of the table, or a wide dark region above it."""
+    """Find the pixels that are certainly garment. Either their colour is no shade of the table, or they belong to
+    a wide dark region that is raised above the table."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = max(spread[0], 0.02) * noise, spread[1] * noise
     outside_shadow_range = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
@@ -151,9 +155,10 @@ def _certain_garment(
 
 
 def _dark_cloth(dark: Mask, height: Field | None, settings: SegmentationSettings) -> Mask:
-    """Dark, wide regions that are cloth by their height. Without depth, all of them count as cloth.
+    """Select the dark, wide regions that are cloth, because they are raised. Without depth, all of them count as
+    cloth.
 
-    Cloth and an adjacent shadow can form one region, of which only the raised part is cloth.
+    Cloth and an adjacent shadow can form one region. Then only its raised part is cloth.
     """
     if height is None:
         return dark
@@ -179,7 +184,8 @@ def _is_raised(region: Mask, height: Field, settings: SegmentationSettings) -> b
 
 
 def _height_odds(height: Field, core: Mask) -> Field:
-    """Log odds by height, -2 to 2, for ambiguous pixels; 0 where the cloth is too thin to measure."""
+    """Compute log odds (H, W) from the height, -2 (table) to 2 (garment), which decide ambiguous pixels. They are
+    0 where the height is unknown, and everywhere if the cloth is too thin to be measured."""
     known = np.isfinite(height)
     cloth = height[core & known]
     if len(cloth) < 500 or (top := float(np.median(cloth))) < 0.0015:

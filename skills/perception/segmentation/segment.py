@@ -1,7 +1,7 @@
-"""Segmentation of the garment in the rectified view, by one of several methods.
+"""Segments the garment in the rectified view, by one of several methods.
 
-`reference` compares with a picture of the empty table, `plain` with a smooth table fitted to the view's rim.
-`grabcut` also works on a patterned table. `watershed` is the paper's method.
+`reference` compares the view with a picture of the empty table, `plain` with a smooth table colour that is fitted
+to the view's rim. `grabcut` also works on a patterned table. `watershed` is the paper's method.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ METHODS = ("reference", "plain", "grabcut", "watershed")
 
 
 def methods(method: str, reference: bool) -> tuple[str, ...]:
-    """The methods to try in turn. reference: whether there is a picture of the empty table. Without one,
+    """Return the methods to try in turn. reference: whether there is a picture of the empty table. Without one,
     'reference' means 'plain' and, if that fails, 'grabcut'."""
     return ("plain", "grabcut") if method == "reference" and not reference else (method,)
 

@@ -1,4 +1,5 @@
-"""Model of the bare table: the change of light since its picture, or a picture fitted to the view's rim."""
+"""Models the colours of the empty table: by its picture and the change of light since then, or by a fit to the
+view's rim."""
 
 from __future__ import annotations
 
@@ -14,10 +15,12 @@ __all__ = ["fit_table", "light_change", "light_plane", "table_likelihood", "tabl
 
 
 def light_change(image: Field, table: Field, valid: Mask, height: Field | None = None) -> Field:
-    """Change of light or exposure since the reference: a plane per channel, (3, 3), see `light_plane`.
+    """Fit the change of light or exposure between the picture of the empty table and the image, both log colours.
+    The result is one plane per channel, (3, 3), see `light_plane`.
 
-    It is fitted to the pixels near the most frequent change. The garment is an outlier. If it covers much of the
-    view according to height (H, W) above the table [m], NaN where unknown, its pixels are excluded.
+    It is fitted to the pixels near the most frequent change, so that the garment's pixels are outliers. If the
+    garment covers much of the view according to height (H, W) above the table [m], NaN where unknown, its pixels
+    are excluded.
     """
     rows, columns = valid.shape
     r, c = np.mgrid[0:rows:6, 0:columns:6]
@@ -39,7 +42,7 @@ def light_change(image: Field, table: Field, valid: Mask, height: Field | None =
 
 
 def _mode(values: Array) -> float:
-    """The most frequent value, from a smoothed histogram with bins of 0.02."""
+    """Find the most frequent value, by a smoothed histogram with bins of 0.02."""
     edges = np.arange(-2.0, 2.02, 0.02)
     counts, _ = np.histogram(np.clip(values, -1.99, 1.99), edges)
     best = int(np.argmax(np.convolve(counts, np.ones(5), mode="same")))
@@ -48,7 +51,8 @@ def _mode(values: Array) -> float:
 
 
 def light_plane(plane: Field, shape: tuple[int, ...], where: tuple[slice, slice]) -> Field:
-    """A plane per channel (central value, slopes down and right) evaluated in a part of the view: (h, w, 3)."""
+    """Evaluate one plane per channel in a part of the view, (h, w, 3). plane: (3, 3), its rows are the value at
+    the centre, the slope downwards and the slope to the right. where: slices of rows and columns."""
     rows, columns = shape
     row_offset = (np.arange(rows) / rows - 0.5).astype(np.float32)[where[0], None, None]
     column_offset = (np.arange(columns) / columns - 0.5).astype(np.float32)[None, where[1], None]
@@ -56,7 +60,8 @@ def light_plane(plane: Field, shape: tuple[int, ...], where: tuple[slice, slice]
 
 
 def fit_table(rgb: Image, valid: Mask) -> Image:
-    """A picture of the table (H, W, 3) from a plane in log colour, fitted robustly to the rim of the view."""
+    """Estimate a picture (H, W, 3) of the empty table: its log colour is a plane, fitted robustly to the rim of
+    the view."""
     rows, columns = valid.shape
     inner = cv2.erode(valid.astype(np.uint8), np.ones((41, 41), np.uint8), borderValue=0) > 0
     rim = valid & ~inner
@@ -78,7 +83,8 @@ def fit_table(rgb: Image, valid: Mask) -> Image:
 
 
 def table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, float]:
-    """Standard deviations of the bare table's log luminance and log chromaticity, relative to the noise scale."""
+    """Estimate the standard deviations of the empty table's log luminance and log chromaticity, in units of
+    `noise_scale`."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     table = valid & (np.abs(light) < 0.1) & (np.hypot(c1, c2) < 0.08)
     chroma = max(_spread(c1, noise, table), _spread(c2, noise, table), 0.006)
@@ -86,7 +92,7 @@ def table_spread(difference: Field, noise: Field, valid: Mask) -> tuple[float, f
 
 
 def _spread(values: Field, noise: Field, where: Mask) -> float:
-    """Robust standard deviation of values / noise."""
+    """Compute the robust standard deviation of values / noise in the mask `where`."""
     sample = values[where] / noise[where]
     return float(1.4826 * np.median(np.abs(sample - np.median(sample)))) if len(sample) > 20 else 0.03
 
@@ -94,7 +100,8 @@ def _spread(values: Field, noise: Field, where: Mask) -> float:
 def table_likelihood(
     difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
 ) -> Field:
-    """Log density (H, W) of each pixel's colour as lit table or as table in a shadow of any depth."""
+    """Compute the log density (H, W) of each pixel's colour under the assumption that it shows the table, unshaded
+    or in a shadow of any depth. difference: (H, W, 3) from the empty table, as of `opponent`."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
     lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)

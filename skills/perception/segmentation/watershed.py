@@ -1,4 +1,4 @@
-"""The paper's segmentation by watershed (Vincent and Soille 1991)."""
+"""Segments a garment by watershed, as in the paper (Vincent and Soille 1991)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ __all__ = ["segment_watershed"]
 
 
 def segment_watershed(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
-    """Segment rgb (H, W, 3) where valid (H, W). The four corners are background, the centre is garment."""
+    """Segment rgb (H, W, 3) where valid (H, W). The four corners are assumed to be background, the centre
+    garment."""
     settings = settings or SegmentationSettings()
     rows, columns = np.nonzero(valid)
     top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
