@@ -1,4 +1,4 @@
-"""The ground truth of a simulated cell, for the scorer and the ground truth recorder only."""
+"""The ground truth of a simulated cell, for scorers, the ground truth recorder and scripted faults only."""
 
 from __future__ import annotations
 
