@@ -23,6 +23,7 @@ COMPUTES_CLOTH = (
     "calibration/test_material_tests.py",
     "calibration/test_mujoco_peer.py",
     "cell/campaigns/test_library_build.py",
+    "cell/commands/test_calibrate_fabric.py",
     "cell/commands/test_optimise_command.py",
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
