@@ -23,6 +23,7 @@ COMPUTES_CLOTH = (
     "calibration/test_material_tests.py",
     "calibration/test_mujoco_peer.py",
     "cell/campaigns/test_library_build.py",
+    "cell/commands/test_calibrate_fabric.py",
     "cell/commands/test_optimise_command.py",
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
@@ -63,6 +64,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         talks_over_ros = "rosmaster" in getattr(item, "fixturenames", ())
         if talks_over_ros or any(item.path.is_relative_to(place) for place in LONG):
             item.add_marker(pytest.mark.long)
+    # Cloth comes last: by then the worker with the whole runs has compiled the solver, which takes a minute.
+    items.sort(key=lambda item: any(item.path.is_relative_to(UNIT / place) for place in COMPUTES_CLOTH))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -26,10 +26,13 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
 
-__all__ = ["PLAIN", "LastCommand", "Onlooker", "decided_again", "fold_request"]
+__all__ = ["FEW_PICTURES", "PLAIN", "LastCommand", "Onlooker", "decided_again", "fold_request"]
 
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
 """One simulation instead of an optimisation, for tests in which the quality of the fold does not matter."""
+
+FEW_PICTURES: Mapping[str, Any] = {"key_frames": 2}
+"""The least number of pictures of a fold. No decision depends on them, and rendering them takes long."""
 
 
 def fold_request(
@@ -40,12 +43,14 @@ def fold_request(
     seed: int = 1,
     **changes: Any,
 ) -> FoldRequest:
-    """A request for a run with its journal in `folder`/logs. By default it has no recording and no score."""
+    """A request for a run with its journal in `folder`/logs. By default it has no recording and no score, and
+    few pictures of each fold."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "cell.yaml"
-    path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
     (folder / "logs").mkdir(exist_ok=True)
     options: dict[str, Any] = {"quiet": True, "record": False, "record_truth": False, **changes}
+    settings = {"recorder": FEW_PICTURES, **settings}
+    path.write_text(yaml.safe_dump({k: dict(v) for k, v in settings.items()}), encoding="utf-8")
     return FoldRequest(
         garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
         logs=folder / "logs", **options,

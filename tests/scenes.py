@@ -9,6 +9,7 @@ two pictures.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -82,8 +83,8 @@ def render(scene: Scene, calibration: CameraCalibration | None = None, sequence:
     inside, top = _garment(scene, layout, calibration)
     shade = layout.sample(layout.shadow, points)
     colour = colour * (1 - scene.shadow * shade[..., None])
-    cloth = _cloth(scene, top)
-    colour = np.where(inside[..., None] > 0.5, cloth, colour)
+    covered = inside > 0.5
+    colour[covered] = _cloth(scene, top[covered])
     light = 1 + scene.gradient[0] * (points[..., 0] - 0.6) + scene.gradient[1] * points[..., 1]
     colour = cv2.resize(
         np.float32(colour * light[..., None] * scene.gain), (k.width, k.height), interpolation=cv2.INTER_AREA
@@ -98,18 +99,33 @@ def render(scene: Scene, calibration: CameraCalibration | None = None, sequence:
 def _intersect(calibration, factor, z):
     """Table points (h, w, 2) at height z seen by each (sub)pixel, and their depth."""
     k, T = calibration.intrinsics, calibration.T_table_camera
-    u, v = np.meshgrid(np.arange(k.width * factor), np.arange(k.height * factor))
+    pinhole = k.width, k.height, k.fx, k.fy, k.cx, k.cy
+    return _seen_at(pinhole, tuple(T.ravel().tolist()), factor, z)
+
+
+@lru_cache(maxsize=4)  # pictures of one camera differ in the height of the garment only
+def _seen_at(pinhole, pose, factor, z):
+    T = np.reshape(pose, (4, 4))
+    d = _directions(pinhole, pose, factor)
+    depth = (z - T[2, 3]) / d[..., 2]
+    return _kept(T[:2, 3] + d[..., :2] * depth[..., None]), _kept(depth)
+
+
+@lru_cache(maxsize=2)
+def _directions(pinhole, pose, factor):
+    """Directions (h, w, 3) of the rays of the (sub)pixels, table frame."""
+    width, height, fx, fy, cx, cy = pinhole
+    u, v = np.meshgrid(np.arange(width * factor), np.arange(height * factor))
     rays = np.stack(
-        [
-            ((u + 0.5) / factor - 0.5 - k.cx) / k.fx,
-            ((v + 0.5) / factor - 0.5 - k.cy) / k.fy,
-            np.ones_like(u, dtype=float),
-        ],
+        [((u + 0.5) / factor - 0.5 - cx) / fx, ((v + 0.5) / factor - 0.5 - cy) / fy, np.ones_like(u, dtype=float)],
         axis=-1,
     )
-    d = rays @ T[:3, :3].T
-    depth = (z - T[2, 3]) / d[..., 2]
-    return T[:2, 3] + d[..., :2] * depth[..., None], depth
+    return _kept(rays @ np.reshape(pose, (4, 4))[:3, :3].T)
+
+
+def _kept(array):
+    array.flags.writeable = False
+    return array
 
 
 class _Layout:
@@ -117,13 +133,16 @@ class _Layout:
 
     def __init__(self, scene: Scene) -> None:
         self.step, self.origin, shape = 0.001, np.array([-0.3, -1.2]), (1800, 2400)
+        if not scene.polygons:
+            self.mask = self.height = self.shadow = np.zeros(shape, np.float32)
+            return
         rng = np.random.default_rng(scene.seed + 1000)
         mask = np.zeros(shape, np.uint8)
         for polygon in scene.polygons:
             wavy = _wavy(polygon, scene.wobble, rng)
             cells = np.round(((wavy - self.origin) / self.step)[:, ::-1] * 16).astype(np.int32)
             cv2.fillPoly(mask, [cells], 255, shift=4)
-        if scene.rounding > 0 and scene.polygons:
+        if scene.rounding > 0:
             size = 2 * round(scene.rounding / self.step) + 1
             ball = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
             mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, ball)

@@ -1,4 +1,5 @@
-"""Whole runs with the shipped settings and trajectories: the garments of benchmarks/regression_runs end folded."""
+"""Whole runs with the shipped settings and trajectories, but few pictures of each fold: the garments of
+benchmarks/regression_runs end folded."""
 
 from __future__ import annotations
 

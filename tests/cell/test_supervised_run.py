@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from pathlib import Path
 from queue import Queue
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +18,10 @@ from cell.runs.fold_run import fold_once
 from tests.runs import decided_again, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+
+PACE = 4.0
+"""Seconds of the cell in a second of this test."""
 
 
 class Operator(threading.Thread):
@@ -64,6 +70,8 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     monkeypatch.setattr(
         "cell.runs.fold_run.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None
     )
+    clock = SimpleNamespace(monotonic=lambda: PACE * time.monotonic(), sleep=lambda s: time.sleep(s / PACE))
+    monkeypatch.setattr("cell.simulation.world.time", clock)
     operator = Operator(addresses)
     operator.start()
     request = fold_request(tmp_path, approve=True, terminal=False, page=True, realtime=True, record=True)

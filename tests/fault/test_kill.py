@@ -18,7 +18,7 @@ import yaml
 from cell.recording.journal import Journal
 from cell.simulation import Fault, FaultKind
 from robots.errors import StorageError
-from tests.runs import PLAIN, Onlooker, fold_request
+from tests.runs import FEW_PICTURES, PLAIN, Onlooker, fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -56,7 +56,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """A run in its own process, killed during the grasp."""
     folder = tmp_path_factory.mktemp("killed")
     settings, logs = folder / "cell.yaml", folder / "logs"
-    settings.write_text(yaml.safe_dump(dict(PLAIN)), encoding="utf-8")
+    settings.write_text(yaml.safe_dump({"recorder": dict(FEW_PICTURES), **PLAIN}), encoding="utf-8")
     line = ["fold", "small_towel", "--seed", "1", "--cell", str(settings), "--logs", str(logs)]
     with (folder / "output").open("w") as output:
         command = [sys.executable, "-m", "cell.commands.main", *line]

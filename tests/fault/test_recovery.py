@@ -121,7 +121,7 @@ def test_a_recovered_camera_is_used_again(tmp_path: Path) -> None:
 def test_a_camera_failure_during_a_fold_changes_neither_the_fold_nor_its_inspection(tmp_path: Path) -> None:
     """Pictures during a fold are for the recording only. Afterwards the folded garment is inspected and not
     recognised as a smaller flat one."""
-    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker, request = Onlooker(), fold_request(tmp_path, {"recorder": {"key_frames": 6}, **PLAIN})
     onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
         Fault(FaultKind.CAMERA_SILENT, duration=6.0)
     )

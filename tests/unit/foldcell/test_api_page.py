@@ -23,7 +23,7 @@ def test_the_examples_of_the_api_page_run(
     names: dict[str, Any] = {}
     for number, block in enumerate(blocks(), 1):
         exec(compile(block, f"docs/api.md, block {number}", "exec"), names)
-    assert names["result"].result == "folded"
+    assert isinstance(names["result"], names["foldcell"].FoldResult) and names["result"].result == "folded"
     assert names["run"].folder == Path(names["result"].run_dir)
     assert names["run"].result == {"schema": 1, **names["result"].as_json()}
     assert names["sent"].q.shape == (len(names["sent"].t), 14)

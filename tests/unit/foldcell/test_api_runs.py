@@ -1,20 +1,17 @@
-"""`foldcell.fold` and `foldcell.load_run`: a run of the simulated cell, and its record."""
+"""`foldcell.fold` refuses wrong arguments, and `foldcell.load_run` reads the journal of a run. A whole run is read
+in tests/cell/test_loaded_run.py."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import foldcell
 from cell.recording.journal import Journal
 from cell.support.files.paths import journal_path
-from robots.ports import JointSetpoint
-from tests.runs import PLAIN
 
 
 def begun(logs: Path) -> Any:
@@ -104,47 +101,3 @@ def test_fold_refuses_wrong_arguments_before_a_run_begins(
     with pytest.raises(foldcell.ConfigurationError, match=words):
         foldcell.fold(logs=tmp_path, **arguments)
     assert not journal_path(tmp_path).exists()
-
-
-@pytest.mark.slow
-def test_load_run_returns_the_result_and_the_set_points_of_a_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The set-points are compared with the commands at the arms' port."""
-    passed: list[tuple[float, np.ndarray, np.ndarray, bool]] = []
-    from cell.recording.transcript.port_recorder import PortRecorder
-
-    between = PortRecorder.between
-
-    def listening(recorder: PortRecorder, ports: Any, commands: Any) -> Any:
-        command = type(ports.arms).command
-
-        def heard(port: Any, q: np.ndarray, qd: np.ndarray) -> JointSetpoint:
-            sent = command(port, q, qd)
-            passed.append((ports.clock.now(), np.array(q), np.array(qd), sent.clipped))
-            return sent
-
-        monkeypatch.setattr(type(ports.arms), "command", heard)
-        return between(recorder, ports, commands)
-
-    monkeypatch.setattr(PortRecorder, "between", listening)
-    result = foldcell.fold("small_towel", seed=1, settings=PLAIN, logs=tmp_path)
-    run = foldcell.load_run(result.run_dir)
-    assert isinstance(result, foldcell.FoldResult)
-    assert run.status == result.result == "folded"
-    assert json.loads((run.folder / "result.json").read_text()) == {
-        k: v for k, v in run.result.items() if k != "schema"
-    }
-    assert [fold["name"] for fold in run.folds] == [step["name"] for step in result.steps]
-    assert all(effect["ended_s"] >= effect["begun_s"] for effect in run.effects)
-    sent = run.set_points()
-    assert isinstance(sent, foldcell.SetPoints)
-    t, q, qd, clipped = (np.array(column) for column in zip(*passed, strict=True))
-    assert np.allclose(sent.t, t, rtol=0.0, atol=1e-9) and np.all(np.diff(sent.t) >= 0)
-    assert np.array_equal(sent.q, q) and np.array_equal(sent.qd, qd)
-    assert np.array_equal(sent.clipped, clipped)
-    assert set(sent.grippers) == {"left", "right"}
-    for rows in sent.grippers.values():
-        assert rows.shape[1] == 3 and len(rows) > 0
-        assert np.all(np.diff(rows[:, 0]) >= 0) and np.all((rows[:, 1] >= 0) & (rows[:, 1] < 0.2))
-    assert sent.head.ndim == 2 and sent.head.shape[1] == 2

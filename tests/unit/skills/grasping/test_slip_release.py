@@ -62,7 +62,9 @@ def fold(
         reading = hand.read()
         if reading.stamp - gripper.stamp > 1.0 / gripper_hz - 1e-6:
             gripper = reading.gripper
-        state = watch_slip(replace(reading, gripper=gripper), state)
+        if reading.gripper is not gripper:
+            reading = replace(reading, gripper=gripper)
+        state = watch_slip(reading, state)
         if isinstance(state, Outcome):
             return state.failure, hand.now - begun
     return None, seconds

@@ -48,7 +48,11 @@ def commands(board: RunStatus) -> CommandQueue:
 
 
 @pytest.fixture
-def address(cell: FakeCell, board: RunStatus, commands: CommandQueue) -> Iterator[str]:
+def address(
+    cell: FakeCell, board: RunStatus, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[str]:
+    """A served page that does not linger at its end: no test listens to it then."""
+    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
     viewer = "http://127.0.0.1:1/?url=x'\"</script>"
     with operators_page(board, commands, cell.ports().stop, viewer, open_listener()) as address:
         yield address

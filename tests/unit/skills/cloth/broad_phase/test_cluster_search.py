@@ -41,51 +41,73 @@ def two_sheets():
 
 
 def nearest(a, b):
-    """Distance of the convex hulls of points (k, 3) and (m, 3) by the Frank-Wolfe method. The result is an upper
-    bound."""
-    box = max((a.min(axis=0) - b.max(axis=0)).max(), (b.min(axis=0) - a.max(axis=0)).max())
-    if box > RELEASE * THICK:
-        return box
-    u, v = np.full(len(a), 1 / len(a)), np.full(len(b), 1 / len(b))
+    """Distances (p,) of the hulls of points (p, k, 3) and (p, m, 3), pair by pair, by the Frank-Wolfe method. The
+    results are upper bounds. Where the boxes of two hulls are far apart, it is the distance of the boxes."""
+    gap = np.maximum(a.min(axis=1) - b.max(axis=1), b.min(axis=1) - a.max(axis=1)).max(axis=1)
+    close = gap <= RELEASE * THICK
+    a, b = a[close], b[close]
+    u, v = np.full(a.shape[:2], 1 / a.shape[1]), np.full(b.shape[:2], 1 / b.shape[1])
+    pair = np.arange(len(a))
     for _ in range(20):
-        d = u @ a - v @ b
-        i, j = np.argmin(a @ d), np.argmax(b @ d)
-        e = a[i] - b[j]
-        s = np.clip(d @ (d - e) / max((d - e) @ (d - e), 1e-30), 0.0, 1.0)
-        u, v = (1 - s) * u, (1 - s) * v
-        u[i] += s
-        v[j] += s
-    return np.linalg.norm(u @ a - v @ b)
+        d = apart(a, b, u, v)
+        i, j = np.argmin(dots(a, d[:, None]), axis=1), np.argmax(dots(b, d[:, None]), axis=1)
+        way = d - (a[pair, i] - b[pair, j])
+        s = np.clip(dots(d, way) / np.maximum(dots(way, way), 1e-30), 0.0, 1.0)
+        u, v = (1 - s)[:, None] * u, (1 - s)[:, None] * v
+        u[pair, i] += s
+        v[pair, j] += s
+    gap[close] = np.linalg.norm(apart(a, b, u, v), axis=1)
+    return gap
+
+
+def dots(a, b):
+    return (a * b).sum(axis=-1)
+
+
+def apart(a, b, u, v):
+    """Vectors (p, 3) between the points with the weights u of a and v of b."""
+    return (u[..., None] * a).sum(axis=1) - (v[..., None] * b).sum(axis=1)
+
+
+def near_pairs(first, second, candidate, places, asked, limit):
+    """Pairs (p, 2) of rows of `first` (r, k) and `second` (s, m), vertices of hulls, that are near in one of
+    `places`. candidate (r, s): the pairs to look at. asked (n,): a pair counts if this holds for one of its
+    vertices."""
+    e, f = np.nonzero(candidate & (asked[first].any(axis=1)[:, None] | asked[second].any(axis=1)))
+    distance = np.min([nearest(y[first[e]], y[second[f]]) for y in places], axis=0)
+    near = distance <= limit
+    return list(zip(e[near].tolist(), f[near].tolist(), strict=True))
+
+
+def beside(a, b):
+    """Which points (r, 3) and (s, 3) are near each other along every axis."""
+    return (np.abs(a[:, None] - b) < 0.03).all(axis=2)
+
+
+def near_vertices(mesh, places, asked):
+    """Pairs of a vertex and a triangle of different layers that are near in one of `places`."""
+    x, tri, one = places[0], mesh.triangles, np.arange(len(mesh.layer))[:, None]
+    candidate = beside(x, x[tri].mean(axis=1)) & (mesh.layer[:, None] != mesh.layer[tri[:, 0]])
+    return near_pairs(one, tri, candidate, places, asked, RELEASE * THICK)
+
+
+def near_edges(mesh, edges, places, asked):
+    """Pairs of edges of different layers that are near in one of `places`. The first is of layer 0."""
+    middle, of = places[0][edges].mean(axis=1), mesh.layer[edges[:, 0]]
+    candidate = beside(middle, middle) & (of == 0)[:, None] & (of == 1)
+    return near_pairs(edges, edges, candidate, places, asked, RELEASE * edge_distance(THICK))
 
 
 def missing_pairs(mesh, edges, places, found_vt, found_ee, asked):
     """Pairs of different layers that are near in one of `places` but were not found.
 
-    asked(vertices): whether a pair must be found. Returns missing vertex-triangle pairs, missing edge-edge pairs,
-    and the number of near pairs.
+    asked (n,): a pair must be found if this holds for one of its vertices. Returns missing vertex-triangle pairs,
+    missing edge-edge pairs, and the number of near pairs.
     """
-    layer, x, near = mesh.layer, places[0], 0
-    vt, ee = [], []
-    for t, tri in enumerate(mesh.triangles):
-        for i in np.flatnonzero((np.abs(x - x[tri].mean(axis=0)) < 0.03).all(axis=1) & (layer != layer[tri[0]])):
-            if asked([i, *tri]) and min(nearest(y[[i]], y[tri]) for y in places) <= RELEASE * THICK:
-                near += 1
-                vt += [] if (i, t) in found_vt else [(i, t)]
-    for e, f in near_edges(mesh, edges, places, asked):
-        near += 1
-        ee += [] if (min(e, f), max(e, f)) in found_ee else [(e, f)]
-    return vt, ee, near
-
-
-def near_edges(mesh, edges, places, asked):
-    """Pairs of edges of different layers that are near in one of `places`."""
-    middle, of = places[0][edges].mean(axis=1), mesh.layer[edges[:, 0]]
-    for e in np.flatnonzero(of == 0):
-        for f in np.flatnonzero((np.abs(middle - middle[e]) < 0.03).all(axis=1) & (of == 1)):
-            if not asked([*edges[e], *edges[f]]):
-                continue
-            if min(nearest(y[edges[e]], y[edges[f]]) for y in places) <= RELEASE * edge_distance(THICK):
-                yield e, f
+    vt, ee = near_vertices(mesh, places, asked), near_edges(mesh, edges, places, asked)
+    lost_vt = [pair for pair in vt if pair not in found_vt]
+    lost_ee = [(e, f) for e, f in ee if (min(e, f), max(e, f)) not in found_ee]
+    return lost_vt, lost_ee, len(vt) + len(ee)
 
 
 def bits_of(clusters, chosen):
@@ -127,9 +149,7 @@ def test_every_near_pair_of_two_sheets_is_found(stale_share, ridge_share):
     stale = np.ones(len(x), bool)  # only vertices of stale clusters
     stale[corner[np.repeat(~clusters.stale, np.diff(clusters.corner_start))]] = False
     places = [x, x + 0.5 * HORIZON * speed, x + HORIZON * speed]
-    lost_vt, lost_ee, near = missing_pairs(
-        mesh, edges, places, found_vt, found_ee, lambda vertices: stale[vertices].any()
-    )
+    lost_vt, lost_ee, near = missing_pairs(mesh, edges, places, found_vt, found_ee, stale)
     assert near > 20 and not lost_vt
     assert all(ridge[e] and ridge[f] for e, f in found_ee) and len(found_ee) > 20 * ridge_share**2
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
@@ -174,20 +194,16 @@ def test_self_contact_of_flat_cloth_in_a_notch_is_found(turn, half, overlap):
     n_vt, n_ee = search_pairs(clusters, THICK, 0.0, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
 
-    def near(a, b, limit):
-        return side[a].all() and (side[b] == -side[a[0]]).all() and nearest(x[a], x[b]) <= limit
+    def faces(first, second):
+        """Which rows of vertices are wholly on opposite sides of the notch."""
+        on, of = side[first], side[second]
+        whole = (on == on[:, :1]).all(axis=1)[:, None] & (of == of[:, :1]).all(axis=1)
+        return whole & (on[:, :1] == -of[:, 0]) & (on[:, :1] != 0.0)
 
-    touching = [
-        (i, t) for t, tri in enumerate(mesh.triangles) for i in range(len(x))
-        if near(np.array([i]), tri, RELEASE * THICK)
-    ]  # fmt: skip
-    seams = np.flatnonzero(
-        mesh.on_rim & (side[edges] != 0.0).all(axis=1) & (side[edges[:, 0]] == side[edges[:, 1]])
-    )
-    meeting = [
-        (e, f) for k, e in enumerate(seams) for f in seams[k + 1 :]
-        if near(edges[e], edges[f], RELEASE * edge_distance(THICK))
-    ]  # fmt: skip
+    one, all_asked = np.arange(len(x))[:, None], np.ones(len(x), bool)
+    touching = near_pairs(one, mesh.triangles, faces(one, mesh.triangles), [x], all_asked, RELEASE * THICK)
+    seams = np.triu(faces(edges, edges)) & mesh.on_rim[:, None] & mesh.on_rim
+    meeting = near_pairs(edges, edges, seams, [x], all_asked, RELEASE * edge_distance(THICK))
     assert len(touching) > 2 and len(meeting) > (0 if overlap > 0.0 else 2)
     assert not [p for p in touching if p not in found_vt] and not [p for p in meeting if p not in found_ee]
 
@@ -239,10 +255,7 @@ def test_pairs_of_moving_sheets_are_in_the_lists_at_every_narrow_phase(gravity, 
         counts, pairs = sim._state.counts, sim._pairs
         found_vt = {tuple(p) for p in pairs.vt[: counts[VT]].tolist()}
         found_ee = {tuple(p) for p in pairs.ee[: counts[EE]].tolist()}
-        awake = ~sim.asleep
-        lost_vt, lost_ee, near = missing_pairs(
-            mesh, edges, [before], found_vt, found_ee, lambda vertices, awake=awake: awake[vertices].any()
-        )
+        lost_vt, lost_ee, near = missing_pairs(mesh, edges, [before], found_vt, found_ee, ~sim.asleep)
         assert not lost_vt and not lost_ee
         seen += near
         searched.append(int(sim._body.clusters.stale.sum()))
@@ -277,8 +290,8 @@ def test_the_search_misses_almost_no_edge_pair_of_crumpled_sheets():
             before = sim.positions
             sim.advance(1)
             found = {tuple(p) for p in sim._pairs.ee[: sim._state.counts[EE]].tolist()}
-            bent, awake = bent_edges(sim, before), ~sim.asleep
-            for e, f in near_edges(mesh, edges, [before], lambda v, awake=awake: awake[v].any()):
+            bent = bent_edges(sim, before)
+            for e, f in near_edges(mesh, edges, [before], ~sim.asleep):
                 near += bent[e] and bent[f]
                 missing += bent[e] and bent[f] and (min(e, f), max(e, f)) not in found
     assert near > 300 and missing <= 0.02 * near
