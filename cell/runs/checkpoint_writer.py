@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.run_checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from cell.recording.checkpoint.checkpoint_file import CHECKPOINT
+from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
 from cell.recording.frame_store import FRAMES, FrameStore
 from cell.recording.journal import Journal
 from cell.runs.reentry import reentered, reentry_event

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cell.recording.checkpoint.run_checkpoint import CHECKPOINT, has_checkpoint
+from cell.recording.checkpoint.checkpoint_file import CHECKPOINT, has_checkpoint
 from cell.recording.frame_store import FRAMES
 from cell.recording.journal import Journal, RunRecord
 from cell.runs.checkpoint_writer import WORLD

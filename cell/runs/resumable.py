@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.run_checkpoint import has_checkpoint
+from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.journal import Journal
 from robots.errors import ConfigurationError
 

@@ -7,14 +7,16 @@ import time
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.trials.store import CampaignFolder, is_campaign
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.recording.checkpoint.run_checkpoint import has_checkpoint
+from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.journal import Journal, RunRecord
 from cell.support.files.paths import command_for, journal_path, logs_directory
 
 __all__ = ["add_options", "run", "run_figures"]
+
+MANIFEST = "campaign.json"
+"""File of a campaign. Its module is imported only if there is one: it loads the whole cell."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +29,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
     rows = _read(journal_path(logs), options.last)
-    campaigns = [_campaign_figures(path) for path in sorted(logs.glob("*/")) if is_campaign(path)]
-    campaigns = campaigns[-options.last :] if options.last else campaigns
+    folders = [path.parent for path in sorted(logs.glob(f"*/{MANIFEST}"))]
+    campaigns = [_campaign_figures(path) for path in (folders[-options.last :] if options.last else folders)]
     if options.json:
         print_json({"logs": str(logs), "runs": rows, "campaigns": campaigns})
         return 0
@@ -62,6 +64,8 @@ def run(options: argparse.Namespace) -> int:
 def _campaign_figures(path: Path) -> dict[str, Any]:
     """Return the figures of one campaign as a flat mapping. Raises ConfigurationError if the campaign is
     damaged."""
+    from cell.campaigns.trials.store import CampaignFolder
+
     campaign = CampaignFolder.open(path)
     finished = campaign.finished()
     return {

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.executive.machine import complete_table
-from cell.recording.checkpoint.run_checkpoint import has_checkpoint
+from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.report.run_events import RunEvents
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
 from cell.states.observers import Step

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.recording.checkpoint.checkpoint_file import CONTEXT
 from cell.recording.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
 from cell.states.run_context import RunContext, Sight
@@ -32,10 +33,7 @@ from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
 from skills.perception.inspection.result import Inspection
 
-__all__ = ["CHECKPOINT", "has_checkpoint", "read_checkpoint", "write_checkpoint"]
-
-CHECKPOINT, CONTEXT = "checkpoint", "context"
-"""Names of the checkpoint's folder in a run's folder, and of its file."""
+__all__ = ["read_checkpoint", "write_checkpoint"]
 
 SCHEMA = 3
 LARGE = 2**16
@@ -51,11 +49,6 @@ _ARRAYS = frozenset(
     }
 )
 """The functions and types that a pickle of a numpy array refers to."""
-
-
-def has_checkpoint(run: Path) -> bool:
-    """Whether the run with this folder has a checkpoint."""
-    return (run / CHECKPOINT / CONTEXT).is_file()
 
 
 def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
