@@ -73,7 +73,8 @@ def failed_figures(score: Mapping[str, Any]) -> list[str]:
     """Return the names of the figures of a score that are beyond their limits. For `iou` the limit is a minimum,
     for all others a maximum."""
     limits = score.get("limits") or {}
-    return [n for n, limit in limits.items() if (score[n] < limit if n == "iou" else score[n] > limit)]
+    failed = [n for n, limit in limits.items() if (score[n] < limit if n == "iou" else score[n] > limit)]
+    return [name.removesuffix("_m").removesuffix("_rad") for name in failed]
 
 
 def load_trial(folder: Path, request: TrialRequest) -> dict[str, Any] | None:

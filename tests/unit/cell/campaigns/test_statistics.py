@@ -67,7 +67,7 @@ def test_rows_count_results_recoveries_and_causes() -> None:
     assert (a.garment, b.garment, both.garment) == ("a", "b", "all")
     assert (b.runs, b.folded, b.false_claims, b.faults, b.recoveries) == (3, 1, 1, 1, 4)
     assert b.robot_time_s == 60.0
-    assert b.causes == {"score: iou, height_m": 1, "error": 1} and a.causes == {"slipped": 1}
+    assert b.causes == {"score: iou, height": 1, "error": 1} and a.causes == {"slipped": 1}
     assert (both.runs, both.folded) == (4, 1)
     assert b.folds_per_hour == pytest.approx(3600.0 / 120.0), "failures take time too"
 
