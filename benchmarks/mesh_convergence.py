@@ -5,8 +5,8 @@ length.
 
 The cloth of an unpressed crease forms a loop, about two bending lengths wide. If the mesh's edges are as long as
 that, the loop becomes a polygon that is too high and pushes the layer above away. Fabrics and grasp errors are
-drawn as for the simulated world, but with fewer kinds of errors than in noise.yaml. They are the same for every
-mesh. The arcs are plain arcs (PLAIN_H), not optimised.
+drawn as for the simulated world, but with fewer kinds of errors than in noise.yaml. Every mesh gets the same drawn
+values. The arcs are plain arcs (PLAIN_H), not optimised.
 """
 
 from __future__ import annotations

@@ -7,9 +7,10 @@ The result is scaled so that 41.5 degrees give exactly half of the overhang, bec
 from the elastica by 2 %.
 
 Similarity: the shape of a strip depends only on overhang / c, and c scales with gravity^(-1/3). The overhang of a
-soft fabric is as short as a mesh edge. The virtual strip is therefore several edges long and hangs in less
-gravity, with the flexural rigidity of the fabric. A mesh bends over the triangles on both sides of an edge, so the
-triangles at the clamp lengthen the free part by half a triangle's height.
+soft fabric can be as short as a mesh edge, so a mesh cannot reproduce it. The virtual strip is therefore EDGES
+mesh edges long. It has the flexural rigidity of the fabric and hangs in lower gravity, so that its overhang / c is
+the same as in the real test. A mesh bends over the triangles on both sides of an edge, so the triangles at the
+clamp lengthen the free part by half a triangle's height.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ EDGE = 0.020
 RELAXATION = 15.0
 """Duration of the virtual test in units of sqrt(overhang / gravity)."""
 SUBSTEPS, SOFT = 20, 0.015
-"""Substeps per frame for bending lengths up to SOFT [m]. A stiffer strip swings faster and gets more substeps."""
+"""SUBSTEPS: substeps per frame for a bending length of at most SOFT [m]. A stiffer strip swings faster, so it gets
+more substeps."""
 
 
 def bending_length(overhang: float) -> float:
@@ -107,8 +109,8 @@ class BendingCalibration:
 def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -> BendingCalibration:
     """Compute the bending length for a measured overhang [m], and perform the virtual test of that fabric.
 
-    The result's `agrees` states whether the virtual strip bends as far. Raises ConfigurationError for an overhang
-    that no fabric has.
+    The result's `agrees` states whether the virtual strip bends as far as the real one. Raises ConfigurationError
+    for an overhang that no fabric has.
     """
     return cantilever(replace(material, bending_length=bending_length(overhang)), edge)
 

@@ -70,8 +70,8 @@ BOARD = Board()
 MIN_CORNERS = 6
 """Smallest number of corners in a valid view. Four determine a homography; more corners reveal outliers."""
 MIN_TOLERANCE = 0.25
-"""A corner counts as an inlier in any case if its distance from its position by the homography is at most this
-[px]."""
+"""A corner is always accepted as an inlier if its distance from the position that the homography predicts is at
+most this [px]."""
 
 
 @dataclass(frozen=True, eq=False)

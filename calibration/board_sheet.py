@@ -61,8 +61,8 @@ def _description(board: Board) -> str:
 
 
 def _ruler(sheet: NDArray[np.uint8], x: int, y: int) -> int:
-    """Draw a line of RULER_MM that starts at x [px], with a tick every 10 mm. A length is marked by the middle of
-    its tick. Returns the end of the line [px]."""
+    """Draw a line of RULER_MM that starts at x [px], with a tick every 10 mm. The middle of a tick's stroke
+    marks the exact length. Returns the end of the line [px]."""
     end = x + RULER_MM * PIXELS_PER_MM
     cv2.line(sheet, (x, y), (end, y), 0, _PEN)
     for mm in range(0, RULER_MM + 1, 10):

@@ -27,8 +27,8 @@ MIN_VIEWS = 5
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Settings of a camera calibration. views: number of images that must show the board. pictures_per_view: the
-    largest number of images taken is `views` times this. min_corners: smallest number of corners in an accepted
+    """Settings of a camera calibration. views: number of images that must show the board. pictures_per_view:
+    at most `views` times this number of images are taken. min_corners: smallest number of corners in an accepted
     image."""
 
     views: int = 20

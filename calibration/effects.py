@@ -67,9 +67,9 @@ class Reach:
 class Touch:
     """Touch the table with the closed pads of one hand at x, y [m].
 
-    The hand descends until it touches, backs off, presses slowly, and rises. It expects the table from `search`
-    [m] above to `search` below the configured table height. Fails with NO_CONTACT, UNREACHABLE, IN_COLLISION, and
-    with LOW_CONFIDENCE for a contact above this range.
+    The hand descends until it touches, backs off, presses slowly, and rises. It expects the table within
+    `search` [m] of its configured height. Fails with NO_CONTACT, UNREACHABLE, IN_COLLISION, and with
+    LOW_CONFIDENCE for a contact above this range.
     """
 
     side: Side

@@ -26,8 +26,9 @@ __all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "slide
 
 MIN_ANGLE, MAX_ANGLE = math.radians(2.0), math.radians(60.0)
 START, MAX_FACTOR, STEP = 1.25, 5.0, 0.01
-"""Frictions in units of tan(angle). START: first friction of the virtual table. MAX_FACTOR: the friction is raised
-up to this if the garment slides already. STEP: amount by which the friction is then lowered in each step."""
+"""Frictions in units of tan(angle). START: friction with which the virtual table is lifted first. If the garment
+already slides with it, the table is lifted again with a higher friction, until the garment holds or MAX_FACTOR is
+reached. STEP: amount by which the friction is then lowered in each step."""
 WATCH_S = 0.25
 """Time that is simulated at each friction [s]."""
 MOVED = 5e-4
@@ -113,8 +114,8 @@ def slides(
 
 
 class _TiltedTable:
-    """The virtual garment on the table. The contact forces carry over when the slope or the friction changes.
-    Without them, a garment of two layers would redistribute its weight at each change and slip meanwhile."""
+    """The virtual garment on the table. When the slope or the friction changes, the contact forces are carried
+    over. Otherwise a garment of two layers would redistribute its weight at each change and slip meanwhile."""
 
     def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
         self._mesh = mesh

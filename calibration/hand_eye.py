@@ -44,9 +44,9 @@ makes an error visible."""
 
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """Settings of a hand-eye calibration. views: number of views in each hand. poses_per_view: the largest number
-    of poses tried per hand is `views` times this. min_corners: smallest number of corners in a view. grip_force
-    [N]."""
+    """Settings of a hand-eye calibration. views: number of views in each hand. poses_per_view: at most
+    `views` times this number of poses are tried per hand. min_corners: smallest number of corners in a view.
+    grip_force [N]."""
 
     views: int = 12
     poses_per_view: float = 4.0
@@ -319,8 +319,8 @@ class _Problem:
         return np.concatenate([corners, offsets])
 
     def _lens_influence(self, x: Array, gain: Array) -> Array:
-        """Return the change of the unknowns (size, 5) that one standard deviation of each parameter of lens and
-        print causes."""
+        """Return the influence of lens and print on the unknowns, (size, 5). Column i is the change that an error
+        of one standard deviation in parameter i causes. `_reprojection` lists the parameters."""
         s, columns = self._settings, []
         for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, s.print_sigma)):
             lens = np.zeros(5)
@@ -330,7 +330,7 @@ class _Problem:
         return np.column_stack(columns)
 
     def _view_influence(self, x: Array, J: Array, inverse: Array) -> Array:
-        """Return the influence of each view on the unknowns, (size, views).
+        """Return the influence of the views on the unknowns, (size, views). Column i belongs to view i.
 
         The errors of all corners of a view are correlated, for example by a joint reading or a slip of the board.
         The independent observations are therefore the views and not the corners (cluster-robust covariance: Liang
@@ -353,7 +353,8 @@ class _Problem:
             )
             return _low_confidence(what, hint, {"rms_px": rms})
         X, Y, offsets = self._parts(x)
-        # Errors outside the model increase the variance: excess reprojection error, lens and print, single views.
+        # Three errors that the model does not contain increase the variance: a reprojection error above
+        # corner_sigma; errors of the lens and the print; errors that all corners of a view share.
         inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
         by_lens = self._lens_influence(x, inverse @ J.T)
         by_view = self._view_influence(x, J, inverse)

@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 FRICTIONS = (0.5, 0.65, 0.8, 1.0, 1.25, 1.6)
-"""Candidate frictions as factors of the assumed friction."""
+"""Factors by which the assumed friction is multiplied to give the candidate frictions."""
 BOUND = 0.5
 """Largest allowed relative difference between an updated friction and the friction of the garment file."""
 POINTS = 240
@@ -62,7 +62,7 @@ class Noise:
     outline [m]; huber: distance above which the loss is linear [m]. friction, stretch: relative standard
     deviations of the prior."""
 
-    # assumed: most of a simulation's error is a drift that the whole outline shares
+    # assumed values; the correlation is long, because most of a simulation's error is a drift of the whole outline
     sigma: float = 0.004
     correlation: float = 0.50
     huber: float = 0.012

@@ -60,22 +60,23 @@ DRAG = 4.0
 SETTLE_S = 4.0
 """Time from the flat start until the garment is at rest [s]."""
 RIPPLES = ((40.0, 0.0), (25.0, 1.0), (60.0, 2.0))
-"""Wave number [1/m] and phase [rad] of the initial ripple of each hang. The amplitude is 1 mm."""
+"""For each hang: wave number [1/m] and phase [rad] of the ripple of its initial shape. The amplitude is 1 mm."""
 MIN_STRETCH, MAX_STRETCH = 0.002, 0.10
 TOLERANCE, ACCEPTED, MAX_FABRICS = 2e-4, 5e-4, 16
-"""Errors of the elongation: the search ends below TOLERANCE (0.02 percentage points), and a result is accepted up
-to ACCEPTED (0.05). MAX_FABRICS: largest number of fabrics to try. Two layers that hang against each other can
-settle in several shapes. A change of the stiffness by one per cent then changes the elongation by 0.1 percentage
-points or not at all."""
+"""TOLERANCE: the search ends when the error of the elongation is smaller than this (0.02 percentage points).
+ACCEPTED: largest error of an accepted result (0.05 percentage points). MAX_FABRICS: largest number of fabrics to
+try. ACCEPTED is larger than TOLERANCE, because two layers that hang against each other can settle in several
+shapes: a change of the stiffness by one per cent then changes the elongation by 0.1 percentage points or not at
+all."""
 NEAR = 0.1
 """A tried fabric is used to estimate the local slope if its relative error of the elongation is below this."""
 DISTINCT = 3e-3
-"""A new fabric is tried only if its stretch differs from that of all tried fabrics by more than this
-(relative)."""
+"""A new fabric is tried only if its strip elongation differs from that of every tried fabric by more than this
+fraction."""
 NO_WIDER = 2e-4
 """A bracket of two fabrics around the wanted elongation is halved only while its relative width exceeds this."""
 BESIDE = 1.0 + 0.012 * np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0])
-"""Factors of a fabric's stretch for its neighbours, which are tried last."""
+"""A strip elongation times one of these factors gives a neighbouring fabric. The search tries neighbours last."""
 STIFFEST, LIMPEST = 2e-4, 0.4
 """Smallest and largest strip elongation in the search."""
 
@@ -150,8 +151,8 @@ def clip_and_lowest(template: Array, keypoints: tuple[str, ...], held: str | Non
     """Return the indices into `template` (k, 2) of the point that the clip holds and of the lowest point.
 
     They are the two key points with the longest straight line between them that lies inside the garment, because
-    the cloth along this line hangs straight. held: name of the key point in the clip; default: the one of the two
-    that comes first in the file. Raises ConfigurationError for an unknown key point.
+    the cloth along this line hangs straight. held: name of the key point in the clip; default: the point that
+    comes first in the file. Raises ConfigurationError for an unknown key point.
     """
     if held is not None and held not in keypoints:
         raise ConfigurationError(
@@ -219,8 +220,8 @@ def _check_clip(template: Array, keypoints: tuple[str, ...], pair: tuple[int, in
 
 
 def _clipped(polygon: shapely.Polygon, top: float) -> tuple[Array, float]:
-    """Return the outline below the clip, and the height of the clip. This is the highest place where the garment
-    is CLIP wide."""
+    """Return the outline below the clip, and the height of the clip. The clip is at the highest place where the
+    garment is CLIP wide."""
     x0, _, x1, _ = polygon.bounds
     low, high = top - 0.15, top - 1e-4
     for _ in range(40):
@@ -292,8 +293,8 @@ def calibrate_shear(
     """Find the hang drop with which the virtual garment elongates like the real one, which is by (L1 - L2) / L2.
 
     template: (k, 2) outline [m] at nominal size; it is scaled to the laid length l2. edge: mesh edge [m],
-    preferably that of the predictions of this garment's folds. Raises ConfigurationError if l2 does not fit the
-    garment, if the garment cannot hang by that point, or if the stretch cannot be reached.
+    preferably the edge with which this garment's folds are predicted. Raises ConfigurationError if l2 does
+    not fit the garment, if the garment cannot hang by that point, or if the stretch cannot be reached.
     """
     wanted = stretch_fraction(l1, l2)
     pair = clip_and_lowest(template, keypoints, held)
@@ -392,10 +393,12 @@ def _within_jump(near: list[tuple[float, float]], wanted: float) -> float | None
 def _next(tried: list[tuple[float, float]], wanted: float) -> float | None:
     """Return the next strip elongation to try; None if all candidates were tried.
 
-    The garment's elongation is nearly proportional to the strip's. With two or more fabrics near the wanted
-    elongation, each has a ratio of garment elongation to strip elongation. The candidates then follow, in this
-    order, from: the mean ratio, the middle of a bracket at a jump, each single ratio (nearest fabric first), and
-    neighbours of the mean ratio. With fewer fabrics, the candidate is a secant step on the logarithms.
+    tried: pairs (strip elongation, garment elongation). The second is nearly proportional to the first.
+
+    If two or more tried fabrics are near the wanted elongation, each of them gives a ratio of the two elongations,
+    and a ratio gives a candidate. The candidates are, in this order: (1) from the mean ratio; (2) the middle of a
+    bracket at a jump (`_within_jump`); (3) from each single ratio, nearest fabric first; (4) the neighbours of
+    (1). If fewer fabrics are near, the only candidate is a secant step on the logarithms.
     """
     near = sorted((t for t in tried if abs(t[1] / wanted - 1.0) < NEAR), key=lambda t: abs(t[1] - wanted))
     if len(near) > 1:

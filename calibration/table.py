@@ -4,7 +4,8 @@ contacts.
 A press is slow. Its readings are fitted by a linear spring: force = k (z0 - z) below the height of first contact
 z0, plus the offset that the tips read above z0. Therefore z0 depends neither on a threshold nor on the delay of a
 detection. A press that is not linear is rejected (a soft object, a jump of the tips' zero). The remaining error is
-that of the arms, which is different for each arm. The points alternate between the arms, so that both contribute.
+the position error of the arms, which differs between the arms. The points alternate between the arms, so that both
+contribute.
 """
 
 from __future__ import annotations
@@ -44,8 +45,9 @@ LAYOUT = (
 MOST_POINTS = len(LAYOUT)
 MIN_POINTS = 3
 SOFTEST = -50.0
-"""Slope of force over height of the softest valid press [N/m]. Slopes are negative, because the force grows as the
-hand moves down. A slope above this limit means that nothing was pressed."""
+"""Slope of force over height in the softest valid press [N/m]. Slopes are negative, because the force grows as the
+hand moves down. If the slope of a press is above this limit, the hand pressed on nothing and the press is
+rejected."""
 MARGIN = 0.05
 """Smallest distance of a touched point from the table's edge [m]: half the width of a closed hand plus the error
 of the table's placement."""
@@ -67,8 +69,8 @@ class TableSettings:
     """Largest accepted distance of a point from the plane [m]."""
     tilt: float = float(np.deg2rad(1.0))
     min_spread: float = 0.08
-    """Smallest accepted standard deviation of the points across their longest direction [m]. With less spread the
-    tilt is undetermined."""
+    """Smallest accepted standard deviation of the points perpendicular to the direction in which they spread most
+    [m]. If the points lie almost on one line, the tilt about that line is undetermined."""
 
     def __post_init__(self) -> None:
         if not MIN_POINTS <= self.points <= MOST_POINTS:

@@ -39,18 +39,20 @@ class TactileSettings:
 
     seconds: float = 60.0
     horizon: float = 15.0
-    """Largest age that a tare reaches in a fold [s]: from the pose above the grasp to the release."""
+    """Largest age that a tare reaches in a fold [s]. The tare is measured above the grasp and used until the
+    release."""
     sigmas: float = 5.0
     reserve: float = 2.0
     """The thresholds allow for noise that is larger than the measured noise by this factor."""
     max_contact: float = 2.0
-    """Largest accepted contact threshold [N]. With a higher one, a hand presses the garment before the contact is
-    detected."""
+    """Largest accepted contact threshold [N]. With a higher threshold, a hand would press the garment before the
+    contact is detected."""
     max_held: float = 4.0
     odd: float = 5.0
-    """A cell is defective if its noise is more than this factor above or below the median of its hand."""
+    """A cell is defective if its noise is larger than the median of the hand's cells times this factor, or smaller
+    than the median divided by this factor."""
     latest: float = 0.0015
-    """Largest accepted depth below first contact at which a slow press is detected [m]."""
+    """Largest accepted depth of the hand below first contact when the threshold detects a slow press [m]."""
 
     def __post_init__(self) -> None:
         if self.seconds < 2.0 * self.horizon:

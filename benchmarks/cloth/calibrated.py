@@ -22,7 +22,7 @@ from skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}
 """Edge lengths [m] of the other meshes on which a garment is calibrated, by its number of layers. Garments of two
-layers have one such mesh, because they take long."""
+layers have one such mesh, because their calibration takes long."""
 QUICK = ("small_towel",)
 TRUE_FRICTION = 0.8
 """True friction divided by the believed friction, in the test of the identification."""
@@ -33,7 +33,7 @@ def hung(quick: bool, tell: Tell) -> dict[str, Any]:
 
     Each garment is calibrated on the mesh that predicts its folds and on the meshes of OTHERS. On each mesh, the
     fabric calibrated there is then hung again with the predictor's own substeps. The mesh spread is the largest
-    error if the fabric that was calibrated on the predicting mesh is hung on all meshes.
+    error when the fabric that was calibrated on the predicting mesh is hung on each of the meshes.
     """
     first, again, spread, rows = 0.0, 0.0, 0.0, []
     for name in QUICK if quick else tuple(PAPER):

@@ -37,10 +37,10 @@ FRAMES = SolverSettings().frame_rate
 AFTER = round((RELEASE + SETTLE) * FRAMES)
 """FRAMES: number of frames per second. AFTER: number of frames after the release."""
 STARTS, MOVED = 6, 1e-6
-"""Number of slightly different starts from which each fold is made, and standard deviation of the difference of
-their coordinates [m]."""
+"""Number of slightly different starts from which each fold is made, and standard deviation of the perturbation of
+each coordinate [m]."""
 TURNS = (30.0, 45.0, 60.0, 75.0, 90.0)
-"""Definitions of a crease that are compared in a table: cloth that turns by more than this angle [degrees]."""
+"""Angles that a table compares: cloth that turns by more than the angle counts as a crease [degrees]."""
 VARIANTS = (
     # friction (table and layers), thickness [m], speed
     (0.3, 0.003, 1.0), (0.9, 0.003, 1.0), (0.6, 0.002, 1.0), (0.6, 0.004, 1.0), (0.6, 0.003, 2.0),

@@ -42,7 +42,8 @@ REFINEMENTS = (4, USED, 2 * USED)
 """Numbers of time steps per frame in the refinement. The contacts' time constant is 2.4 steps. The comparison of
 folds uses USED steps."""
 SETTLED = 0.5
-"""The refinement has converged if it moves the vertices at the end of the fold by less on average [mm]."""
+"""The refinement has converged if its last halving moves the vertices at the end of the fold by less than this, on
+average [mm]."""
 
 
 def refined(steps: int) -> MujocoSettings:

@@ -55,9 +55,9 @@ def determinism(quick: bool, tell: Tell) -> dict[str, Any]:
 def roughness(quick: bool, tell: Tell) -> dict[str, Any]:
     """Measure how sensitive the result is to the start and to a parameter.
 
-    Start: it is perturbed by 1e-6 m; the figures are the distance of the vertices at the end, and the standard
-    deviation of a cost. Parameter: the arc's height changes in steps of 0.001 of the fold's distance; the figure
-    is the standard deviation of the cost about a fitted parabola.
+    (1) The start is perturbed by 1e-6 m. The figures are the distance of the vertices at the end, and the standard
+    deviation of a cost. (2) The arc's height changes in steps of 0.001 of the fold's distance. The figure is the
+    standard deviation of the cost about a fitted parabola.
     """
     samples = 3 if quick else 8
     mesh, material = towel_mesh(425)

@@ -5,9 +5,13 @@ has no single edge with a sharp bend. An edge is beside a crease if two triangle
 each other by more than TURN and their middles lie within a distance, the reach, of one of the edge's ends. The
 distance is measured on the undeformed mesh and in a straight line, also across a notch.
 
-Thus all edges within reach of a sharp crease are excluded. If the radius of a round bend is at most reach / TURN,
-the bend is excluded, and beside it the edges within reach of a part that turns by TURN. With up to twice that
-radius, only the middle of the bend is excluded. With a larger radius, nothing is excluded.
+This has the following effects:
+
+- Sharp crease: all edges within reach are excluded.
+- Round bend with a radius of at most reach / TURN: the whole bend is excluded, and also the edges beside it that
+  are within reach of a part that turns by TURN.
+- Round bend with up to twice that radius: only the middle of the bend is excluded.
+- Round bend with a larger radius: nothing is excluded.
 """
 
 from __future__ import annotations
@@ -25,8 +29,8 @@ from skills.cloth.mesh import ClothMesh
 __all__ = ["MOST_STRAIN", "TURN", "EdgeStrains", "edge_strains", "on_the_line", "reach", "turns"]
 
 TURN = np.deg2rad(45.0)
-"""Cloth near which the direction of the surface changes by more than this angle is beside a crease [rad]. The
-angle is halfway between lying and standing cloth."""
+"""If the direction of the surface near an edge changes by more than this angle, the edge is beside a crease [rad].
+The angle is halfway between cloth that lies and cloth that stands upright."""
 BESIDE = 0.040
 """Nearer than this to a pinch or a crease, strain is not measured [m]. On coarse meshes, `reach` is larger."""
 NO_AREA = 1e-30

@@ -31,15 +31,16 @@ __all__ = ["TimeBound", "time_bound"]
 
 GRID = 200
 PLANES = 60
-"""Maximum number of tangent planes. About ten suffice, except where b starts almost at zero at a point, far below
-its final value."""
+"""Maximum number of tangent planes. About ten suffice, unless the first b is almost zero at some point, far below
+its value in the solution."""
 GAP = 0.003
 """Relative distance between upper and lower bound below which the iteration ends."""
 REPEATED = 1e-7
 """Two samples that are nearer to each other than this count as one. The distance is expressed as the time that it
 takes at full joint speed [s]."""
 TURNED_BACK = 1e-6
-"""The path turns back on itself where the cosine between two successive steps is below -1 plus this."""
+"""Tolerance: the path turns back where the cosine of the angle between two successive steps is below -1 plus
+this."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,8 @@ def _acceleration(curve: CubicSpline, u: Array, d: float, limits: JointLimits) -
     """Compute the matrix A of the acceleration limits, A b <= 1: |q' a + q'' b| <= limit in the middle of each
     interval, where a is the constant path acceleration in it.
 
-    A has one more column than b has elements. It is zero; it belongs to the time in the linear programs.
+    A has one more column than b has elements. This last column is zero. It belongs to the unknown T of the linear
+    programs.
     """
     middle = (u[1:] + u[:-1]) / 2
     slope, bend = curve(middle, 1) / limits.acceleration, curve(middle, 2) / limits.acceleration

@@ -136,8 +136,8 @@ class _Ruler:
         self._times(task, motion, found)
 
     def _times(self, task: Task, motion: FoldMotion, found: _Findings) -> None:
-        """Measure durations relative to their lower bounds: of the fold's path with the limits of the arms alone,
-        of the fold's path with the speed limit of the cloth too, and of the free motions."""
+        """Compare three durations with their lower bounds: (1) the fold's path, timed with the arms' limits only;
+        (2) the fold, with the cloth's speed limit as well; (3) each free motion, with the arms' limits."""
         path, lengths = self._evenly(motion)
         bound = time_bound(path, self.limits)
         found.gap.append(bound.gap)

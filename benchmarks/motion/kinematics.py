@@ -29,8 +29,8 @@ POSITION, ANGLE = 0.001, np.deg2rad(0.5)
 STARTS = 60
 """Number of random starts of our solver, besides the parked pose. They are the same for all poses."""
 PEER_STARTS = 10
-"""Maximum number of starts for each peer; they are the first ones of ours. With these, a peer takes tens of
-milliseconds at most."""
+"""Maximum number of starts for each peer. They are the first starts of our solver. With this number, a peer takes
+tens of milliseconds at most."""
 
 Solver = Callable[[Side, Array], Array | None]
 """Function from arm and T_base_tool (4, 4) to joints (7,), or None."""

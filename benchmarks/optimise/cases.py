@@ -28,9 +28,9 @@ PERTURBED, SHIFT = 6, 0.0005
 """Number of perturbed arcs per evaluation, and maximum shift of each coordinate of their inner control
 points [m]."""
 NEIGHBOURS = (0.95, 1.0, 1.05)
-"""Edge lengths of the three evaluation meshes, relative to `evaluation_edge`. A single mesh has peculiarities.
-Example, a large shirt's hem: D of the plain arc and of the initial arc are 6.3 and 5.6 mm on one mesh, 5.5 and
-5.6 mm on the second, 5.6 and 5.7 mm on the third."""
+"""Edge lengths of the three evaluation meshes, relative to `evaluation_edge`. Several meshes are needed, because
+the mesh can decide which of two arcs is better. Example, a large shirt's hem: D of the plain arc and of the
+initial arc are 6.3 and 5.6 mm on one mesh, 5.5 and 5.6 mm on the second, 5.6 and 5.7 mm on the third."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,8 @@ CURVES: Mapping[FailureKind, tuple[float, ...]] = {
     FailureKind.DROPPED_CORNER: (0.040, 0.060, 0.080, 0.120),
     FailureKind.MISSED_LAYER: (1.0,),
 }
-"""Severities of each defect [m]. A missed layer has no severity (1.0 is a placeholder): one of two layers was not
-moved."""
+"""Severities of each defect [m]. A missed layer (one of two layers was not moved) has no severity; its 1.0 is a
+placeholder."""
 JUDGED_AT = {
     FailureKind.DRIFT: 0.040,
     FailureKind.PILING: 0.030,
@@ -193,8 +193,8 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
 
 WRINKLED = Laying(wrinkle=0.0015)
 STIRRED = 0.3
-"""Height of the new creases that a fold adds to the cloth that stays, relative to those that it adds to the moved
-cloth."""
+"""A fold adds new creases to all cloth. This is the height of the new creases in the cloth that stays,
+relative to those in the moved cloth."""
 
 
 def _placed(points: Array, pose: tuple[float, float, float]) -> Array:

@@ -125,8 +125,8 @@ def _turn(
     pivot: Array, outward: Array, end: Array, angle: float, over: float, side: tuple[Array, Array] | None = None
 ) -> Map:
     """Create a map that turns points about `pivot`, if they lie beyond it in the direction `outward`. The full
-    angle [rad] is reached at a distance of `over` [m] from it. side: if given, only points on the side of this
-    point to which this direction points are turned."""
+    angle [rad] is reached at a distance of `over` [m] from the pivot. side: (point, direction); if given,
+    only points beyond this point in this direction are turned."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, s], [-s, c]])
     if (end - pivot) @ outward < 0:

@@ -32,7 +32,8 @@ CARD = 0.006
 SETTLE_S = 0.3
 READINGS = 16
 MAX_POSTURES = 2
-"""Maximum number of arm postures tried: nearest first, a path is planned to each until one is found."""
+"""Largest number of arm postures to which a path is planned. The nearest posture is tried first. The first path
+that is found is used."""
 
 
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:

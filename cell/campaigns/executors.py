@@ -25,8 +25,8 @@ PATIENCE_S = 15.0
 @dataclass(frozen=True)
 class Workers:
     """Workers that perform the tasks of a campaign. executor: any executor of `concurrent.futures`. count: number
-    of tasks that run in parallel. died: whether an exception of a task means that its worker process died. notes:
-    messages for the user."""
+    of tasks that run in parallel. died(error): whether the exception of a task means that its worker process died.
+    notes: messages for the user."""
 
     executor: Executor
     count: int

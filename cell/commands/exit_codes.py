@@ -20,8 +20,8 @@ from robots.errors import CellError, ConfigurationError, StorageError
 __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
-"""Exit codes: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The codes of SIGHUP
-(129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
+"""Exit codes, in this order: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The
+codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
 
 
 def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:

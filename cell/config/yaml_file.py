@@ -5,8 +5,8 @@ The reader is stricter than YAML 1.1: a repeated key is an error, only `true` an
 correction.
 
 Every YAML file is read by this reader. Reading takes little time for any file, because size, depth and number of
-values are limited. A value that an alias repeats counts each time, because aliases of aliases can stand for
-billions of values.
+values are limited. If an alias repeats a value, every repetition counts, because aliases of aliases can produce
+billions of values from a short file.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class LastCommand:
 
 
 def blend(ticks: int, seconds: float = FADE_S) -> float:
-    """Return the share of an offset that remains `ticks` after a blend began. It falls from 1 to 0 in `seconds`,
-    with minimum jerk."""
+    """Return the share of an offset that remains `ticks` ticks after the blend began. The share falls from 1 to 0
+    in `seconds`, with minimum jerk."""
     u = min(1.0, ticks * TICK_S / seconds)
     return 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)

@@ -44,8 +44,8 @@ class PathControl:
 
 
 class PathClock:
-    """The motion's own clock. It can run, slow to a stop, rest and start again, and the motion never leaves its
-    path."""
+    """The motion's own clock. It can run, slow to a stop, rest and start again. The motion never leaves its path,
+    because only this clock changes."""
 
     def __init__(self, trajectory: ArmTrajectory, control: PathControl) -> None:
         self._trajectory, self._control = trajectory, control

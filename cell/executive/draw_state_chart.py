@@ -21,7 +21,7 @@ ON_FAILURE = {
     State.CLEARING: ("#c0392b", "#fbeceb"),
     State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
 }
-"""For each state: the border and fill colours of the states whose failure leads to it."""
+"""State -> border and fill colour. The chart draws every state whose failure leads to the key in these colours."""
 LEGEND = (
     "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
     "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"

@@ -30,8 +30,8 @@ _QUIET = frozenset({Effect.NOTHING, Effect.WAIT, Effect.CHOOSE_RECOVERY, Effect.
 """Effects that only decide or wait. The journal gets no intent and no result for them."""
 
 _FAILING = FAILING | {Event.GIVE_UP}
-"""Events that the failure in the context has caused. After any other event, the failure in the context is an
-earlier one, from which the run has already recovered."""
+"""After one of these events, the context holds the failure that caused the event. After any other event, the
+failure in the context is an earlier one, from which the run has already recovered."""
 
 _QUESTIONS = frozenset({Effect.ASK_APPROVAL, Effect.ASK_OPERATOR})
 """Effects that ask the operator. Earlier answers are dropped before the question: a key that was pressed twice

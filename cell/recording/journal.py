@@ -400,7 +400,7 @@ def _connect(path: Path) -> sqlite3.Connection:
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
         connection.execute("PRAGMA foreign_keys=ON")
-        if version == 0:  # only then: SQLite grants the write lock in no order, so a wait could be long
+        if version == 0:  # only a new file needs the write lock, for which the wait can be long
             _make_tables(connection, path)
     except BaseException:
         connection.close()

@@ -138,8 +138,8 @@ def first_difference(
     then: Sequence[Entry], now: Sequence[Entry], whole: bool = True
 ) -> tuple[int, Deviation] | None:
     """Return the index of the first line in which two journals of a run differ, and the difference; None if there
-    is none. whole: whether both journals reach the run's end. If not, lines that only one of the journals has are
-    not compared."""
+    is none. whole: whether both journals reach the run's end. If not, the additional lines of the longer journal
+    are not compared."""
     effect = None
     for i, (a, b) in enumerate(zip_longest(then, now) if whole else zip(then, now, strict=False)):
         if a is not None and b is not None and _essence(a) == _essence(b):
@@ -160,8 +160,8 @@ def changed_versions(then: Mapping[str, str]) -> dict[str, tuple[str, str]]:
 
 
 class _ReplayState:
-    """Observes the replay: its present state and effect. end: set if the state machine ended the replay; halt: set
-    if the ports ended it because the transcript has no answer."""
+    """An observer that stores the present state and effect of the replay. end: set if the state machine ended the
+    replay; halt: set if the ports ended the replay because the transcript has no answer."""
 
     def __init__(self) -> None:
         self.state, self.effect = State.IDLE.value, ""
@@ -258,7 +258,7 @@ def _why_incomplete(
     recorded = answers.next
     if recorded is None:
         return None, "the transcript breaks off here"
-    if beyond_journal:  # the recorded run ended because its journal could not be written
+    if beyond_journal:  # the journal of the recorded run lacks its last lines
         return None, "the journal of the run breaks off here"
     then, now = asked_in_words(recorded), f"the end of the run: {replay.state}"
     if replay.halt is not None:

@@ -34,9 +34,8 @@ class PrunableRun:
 
 
 def prunable_runs(logs: Path, keep: int, unfinished: bool = False) -> tuple[PrunableRun, ...]:
-    """Return the runs in the folder and its campaigns whose recordings may be removed, oldest first. The newest
-    `keep` runs and running runs are excluded. Runs that can be resumed are also excluded unless `unfinished` is
-    true.
+    """Return the runs in the folder and its campaigns whose recordings may be removed, oldest first. Not
+    included: the newest `keep` runs, running runs, and, unless `unfinished` is true, runs that can be resumed.
 
     Raises StorageError, or ConfigurationError for a bad journal.
     """

@@ -15,9 +15,9 @@ def reentry_event(states: Sequence[State], context: RunContext) -> Event:
     """Return the event with which a run is resumed. states: the states through which the run passed; context: its
     saved context."""
     events = [REENTRIES[state] for state in states if state in REENTRIES]
-    # without such a state, this run resumed another one and was itself interrupted before reaching one
+    # no such state: this run resumed another run and was interrupted early; resume with the same event again
     event = events[-1] if events else context.reentry or Event.START_OVER
-    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # fold inspected, next not begun
+    if event is Event.LOOK_AFTER and context.fold.attempt is None:  # the next fold has not begun
         return Event.LOOK_AGAIN
     return event
 
@@ -27,6 +27,6 @@ def reentered(context: RunContext, event: Event) -> RunContext:
     if event is Event.START_OVER:
         return RunContext(reentry=event)
     fold = replace(context.fold, held={}, biases={})
-    if fold.attempt:  # carried is also true if the release has begun but not ended
+    if fold.attempt:  # the saved `carried` is also true if the release began but did not end
         fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
     return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)

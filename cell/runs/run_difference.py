@@ -44,9 +44,9 @@ class Decision:
 
 @dataclass(frozen=True)
 class RunDifference:
-    """Differences between two runs. alike: number of decisions before the first that differs. then: the two
-    decisions that differ, where None in the pair stands for a run that has already ended; None instead of the
-    pair: all decisions are the same."""
+    """Differences between two runs. alike: number of equal decisions before the first difference. then: the
+    first pair of decisions that differ. In the pair, None means that this run had already ended. `then` itself is
+    None if all decisions are the same."""
 
     settings: tuple[Difference, ...]
     versions: tuple[Difference, ...]

@@ -48,21 +48,21 @@ STEPS_A_FRAME = STEP_RATE // FRAME_RATE
 WATCH_RATE = 12
 HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
-"""While a hand holds cloth, the part of its fingers below this height above the tips does not push cloth, because
-the held cloth is there [m]."""
+"""While a hand holds cloth, this length of each finger, from the tip upwards, does not push cloth [m]. The held
+cloth is in this part. The same applies after a release, until the fingers are clear of the cloth."""
 NEAR = 0.08
 """A hand that is higher than this above the garment cannot touch it [m]."""
 THICKEST = 0.025
 """Fingertips above this height can touch neither the table nor a stack of cloth [m]."""
 SQUEEZE = 2e-4
-"""Depth to which a fingertip presses cloth [m]. With more, table and finger would push the cloth in opposite
-directions."""
+"""Depth to which a fingertip compresses the flat stack of cloth under it [m]. With a larger depth, table and
+finger would push the cloth in opposite directions."""
 LIFTED = 0.05
 """A fold has begun when a hand holds the garment above this height [m]."""
 TABLE_THICKNESS = 0.03
 STREAMS = ("robot", "garment", "hands", "camera", "look", "build", "board")
-"""Each part of the world has its own random generator. Add new parts at the end, so that the others stay the
-same."""
+"""Parts of the world, each with a separate random generator. The generator depends on the part's position in this
+list. Add new parts at the end, so that the generators of the others stay the same."""
 
 
 class _Hand:
@@ -202,7 +202,7 @@ class World:
         wall = time.monotonic()
         cell = self._steps / STEP_RATE
         if self._pace is None or wall - self._pace[0] > cell - self._pace[1] + 0.5:
-            self._pace = wall, cell  # at the first step, or if too late to catch up, pace from now on
+            self._pace = wall, cell  # first step, or too late to catch up: pace from now on
         time.sleep(max(0.0, self._pace[0] + cell - self._pace[1] - wall))
 
     def _step(self) -> None:

@@ -29,13 +29,13 @@ class FoldContext:
     trajectory: GraspTrajectory | None = None
     attempt: Attempt | None = None
     grasps: int = 0
-    """How often the hands approached the grasps of this fold."""
+    """Number of times that the hands approached the grasps of this fold."""
     adjustments: tuple[Adjustment, ...] = ()
     """Adjustments that recoveries have made, in order."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
-    """Hand postures of earlier attempts. Another search (OTHER_SEARCH) excludes them."""
+    """Hand postures of earlier attempts. The search after the recovery OTHER_SEARCH excludes these postures."""
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
-    """Tactile bias of each hand in use, measured above the garment."""
+    """For each hand in use: its tactile bias, measured above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
 

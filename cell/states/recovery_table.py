@@ -24,10 +24,10 @@ class Adjustment(StrEnum):
     LOWER = "lower"  # press the tips deeper into the garment
     INWARD = "inward"  # grasp further inside the edge
     STRONGER = "stronger"  # grip with more force
-    OPTIMISE = "optimise"  # do not accept the library's trajectory as it is
-    PLAIN_ARC = "plain_arc"  # the paper's initial arc instead of an optimised one
-    OTHER_SEARCH = "other_search"  # another random seed of the motion planner
-    OTHER_VARIANT = "other_variant"  # the fold's next variant in the garment file, without earlier adjustments
+    OPTIMISE = "optimise"  # optimise, even if the library has a trajectory
+    PLAIN_ARC = "plain_arc"  # use the paper's initial arc, without optimisation
+    OTHER_SEARCH = "other_search"  # another random seed for the motion planner, other hand postures
+    OTHER_VARIANT = "other_variant"  # the next fold variant in the garment file, without adjustments
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,9 @@ class Recovery:
     """One recovery. event: the event that leaves RECOVERING; adjust: the change to the next attempt; dwell_s: cell
     time to wait before the event [s].
 
-    between_folds: the recovery is not allowed after the last fold, because the result of the last fold is the
-    result of the run. min_overlap: smallest IoU of observed and predicted shape for which the recovery is allowed.
+    between_folds: the recovery is allowed only if another fold follows. It is not allowed after the last fold,
+    because the result of the last fold is the result of the run. min_overlap: smallest IoU of
+    observed and predicted shape for which the recovery is allowed.
     """
 
     event: Event
@@ -87,7 +88,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SLIPPED: _HOLD_BETTER,
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON),),  # right shape at a wrong place: the plan is moved too
+    K.DRIFT: (Recovery(Event.CARRY_ON),),  # the shape is right but displaced: the plan is moved to it
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,

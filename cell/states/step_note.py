@@ -29,7 +29,7 @@ class StepNote:
     height_m: float
     """Observed height of the stack away from the fold lines [m] (NaN: not visible)."""
     grasps: int
-    """How often the hands approached the grasps of this fold."""
+    """Number of times that the hands approached the grasps of this fold."""
     pressed: tuple[Inspection, ...]
     """The inspection before each pressing."""
     inspected: Inspection | None

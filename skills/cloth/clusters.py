@@ -9,8 +9,8 @@ row can be unused; a bit mask of a row has bit i for lane i.
 When a cluster is searched for pairs, each of its corners (the vertices of its triangles) gets a straight course,
 given by its position and velocity at the time of the search. The cluster is searched again when a corner leaves
 its course, when the course has run out, or when a corner has just woken. The neighbouring clusters then keep their
-courses, although they share vertices with it: a pair of primitives is valid as long as the courses of the two
-clusters that own them are valid. Clusters at rest are not searched, so cloth at rest costs nothing.
+courses, although they share vertices with this cluster: a pair of primitives is valid as long as the courses of
+the two clusters that own them are valid. Clusters at rest are not searched, so cloth at rest costs nothing.
 
 The geometry is stored in single precision. A tree of bounding boxes would need fewer tests but more time than the
 tests of whole rows.
@@ -57,19 +57,20 @@ class Clusters(NamedTuple):
     in one direction.
 
     Bounds of the corners, each stored as middle, extent (half the size) and speed. The bounds are predicted for
-    the middle of the horizon: in the frame that moves with this speed, the corners stay within the extent during
-    the whole horizon. box: (groups, 9, LANES) bounds of each cluster along the axes; cluster k is in lane k %
-    LANES of row k // LANES. group: (groups, 9) common bounds of the LANES clusters in a row of `box`. slab: (m, 6)
-    mean normal of a cluster and bounds along it. normal: (m, 6) least and largest components of the normals of the
-    triangles in `ring`, up to date in stale clusters and their neighbours.
+    the middle of the horizon (the time for which the pairs of a search are valid): in a frame that moves with this
+    speed, the corners stay within the extent during the whole horizon. box: (groups, 9, LANES) bounds of each
+    cluster along the axes; cluster k is in lane k % LANES of row k // LANES. group: (groups, 9) common bounds of
+    the LANES clusters in a row of `box`. slab: (m, 6) mean normal of a cluster and bounds along it. normal: (m, 6)
+    least and largest components of the normals of the triangles in `ring`, updated only in stale clusters and
+    their neighbours.
 
     Geometry. place: (3, corners) predicted positions. tri_geo: (m, 15, LANES) of each triangle: box, normal,
-    offset of its plane, velocity of the middle, largest difference of the corners' velocities from it, slack.
-    Unused lanes have the box of arbitrary corners and a zero normal. edge_geo: (rows, 13, LANES) of each ridge:
-    start, vector to the end, squared length, velocity of the middle, difference of the ends' velocities from it,
-    slack, inverse squared length. vertex_geo: (rows, 7, LANES) of each vertex: position, velocity, slack. stale:
-    (m,) True for clusters to be searched. fitted: (m,) True where the geometry was just updated. hit: (m + LANES,)
-    scratch.
+    offset of its plane, velocity of the middle, largest difference between a corner's velocity and that of the
+    middle, slack. Unused lanes have the box of arbitrary corners and a zero normal. edge_geo: (rows, 13, LANES) of
+    each ridge: start, vector to the end, squared length, velocity of the middle, difference between an end's
+    velocity and that of the middle, slack, inverse squared length. vertex_geo: (rows, 7, LANES) of each vertex:
+    position, velocity, slack. stale: (m,) True for clusters to be searched. fitted: (m,) True where the geometry
+    was just updated. hit: (m + LANES,) scratch.
 
     Ridges. at_edge: (e,) position of each edge in `edge`, as row x LANES + lane. edge_beside: (rows, 2, LANES) the
     two triangles beside each edge, each as cluster x LANES + lane, 0 if there are not two in one layer. Four bit
@@ -122,8 +123,9 @@ class Clusters(NamedTuple):
 
 
 def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
-    """Split each layer of a mesh into clusters: halve it repeatedly across its longer side, and then split
-    clusters that are not connected. edge: (e, 2) the edges, in the order by which pairs number them."""
+    """Split each layer of a mesh into clusters: halve each part repeatedly, perpendicular to the material axis (x
+    or y) along which the part is longer; then split clusters that are not connected. edge: (e, 2) the edges, in
+    the order of the edge numbers in the pairs."""
     centre = mesh.rest[mesh.triangles].mean(axis=1)
     clusters: list[NDArray[np.intp]] = []
 
@@ -374,7 +376,7 @@ def _borders(mesh: ClothMesh) -> tuple[NDArray[np.int32], Array, Array, NDArray[
 
 
 def _in_pieces(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Split the clusters into connected parts. A cluster may have parts on both sides of a notch."""
+    """Split the clusters into connected parts, because a cluster may have parts on both sides of a notch."""
     t = len(mesh.triangles)
     of = np.zeros(t, np.int64)
     for k, tris in enumerate(clusters):

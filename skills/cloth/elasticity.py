@@ -7,9 +7,9 @@ ratio 1/3 (Seung & Nelson 1988); on other meshes each edge gets a factor for its
 
 Bending: quadratic hinges with the stencil K of Bergou et al. 2006. Each hinge is a separate constraint with the
 energy 1/2 * B / (A0 + A1) * |K x|^2, where B is the flexural rigidity [Nm] and K is computed from cotangents. K x
-is linear in x, so a hinge is three independent linear constraints. The sum of |K x|^2 / (A0 + A1) over all hinges
-is the integral of the squared curvature of a cylinder, with the factor 1. The factor 3 of the paper is for
-elements whose edges are assembled into one operator.
+is linear in x, so a hinge is three independent linear constraints. If cloth is bent to a cylinder, the integral of
+its squared curvature equals the sum of |K x|^2 / (A0 + A1) over all hinges, without any factor. The paper's factor
+of 3 applies to elements whose edges are assembled into one operator.
 
 With one sweep of XPBD per substep, a constraint gets an additional compliance of about h^2 sum(w |grad C|^2). For
 edges it is subtracted from the requested compliance beforehand, so that a material behaves in the same way on any
@@ -54,7 +54,7 @@ FLOOR = 0.02  # lower bound of the corrected compliance, in the same unit
 # Stiffness ratio of the slider's spring to the hinge. The slider slips if the spring's curvature exceeds
 # 1 / STIFFER of the residual curvature.
 STIFFER = 4.0
-TOGETHER = 4.0  # factor on sum(w grad^2), since all twelve hinges of a vertex may slip together (stable from 3)
+TOGETHER = 4.0  # factor on sum(w grad^2), since all twelve hinges of a vertex may slip together (stable if >= 3)
 MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
 LOST = 1e-18  # [m2] squared length below which an edge has no direction
 FLAT = 1e-12  # [m2] a smaller triangle has no normal
@@ -84,8 +84,8 @@ class BendingFriction(NamedTuple):
     4) the other hinges of both triangles of a hinge; the index h means that there is none. soft: (h,) compliance
     of the slider's spring against the turn, divided by the squared substep [1/(kg m2)]. share: (h,) factor that
     converts g^2 to the load of the spring, where g is the moment of the spring times the squared substep and the
-    load is the squared curvature of the spring times area. limit: (h,) the slider does not slip up to this sum of
-    the loads of the hinge and its neighbours."""
+    load is the squared curvature of the spring times area. limit: (h,) the slider slips if the sum of the loads of
+    the hinge and its neighbours exceeds this limit."""
 
     near: NDArray[np.int32]
     soft: Array
@@ -372,11 +372,11 @@ def bending_friction_moments(
     """Compute the friction moments, times h^2, of the hinges which[:n] into moment (n,). They are based on the
     last measurement (`measure_turns`).
 
-    A spring pulls each turn towards slip[e]. It slips when the springs around it together bear more than `limit`:
-    the load is summed over both triangles of the hinge. held: (h + 1,) the latest load of each spring. With a
-    limit on the load of each hinge alone, friction would be two thirds larger in one direction of the mesh than in
-    another. This function only computes the moments, all from the same x; `solve_hinges_with_friction` applies
-    them.
+    A spring pulls the turn of each hinge e towards slip[e]. The slider slips (slip[e] changes) if the loads of the
+    springs in both triangles of the hinge, in sum, exceed limit[e]. If the limit applied to the load of each hinge
+    alone, friction would be two thirds larger in one direction of the mesh than in another. held: (h + 1,) the
+    latest load of each spring. This function only computes the moments, all from the same x;
+    `solve_hinges_with_friction` applies them.
     """
     for k in range(n):
         e = which[k]
@@ -384,8 +384,8 @@ def bending_friction_moments(
         px, py, pz, qx, qy, qz = axis[k, 0], axis[k, 1], axis[k, 2], axis[k, 3], axis[k, 4], axis[k, 5]
         s, t = foot[k, 0], foot[k, 1]
         bx, by, bz = s * px + t * qx, s * py + t * qy, s * pz + t * qz
-        # At the last measurement this equals turn[k], since the heights of c and d are perpendicular to the
-        # normals
+        # If nothing has moved since the last measurement, this equals turn[k], because the heights of c and d are
+        # perpendicular to the normals
         now = (
             turn[k]
             + px * (x[c, 0] - x[a, 0]) + py * (x[c, 1] - x[a, 1]) + pz * (x[c, 2] - x[a, 2])
@@ -405,9 +405,9 @@ def bending_friction_moments(
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
     """Do the sweep of `solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment
-    and then solved. Friction and elasticity thus balance where cloth stays bent. In separate sweeps, each of them
-    would react to the displacements of the other, and the bending damping would treat these displacements as
-    motion."""
+    and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps, friction
+    would react to the displacements that elasticity causes and vice versa, and the bending damping would treat
+    these displacements as motion."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]

@@ -7,9 +7,9 @@ when a list of pairs is too small; entering it again continues as if it had not 
 
 Functions that are called in every substep take single arrays as arguments. A tuple of arrays would be passed as
 hundreds of numbers per call: nine such calls per substep took a sixth of the time of a towel's simulation. Code
-that runs often does not read an array from a tuple, slice it or take a view of it: each of these updates a
-reference count atomically, twice. Its indices are unsigned, because a signed index is first tested for being
-negative, which would mean counting from the end.
+that runs often does not read an array from a tuple, slice it or take a view of it: each of these operations
+changes a reference count twice, and each change is atomic. Such code uses unsigned indices, because compiled code
+first tests whether a signed index is negative (which would mean counting from the end).
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ COMPILED = (
 
 
 def _fingerprint() -> str:
-    """Return a hash of the sources of the loop, since numba's cache only notices changes in the file of the cached
-    function."""
+    """Return a hash of the sources of the loop. It is needed because numba's cache notices only changes in the
+    file of the cached function."""
     digest = hashlib.sha256()
     for name in COMPILED:
         digest.update((Path(__file__).parent / name).read_bytes())
@@ -95,18 +95,20 @@ def _fingerprint() -> str:
 
 
 def _compile(sources: str) -> Callable[..., int]:
-    """Compile the loop. It closes over `sources`, so that a cached loop belongs to exactly these sources. Its name
-    also contains their hash: the cache index of another version may name classes that no longer exist, and then
-    cannot be read."""
+    """Compile the loop. The loop closes over `sources`, so that numba uses a cached loop only for exactly these
+    sources. The name of the loop also contains their hash, so that every version has a separate cache index: the
+    index of another version may name classes that no longer exist, and then cannot be read."""
 
     def run_frames(
         body, parameters, state, pairs, holds, intersections, tool_p, tool_r, cap_p0, cap_p1, cap_r, frames
     ):
-        """Advance from (counts[FRAME], counts[SUBSTEP]) to the end of the last of `frames` frames. Returns DONE or
-        PAIRS_FULL.
+        """Simulate from the frame and substep in `state.counts` (FRAME, SUBSTEP) to the end of the last of
+        `frames` frames. Returns DONE, or PAIRS_FULL if a list of pairs is too small; the caller then enlarges the
+        lists and calls again.
 
-        tool_p: (frames + 1, 2, 3), tool_r: (frames + 1, 2, 3, 3) poses of both hands at the frame boundaries;
-        cap_p0, cap_p1: (frames + 1, k, 3) ends of the capsules, cap_r: (k,) their radii.
+        At the frame boundaries: tool_p: (frames + 1, 2, 3) positions and tool_r: (frames + 1, 2, 3, 3) rotations
+        of both hands; cap_p0, cap_p1: (frames + 1, k, 3) ends of the capsules. cap_r: (k,) radii of the capsules.
+        All lengths are in metres.
         """
         count = state.counts
         # reading an attribute of a tuple increments a reference count atomically, so each is read only once

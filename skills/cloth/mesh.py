@@ -23,7 +23,7 @@ __all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
 Index = NDArray[np.int32]
 
 CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corner and keeps its place
-SLIGHT_TURN = np.deg2rad(0.5)  # between two long sides, as in a drawn outline, this turn is enough for a corner
+SLIGHT_TURN = np.deg2rad(0.5)  # the same for a vertex between two long sides, as in a drawn outline
 GRID_TURN = np.deg2rad(11.0)  # angle of the hexagonal grid to material x: no row is parallel to a hem
 JITTER = 0.12  # largest random displacement of grid points along each axis, in edge lengths
 SEED = 20110520  # seed of the jitter, fixed so that a mesh depends only on the arguments
@@ -92,8 +92,8 @@ class ClothMesh:
     @cached_property
     def hinges(self) -> Index:
         """(h, 4) vertices of each pair of triangles with a shared edge: the two ends of this edge, then the two
-        opposite vertices. Both triangles are of one layer: a welded border is sharp at rest and does not bend like
-        a sheet."""
+        opposite vertices. Only two triangles of the same layer form a hinge, because a welded border is sharp at
+        rest and does not bend like a sheet."""
         return frozen(self._hinge_rows[:, :4].copy())
 
     @cached_property

@@ -4,7 +4,7 @@ turn.
 The pads close along the tool's y axis over `stroke` and draw cloth from anywhere in the stroke to the middle,
 where they hold it along the tool's x axis over `width`. They take every layer between the fingertips (the tool
 centre point) and the upper end of the pads, `depth` above the fingertips. A hand that is lowered less takes fewer
-layers. There is no other selection of layers.
+layers. There is no other selection of layers. `stroke`, `width` and `depth` are fields of `PadGeometry`.
 """
 
 from __future__ import annotations

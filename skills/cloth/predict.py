@@ -22,7 +22,7 @@ HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
 @dataclass(frozen=True, eq=False)
 class FoldPrediction:
     """Result of a simulated fold. vertices: (n, 3) positions after the fold has settled, table frame [m].
-    max_pinch_force: largest force on each hand; each value is a mean over a frame [N]. pinches: the report of each
+    max_pinch_force: for each hand, the largest of the mean forces over a frame [N]. pinches: the report of each
     hand's pinch. dropped: hands that lost their cloth before the end. residual_motion: largest displacement of a
     vertex over the last 0.1 s [m]. keyframes: (k, n, 3) positions at k times, evenly spaced over the motion."""
 

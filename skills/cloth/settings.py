@@ -15,32 +15,35 @@ from skills.vocabulary import Material
 __all__ = ["SolverSettings", "check_cloth", "choose_substeps"]
 
 STRETCH_TOLERANCE = 1e-3  # default of stretch_tolerance, as a fraction of the length
-ESTIMATE_SHARE = 0.3  # largest accepted estimate of the error, as a share of the tolerance
+ESTIMATE_SHARE = 0.3  # largest accepted estimate of the stretch error, as a share of stretch_tolerance
 MOST_RESIDUAL = 1000.0  # [1/m] largest residual_curvature
-LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # bounds of the chosen substeps per frame; contacts need at least the first
+LEAST_SUBSTEPS, MOST_SUBSTEPS = 16, 64  # bounds of the chosen substeps per frame; contacts need at least 16
 
 
 @dataclass(frozen=True)
 class SolverSettings:
     """Solver settings, and the properties of a fabric that a lab does not measure.
 
-    frame_rate [1/s] times substeps is the number of steps per second. substeps None: the fewest substeps with
-    which the stretch is accurate to stretch_tolerance (a fraction of the length, default 0.001, that is 0.1
-    percentage points); ConfigurationError if too many would be needed. A given number of substeps is used
-    unchanged; it is refused only if a stretch_tolerance is given too and the substeps do not meet it. gravity
-    [m/s2]: tilt it for a tilted table (the table stays z = 0). reference_drop [m]: the hanging length at which the
-    material's stretch_fraction was measured (0.6 if the garment's length is not given).
+    frame_rate [1/s] times substeps is the number of steps per second. If substeps is None, the solver uses the
+    fewest substeps with which the stretch is accurate to stretch_tolerance (a fraction of the length, default
+    0.001, that is 0.1 percentage points), and raises ConfigurationError if too many would be needed. A given
+    number of substeps is used unchanged; it is refused only if a stretch_tolerance is given too and is not met
+    with these substeps. gravity [m/s2]: to simulate a tilted table, tilt this vector (the table stays at z = 0).
+    reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6 if the
+    garment's length is not given).
 
     stretch_damping, bend_damping: Rayleigh times [s], damping force = time x stiffness x rate (bending damping is
     reduced on meshes so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex.
-    sleep_distance [m], sleep_frames: a vertex is at rest if it stays within sleep_distance for sleep_frames frames
-    without gaining speed, or for three times as many frames in any case. It then costs nothing until something
-    moves near it. (0 frames: no vertex ever sleeps. The distance is at most a twelfth of the mean edge.)
+    sleep_distance [m], sleep_frames: a vertex falls asleep if it stays within sleep_distance of one point for
+    sleep_frames frames without gaining speed, or for three times as many frames in any case. A sleeping vertex
+    costs no computing time until something moves near it. (With sleep_frames = 0, no vertex ever sleeps. The
+    solver limits sleep_distance to a twelfth of the mean edge length.)
 
     anisotropy: stiffness ratio of material y to material x. seam_factor: stretch stiffness ratio of the outline to
     the rest of the cloth. residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature
-    that released cloth keeps; with 0, cloth keeps no bend. It is the hysteresis HB divided by the rigidity B of
-    the KES-F test, whose loop is 2 HB high (six denims: 23 to 54, Journal of Textiles 2016, 4614168).
+    that released cloth keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F
+    bending test: B is the rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of
+    Textiles 2016, 4614168).
     """
 
     frame_rate: int = 60

@@ -78,10 +78,10 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
 
 @njit(nogil=True)
 def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
-    """Mark in `stirred` the awake vertices that are not quiet, and move their reference points to them. A vertex
-    is not quiet if it left its reference point, or if it gains speed (its step in this frame is longer than the
-    mean step), however slow it is. A vertex that has stayed near its reference point for a long time only swings:
-    it counts as quiet even if it gains speed."""
+    """Mark in `stirred` the awake vertices that are not quiet, and move their reference points to their present
+    positions. A vertex is not quiet if it left its reference point, or if it gains speed (its step in this frame
+    is longer than its mean step from the reference point), however slow it is. A vertex that has stayed near its
+    reference point for a long time only swings: it counts as quiet even if it gains speed."""
     for c in range(n_awake):
         i = index[c]
         away, step = 0.0, 0.0

@@ -86,8 +86,8 @@ SLEEP_SHARE = 1.0 / 12.0
 """Upper bound of the sleep distance, as a share of the mean edge length."""
 IN_PLANE = 0.2
 """Largest bending damping, as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
-gradients of strain, and damping multiplies this resistance. Above about 0.4, the alternating sweeps over edges and
-hinges amplify each other (measured on edges of 4 to 15 mm)."""
+gradients of strain, and damping multiplies this resistance. If this share exceeds about 0.4, the alternating
+sweeps over edges and hinges amplify each other (measured on edges of 4 to 15 mm)."""
 
 
 class ClothSimulation:
@@ -221,7 +221,7 @@ class ClothSimulation:
         """Open the pads of `hand`. The held points leave at no more than RELEASE_SPEED.
 
         While pads pull against contacts, the velocities of the held vertices are high although nothing moves. If
-        the vertices kept them on release, a corner would be flung away.
+        the vertices kept these velocities on release, a corner would be flung away.
         """
         held = np.unique(self._holds.vertex[self._holds.hand == hand])
         speed = np.linalg.norm(self._state.v[held], axis=1, keepdims=True)

@@ -20,25 +20,26 @@ LINE = LINE_BYTES // 4  # number of float32 numbers in a cache line
 # Indices of State.counts. First the lengths of lists: vertex-triangle pairs, edge-edge pairs, contacts, packed
 # edges, packed hinges, awake vertices.
 VT, EE, ACTIVE, EDGES, HINGES, AWAKE = range(6)
-# SEARCHED, FITTED, PACKED: flags, 1 where the data are up to date. FRAME, SUBSTEP: position of the loop; NOW:
-# number of substeps so far; NEXT: substep of the next narrow phase. SEARCHES: number of searches. ACTIVE_VT:
-# number of vertex-triangle contacts. WATCHED: length of State.watched. MOVABLE: number of awake vertices and of
-# vertices in their fringe. PACE: number of substeps for which the contacts of the next narrow phase are used.
-# BEGUN: 1 if sleep was updated in this frame.
+# SEARCHED, FITTED, PACKED: flags, 1 if the lists of pairs, the geometry of the clusters or the packed lists
+# (sleep.py) are up to date. FRAME, SUBSTEP: where the loop continues; NOW: number of substeps so far; NEXT:
+# substep of the next narrow phase. SEARCHES: number of searches so far. ACTIVE_VT: number of vertex-triangle
+# contacts. WATCHED: length of State.watched. MOVABLE: number of awake vertices and of vertices in their fringe.
+# PACE: number of substeps for which the contacts of the next narrow phase are used. BEGUN: 1 if sleep was updated
+# in this frame.
 SEARCHED, FITTED, PACKED, FRAME, SUBSTEP, NOW, SEARCHES, ACTIVE_VT, WATCHED, NEXT, MOVABLE = range(6, 17)
 PACE, BEGUN = 17, 18
 
 
 class Body(NamedTuple):
-    """The constant data: inverse masses, constraints, triangles, neighbours. ring, ring_start: the neighbours of
-    each vertex, as lists one after the other (CSR); ring_edge: the edges to the neighbours.
+    """The constant data: inverse masses, constraints, triangles, neighbours. ring, ring_edge: for vertex i,
+    entries ring_start[i] to ring_start[i + 1] - 1 are its neighbours and the edges to them.
 
     edge_tri: (e, 2) triangles beside an edge, -1 where there is none; tri_edge: (t, 3) edges of each triangle.
     rim: (e,) True for edges of hems and seams. spring: (e, 2) the edges in colour batches (elasticity.py);
-    batch_start: the start of each batch, then the end of the last one. In the order of spring: inverse_square:
-    (e,) inverse squared rest lengths [1/m2], edge_inverse: (e,) 1 / (w_i + w_j + compliance / h^2), damping: (e,)
-    share of the relative speed that `damp_edges` removes. hinge_inverse: (h,) the same as edge_inverse for hinges,
-    with w K^2 in place of w and with the bending damping.
+    batch_start: the start of each batch, then the end of the last one. The next three arrays have the order of
+    spring: inverse_square: (e,) inverse squared rest lengths [1/m2], edge_inverse: (e,) 1 / (w_i + w_j +
+    compliance / h^2), damping: (e,) share of the relative speed that `damp_edges` removes. hinge_inverse: (h,) the
+    same as edge_inverse for hinges, with w K^2 in place of w and with the bending damping.
     """
 
     w: Array
@@ -90,32 +91,34 @@ class State(NamedTuple):
     """The data that the loop changes.
 
     x, xp, v: (n, 4; see simd/vec3.py) positions, positions at the beginning of the substep (shifted along with x
-    where overlap is released), and velocities; u: scratch. wa: inverse mass, 0 for a vertex asleep; free: the
-    same, but not 0 in the fringe of the awake vertices (sleep.py). awake_list: the awake vertices, then their
-    fringe.
+    where overlap is released), and velocities; u: scratch. wa: (n,) inverse masses, 0 for sleeping vertices; free:
+    (n,) the same, but not 0 in the fringe of the awake vertices (sleep.py). awake_list: the awake vertices, then
+    their fringe.
 
     press: (n, 4) displacements by which the table held each vertex in the last substep, along x, y and upwards;
     low: vertices that the table may hold, with their lowest height `floor` and friction coefficient
     `table_friction`.
 
-    Filled by `pack` (sleep.py), valid up to their lengths in counts: edge: the packed edges, in colour batches;
-    batch_start: the start of each batch, then the end of the last one (batches may be empty); inverse_square,
-    rate: of these edges; wi, wj: shares of their ends; hinge, weight: the packed hinges; which: indices of these
-    hinges; part: shares of their vertices.
+    `pack` (sleep.py) fills the following arrays; only the first counts[EDGES] edges and counts[HINGES] hinges are
+    valid. edge: the packed edges, in colour batches; batch_start: the start of each batch, then the end of the
+    last one (batches may be empty); inverse_square, rate: inverse_square and damping of these edges (`Body`); wi,
+    wj: shares of their ends; hinge, weight: the packed hinges; which: indices of these hinges; part: shares of
+    their vertices.
 
     base, course: (3, corners) each cluster predicts its corners at base + course * (time since the substep
-    `born`), to within slack; moving: (m,) True if the course is not zero; expired: (m,) True if the cluster is
-    included in the next search; ridge_searched: (rows,) bit masks of the edges that were ridges in the last search
-    of their cluster (ridges.py). watched: clusters with a corner that is awake or predicted to move.
+    `born`); slack: (m,) distance by which a corner may deviate from this [m]; moving: (m,) True if the course is
+    not zero; expired: (m,) True if the cluster is included in the next search; ridge_searched: (rows,) bit masks
+    of the edges that were ridges in the last search of their cluster (ridges.py). watched: clusters with a corner
+    that is awake or predicted to move.
 
     ref: (n, 3) reference point, the position at which the vertex was last found to move; last: (n, 3) position one
     frame ago; quiet: (n,) frames since anything near the vertex moved; kept: (n,) frames since it left its
     reference point; turned: (n,) True if it fell asleep or woke since the last search; still: (n,) True if it
     hardly moved in the last frame; stirred, near: (n,) scratch of sleep.py; top_row: (n,) scratch, filled with -1.
 
-    Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls; held: (h + 1,) latest
-    load of its spring; axis, foot, turn, friction_inverse, moment: last measurement of the packed hinges
-    (`measure_turns`) and their friction moments.
+    Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls each hinge; held: (h +
+    1,) latest load of each friction spring, then a 0; axis, foot, turn, friction_inverse, moment: last measurement
+    of the packed hinges (`measure_turns`) and their friction moments.
     """
 
     x: Array
@@ -173,17 +176,17 @@ class Pairs(NamedTuple):
     vt, ee: (k, 2) pairs of a vertex and a triangle, and pairs of two edges; side: (k,) remembered side of the
     vertex, 1 or -1, 0 for none; near: (k,) whether two edges are near; normal: (k, 4) their remembered normal;
     vt_due, ee_due: (k,) substep from which a pair has to be examined; vt_j, ee_j: (k, 4; see simd/vec3.py) impulse
-    of the pair [kg m]. Of each contact: contact_vertices: (m, 4) its vertices; contact_weights: (m, 4) their
+    of the pair [kg m]. For each contact: contact_vertices: (m, 4) its vertices; contact_weights: (m, 4) their
     weights; contact_mobilities: (m, 4) weights times inverse masses wa; contact_normals: (m, 4); contact_impulses:
     (m, 4) recent mean impulse; contact_distances: (m,) distance to maintain [m]; contact_masses: (m,) effective
     mass, the inverse of the contact's inverse mass; contact_pairs: (m,) index of its pair.
 
-    Scratch: near_c: pairs of a vertex and a triangle that can touch, and free places in the lists of pairs;
-    near_row: (m, LINE) a row with the geometry of each such pair (vertex_triangle.py). For each such row: rank:
-    how far inside its triangle the vertex is; ring: the next row of the same vertex; second: for the top row of a
-    vertex, the row of the second highest rank; better: the row that replaces it. bearing: rows with an impulse;
-    some: rows or pairs to be examined; new_vt, new_ee: pairs found by a search; key, row: hash table; kept,
-    kept_normal: impulses and normals of old pairs.
+    Scratch: near_c: in the narrow phase, the pairs of a vertex and a triangle that can touch; in a search, the
+    free places in the lists of pairs. near_row: (m, LINE) a row with the geometry of each pair that can touch
+    (vertex_triangle.py). For each such row: rank: how far inside its triangle the vertex is; ring: the next row of
+    the same vertex; second: for the top row of a vertex, the row of the second highest rank; better: the row that
+    replaces it. bearing: rows with an impulse; some: rows or pairs to be examined; new_vt, new_ee: pairs found by
+    a search; key, row: hash table; kept, kept_normal: impulses and normals of old pairs.
     """
 
     vt: NDArray[np.int32]
@@ -224,9 +227,9 @@ class Holds(NamedTuple):
     barycentric coordinates; offset: (m, 3) position in the tool frame when the pads met it [m]; height: (m,) tool
     z at which it is held [m]; hand: (m,) the hand that holds it, -1 for unused rows.
 
-    age: (2,) [s] since each hand closed. impulse: (2, 3) sum over a frame; force: (2, 3) [N] mean force on the
-    hand over the last frame. limit: (2,) [N] force above which the pinch loses the cloth. points: (2,) number of
-    held points.
+    age: (2,) time since each hand closed [s]. impulse: (2, 3) impulse on the hand, summed over the present frame
+    [kg m]; force: (2, 3) mean force on the hand over the last frame [N]. limit: (2,) force above which the cloth
+    slips out of the pinch [N]. points: (2,) number of held points.
     """
 
     vertex: NDArray[np.int32]

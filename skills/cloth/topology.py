@@ -22,10 +22,14 @@ MESHES = 16  # number of meshes whose topology is cached
 
 
 class Topology(NamedTuple):
-    """Neighbourhoods and clusters of a mesh. Edges are numbered in the shuffled order that pairs refer to.
-    tri_edge: (t, 3) edges of the triangles; edge_tri: (e, 2) triangles beside an edge, -1 where there is none.
-    ring, ring_edge: neighbours of vertex i and the edges to them, from ring_start[i] to ring_start[i + 1].
-    batch_order, batch_start: the edges in colour batches, and where each batch begins (`colour_batches`)."""
+    """Neighbourhoods and clusters of a mesh. Edge numbers are those after shuffling (`shuffled`); the contact
+    pairs use the same numbers.
+
+    tri_edge: (t, 3) edges of each triangle; edge_tri: (e, 2) triangles beside each edge, -1 where there is none.
+    ring, ring_edge: for vertex i, entries ring_start[i] to ring_start[i + 1] - 1 are its neighbours and the edges
+    to them. batch_order: (e,) the edges in colour batches; batch_start: the start of each batch in batch_order,
+    then the end of the last batch (`colour_batches`).
+    """
 
     tri_edge: NDArray[np.int32]
     edge_tri: NDArray[np.int32]
@@ -38,7 +42,7 @@ class Topology(NamedTuple):
 
 
 def topology_of(mesh: ClothMesh) -> Topology:
-    """Return the topology of a mesh, with a separate copy of the clusters, into which the simulation writes."""
+    """Return the topology of a mesh. The clusters are a separate copy, because the simulation writes into them."""
     known = _build(mesh)
     return known._replace(clusters=Clusters._make(map(aligned, known.clusters)))
 

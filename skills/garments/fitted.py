@@ -36,8 +36,8 @@ def fitted_template(seen: Array, template: Array, measured: tuple[int, int] | No
 
 
 def mirror_images(template: Array) -> NDArray[np.intp] | None:
-    """Return, for a template (k, 2), the index (k,) of the point that is the mirror image of each point over the x
-    axis; None if the template is not symmetric."""
+    """Return, for each point of a template (k, 2), the index of its mirror image about the x axis, (k,); None if
+    the template is not symmetric."""
     apart = np.linalg.norm(template[:, None] - (template * [1.0, -1.0])[None], axis=2)
     twins = np.asarray(np.argmin(apart, axis=1))
     alike = apart[np.arange(len(twins)), twins].max() < SYMMETRIC and len(set(twins.tolist())) == len(twins)

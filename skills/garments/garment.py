@@ -19,7 +19,7 @@ Edge = tuple[str, str]
 class Anchor:
     """A point of the garment, given as a weighted mean of key points: their names and weights, which sum to one.
 
-    It is a place on the flat garment, so it stays well defined when folds bring key points together.
+    The point is defined on the flat garment, so folds that bring key points together do not change it.
     """
 
     weights: tuple[tuple[str, float], ...]
@@ -34,8 +34,8 @@ class PlanGrasp:
     """One grasp of a step. at: the point of the garment's edge from which the grasp is measured.
 
     inset: distances from `at` to the grasp [m]: perpendicular to the fold line, towards it, and parallel to the
-    line, towards the middle of the moving part. grasp_id: None if it follows from the garment's pose. turn: angle
-    between the held line (the strip of cloth between the pads) and the fold line [rad].
+    line, towards the middle of the moving part. grasp_id: None if the garment's pose determines the id. turn:
+    angle between the held line (the strip of cloth between the pads) and the fold line [rad].
     """
 
     at: Anchor
@@ -58,9 +58,9 @@ class PlanStep:
     """One fold. line: two anchors on the flat garment.
 
     variants: in order of preference; they differ in the moving side (the fold's direction) and in the grasps.
-    tension: two lengths [m]. A grasp is released further than its mirror image by the first. Each of two hands
-    moves outwards along the line by the second during the fold. Tension takes up the slack that results from cloth
-    sagging between the hands and from the unpressed crease.
+    tension: two lengths [m]: (1) distance from a grasp's mirror image to the place, further out, where the grasp
+    is released; (2) distance by which each of two hands moves outwards, parallel to the line, during the fold.
+    Tension takes up the slack that results from cloth sagging between the hands and from the unpressed crease.
     """
 
     name: str
@@ -97,11 +97,11 @@ class Garment:
     """A garment as its file describes it, on one surface.
 
     keypoints: names in counter-clockwise order; template: (k, 2) [m] their positions at nominal size, centred on 0
-    and rotated as the garment is laid, so that pose (x, y, 0) is a translation. layers: of the flat garment.
-    edge_pairs: pairs of edges that coincide after the last fold, each edge as two key points, in the order in
-    which they coincide. size_range: smallest and largest factor on the nominal size for which the plan is valid.
-    max_tool_speed [m/s]: limit that the cloth requires. final_layers: maximum number of layers after the last
-    fold.
+    and rotated as the garment is laid, so that pose (x, y, 0) is a translation. layers: number of layers of the
+    flat garment. edge_pairs: pairs of edges that coincide after the last fold. An edge is given by two key points;
+    the first key points of the two edges coincide, and so do the second ones. size_range: smallest and largest
+    factor on the nominal size for which the plan is valid. max_tool_speed [m/s]: limit that the cloth requires.
+    final_layers: maximum number of layers after the last fold.
     """
 
     name: str

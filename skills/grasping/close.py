@@ -84,7 +84,7 @@ def _update(reading: HandReading, state: CloseState) -> CloseState:
     if not state.openings or stamp > state.openings[-1][0]:
         openings = (*state.openings, (stamp, reading.gripper.opening))
         kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
-        # The window may contain too few reports of a slow gripper: the last few openings are used instead.
+        # The window may contain too few reports of a slow gripper. Then the last MIN_SAMPLES reports are used.
         state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
     return state
 

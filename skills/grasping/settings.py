@@ -32,10 +32,11 @@ class GraspSettings:
     early_margin: float = 0.030
     """A touch further than this above the expected contact counts as a collision, not as the garment [m]."""
     contact_force: float = 0.35
-    """Force on a tip, less its bias, from which it counts as a contact [N]: more than 5 sigma of twice the usual
-    noise (0.03 N)."""
+    """If the force on a tip, less its bias, is at least this, the tip touches something [N]. The value is more
+    than 5 sigma of twice the usual noise (0.03 N)."""
     press_stiffness: float = 400.0
-    """Force per height of cloth pressed flat under a tip [N/m]. The assumed value for terry is 250."""
+    """Increase of the contact force per height of cloth that the tips have to press flat [N/m]. Terry is assumed
+    to need 250."""
     contact_readings: int = 3
     contact_effort: float = 9.0
     """Difference of a joint's effort from its running mean that counts as a contact [Nm]: about 12 N at the hand,
@@ -45,13 +46,13 @@ class GraspSettings:
     """Time constant of the effort's running mean [s]. The mean follows slow changes of gravity, but not a
     contact."""
     stall_lag: float = 0.006
-    """Distance of the hand above its commanded height from which the arm may be blocked [m]. On Baxter's arm it
-    corresponds to a force of 9 N."""
+    """If the hand is further than this above its commanded height, the arm may be blocked [m]. On Baxter's arm
+    this distance corresponds to a force of 9 N."""
     stall_window: float = 0.10
     """Time over which the speed of a lagging arm is measured [s]."""
     stall_speed: float = 0.006
-    """A lagging arm that moves down more slowly than this is blocked [m/s]. An arm that is only late moves on
-    downwards and catches up."""
+    """A lagging arm that moves down more slowly than this is blocked [m/s]. An arm that is only late continues to
+    move down and catches up."""
     lead: float = 0.010
     """Maximum distance of the commanded height below the measured one [m]."""
     bottom_wait: float = 1.0
@@ -85,7 +86,8 @@ class GraspSettings:
     opening_noise: float = 0.0003
     """Minimum assumed standard deviation of one reading of the opening [m]: twice the usual value."""
     layer_doubt: float = 0.05
-    """If the planned number of layers has a lower probability than this, it is rejected."""
+    """Smallest probability of the planned number of layers. If it is lower, the grasp counts as failed. With
+    `Expectation.or_more`, a grasp of more layers than planned is accepted all the same."""
     kept_force: float = 0.6
     """Fraction of the confirmed force that a lifted grasp must keep."""
     kept_opening: float = 0.6
@@ -99,18 +101,18 @@ class GraspSettings:
     """An opening below this fraction of its baseline means that the cloth is lost. The force alone does not show
     every loss, because empty pads press on each other and feel force too."""
     slip_sigmas: float = 5.5
-    """Minimum distance between a signal's baseline and its limit of loss, in standard deviations of the mean of
-    the last readings. It determines how many readings are averaged."""
+    """Minimum distance between a signal's baseline and the value below which the cloth counts as lost, in standard
+    deviations of the mean of the last readings. As many readings are averaged as this distance requires."""
     slip_least_readings: int = 3
-    """Minimum number of readings in the mean: one wrong reading is not a slip."""
+    """Minimum number of readings in the mean, so that one wrong reading does not count as a slip."""
     slip_most_readings: int = 10
-    """Maximum number of readings in the mean. At 100 Hz a loss is detected after about 60 ms; 100 ms are
-    allowed."""
+    """Maximum number of readings in the mean. At 100 Hz a loss is then detected after about 60 ms, within the
+    required 100 ms."""
     slip_drift_time: float = 3.0
     """Time constant of the baseline's adaptation to slow changes [s]."""
     slip_anchor: float = 0.75
-    """Lower bound of the baseline, relative to its first value. The baseline cannot follow a slow slip further
-    down, so the slip is detected."""
+    """Lower bound of the baseline, relative to its first value. Because of this bound, the baseline cannot follow
+    a slow slip down to zero, so the slip is detected."""
 
     # release, stuck
     release_force: float = 10.0
@@ -123,7 +125,7 @@ class GraspSettings:
     drift_ratio: float = 2.0
     """Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
     drift_time: float = 120.0
-    """Shortest period of the drift [s]."""
+    """Shortest assumed period of a cell's slow drift [s]."""
 
 
 def without_tactile(settings: GraspSettings) -> GraspSettings:

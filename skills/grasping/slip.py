@@ -121,8 +121,8 @@ def _measure_baseline(channel: Channel, s: GraspSettings) -> Channel:
             return candidate
     if len(channel.recent) < s.slip_baseline_readings:
         return channel
-    # The confirmed value bounds the baseline: a grip that is already lost must not become normal.
-    # Medians: a loss among the last of these readings must affect neither the baseline nor the noise.
+    # The confirmed value bounds the baseline, so that the force of a grip that is already lost cannot become the
+    # baseline. Medians are used, so that a loss in the last of these readings affects neither baseline nor noise.
     baseline = max(float(np.median(channel.recent)), s.slip_anchor * channel.first)
     noise = max(channel.noise, float(np.median(np.abs(np.diff(channel.recent)))) / NORMAL_DIFFERENCE)
     with_baseline = replace(channel, baseline=baseline, noise=noise)
@@ -131,7 +131,8 @@ def _measure_baseline(channel: Channel, s: GraspSettings) -> Channel:
 
 
 def _required_readings(channel: Channel, s: GraspSettings) -> int | None:
-    """Number n of readings whose mean tells held from lost cloth at this noise; None if n would be too large."""
+    """Number n of readings whose mean separates held from lost cloth at this noise; None if n would be too
+    large."""
     gap = (1.0 - channel.fraction) * channel.baseline
     if gap <= 0.0:
         return None

@@ -1,9 +1,10 @@
-"""Classification of a silhouette by its aligned overlap with every template.
+"""Classifies a silhouette by its aligned overlap with every template.
 
-Each template is placed on the silhouette in the orientations that the silhouette's moments and its smallest
-enclosing rectangle suggest. It is then bent a little at its key points, by one update of the registration with the
-template as reference. Thus a sleeve can swing, but a towel does not become trousers. The measure is intersection
-over union.
+The aligned overlap is the intersection over union of the silhouette and a template that was placed on it and bent.
+A template is placed in the orientations that the silhouette's moments and its smallest enclosing rectangle
+suggest. The template is then bent a little at its key points: the registration runs for one round only
+(`updates=1`), and its stretching and bending energy is measured from the unbent template. Thus a sleeve can swing,
+but a towel does not become trousers.
 """
 
 from __future__ import annotations

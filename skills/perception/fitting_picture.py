@@ -1,4 +1,4 @@
-"""Draws a registration, as in the paper: initial template, contour after each update, and result. Pure."""
+"""Draws a registration, as in the paper: initial template, contour after each round, and result. Pure."""
 
 from __future__ import annotations
 

@@ -37,8 +37,8 @@ GRID = 0.005
 CLEARANCE = 0.020
 """Height of the hand above the highest cloth on its way from one dab to the next [m]."""
 START = 0.080
-"""Height of the hand above the highest cloth at the start of its path [m]. On its way there it touches no
-cloth."""
+"""Height of the hand above the highest cloth at the start of its path [m]. It is so large that the hand touches no
+cloth on its way to the start."""
 ONE_HAND = 0.36
 """If the dabs extend further than this along y, both hands share them; otherwise one hand makes them all [m]."""
 SPEED, JERK = 0.3, 24.0
@@ -97,8 +97,8 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
     """Compute the tool paths over the dabs, for one hand or for two hands that move simultaneously. Each path
     begins START above the garment, over its first dab.
 
-    highest: height of the garment [m]. Two hands move in the same direction, each over its half. Without dabs the
-    result is empty.
+    highest: height of the garment [m]. Two hands move in the same direction, each over its half of the dabs.
+    Without dabs the result is empty.
     """
     if not dabs:
         return {}
@@ -149,15 +149,15 @@ def _stops(dabs: Sequence[Dab], highest: float) -> Array:
 
 
 def _times(stops: Array) -> list[float]:
-    """Compute the durations of the legs between stops [s]. On a leg of length l and duration t, a minimum-jerk
-    motion has a peak speed of 15/8 of the mean speed and a peak jerk of 60 l / t^3."""
+    """Compute the durations of the segments between stops [s]. On a segment of length l and duration t, a
+    minimum-jerk motion has a peak speed of 15/8 of the mean speed and a peak jerk of 60 l / t^3."""
     length = np.linalg.norm(np.diff(stops, axis=0), axis=1)
     return [max(DWELL_S, 1.875 * float(way) / SPEED, (60.0 * float(way) / JERK) ** (1 / 3)) for way in length]
 
 
 def _path(stops: Array, clock: Sequence[float], heading: float) -> ToolPath:
     """Compute the path through the stops, with minimum jerk (Flash & Hogan 1985). clock: durations of the
-    legs [s]."""
+    segments [s]."""
     t, position = [0.0], [stops[0]]
     for here, there, duration in zip(stops[:-1], stops[1:], clock, strict=True):
         q = np.linspace(0.0, 1.0, max(2, round(duration / TICK_S)) + 1)[1:]

@@ -17,9 +17,9 @@ POOR_SHARE = 0.05
 """Largest accepted D of a fold, as a share of the garment's diagonal."""
 
 PROMISE_SLACK = 0.005
-"""Largest accepted excess of D of looked-up arcs over the D of their optimisation [m]. In a hundred simulated runs
-of the towels, the executed path exceeded that D by 4 mm at most, because the garment lay where the earlier folds
-had left it."""
+"""Largest accepted difference between D of looked-up arcs in the present fold and their D in the optimisation [m].
+In a hundred simulated runs of the towels, this difference was 4 mm at most for the executed path. It arose because
+the garment lay where the earlier folds had left it."""
 
 
 NEARLY = 0.001

@@ -46,8 +46,8 @@ class FoldFrame:
 
 
 def grasp_ends(step: FoldStep, grasp_id: GraspId, thickness: float) -> tuple[Array, Array]:
-    """Return start (3,) and end (3,) of a grasp's arc: the fingertips under the lowest grasped layer, and the
-    release point."""
+    """Return start (3,) and end (3,) of a grasp's arc [m]: the position of the fingertips under the lowest grasped
+    layer, and the release point."""
     grasp = step.grasps[grasp_id]
     below = grasp.height - grasp.layers * thickness
     return np.append(grasp.point, max(0.0, below)), np.asarray(step.targets[grasp_id])

@@ -56,7 +56,7 @@ class LibraryEntry:
 
     size_m: extent of the flat garment along x and y as laid [m]; dissimilarity and dissimilarity_initial: D of
     this arc and of the paper's first guess [m], on a mesh with edges of edge_length [m]; simulations: number of
-    simulations of the optimisation; max_tool_speed [m/s]; version: of the program.
+    simulations of the optimisation; max_tool_speed [m/s]; version: version of the program that made the entry.
     """
 
     category: str
@@ -77,7 +77,8 @@ class LibraryEntry:
 
 @dataclass(frozen=True)
 class Library:
-    """Entries in order of preference: if several entries are equally near, the first of them is used."""
+    """Entries in order of preference: if several entries are equally near to a garment (`lookup`), the first of
+    them is used."""
 
     entries: tuple[LibraryEntry, ...] = ()
 
@@ -93,7 +94,8 @@ class Library:
 
 @dataclass(frozen=True)
 class Refusal:
-    """An entry that was refused, and the reason. index: its place in the file, -1 for the file itself."""
+    """An entry that was refused, and the reason. index: position of the entry in the file, -1 if the whole file
+    was refused."""
 
     index: int
     reason: str
@@ -156,8 +158,9 @@ def trajectory_from(
     """Transfer the entry's arcs to the grasps and targets of the present step, scaled by the distance of the fold.
 
     thickness: of one layer [m]. In the result, D of the arcs and D of the first guess are copied from the entry; D
-    of the present fold has to be simulated. If the entry and the step have one grasp each, but of different hands,
-    the arc is mirrored. Returns None if the entry and the step differ in their number of grasps.
+    of the present fold has to be simulated. If the entry and the step have one grasp each, one with the left hand
+    and the other with the right hand, the arc is mirrored. Returns None if the entry and the step differ in their
+    number of grasps.
     """
     frames = frames_of(step, thickness)
     inner = dict(entry.inner)

@@ -44,20 +44,23 @@ SKEWS = (0.0, 0.15, -0.15)
 grid is the paper's initial arc."""
 
 PROBES = ((1 / 3, 0.6, 2 / 3, 0.6), (0.0, 0.3, 1.0, 0.3))
-"""Two arcs that test whether the choice of the arc matters at all. Each is given by the position along the fold
-and the height of the first and of the second inner point, in units of the fold's distance. The first arc is high.
-The second arc rises and descends steeply and lays the cloth down from the crease to the edge, which no height and
-skew achieve. Where much can be gained, at least one of the two gains some of it. Where a folded stack opens again
-by itself, as under a second fold, all arcs give the same result."""
+"""Two arcs that test whether the choice of the arc matters at all. Each arc is given by four numbers, in units of
+the fold's distance: position along the fold and height of the first inner control point, then the same of the
+second. The first arc is high. The second arc rises and descends steeply and lays the cloth down from the crease to
+the edge; no arc that is given by height and skew alone does this. If a better arc can gain much, at least one of
+these two arcs gains part of it. If a folded stack opens again by itself, as under a second fold, all arcs give the
+same result."""
 FORMS = (
     ((0.483, 0.5, 0.817, 0.5), (-0.15, 0.5, 1.15, 0.3)),
     ((-0.07, 0.52, 0.98, 0.43), (0.183, 0.7, 0.517, 0.7), (0.15, 0.3, 0.85, 0.5)),
 )
-"""Further arcs, given like PROBES, for folds in which the choice of the arc matters. The second group is simulated
-only if no arc is good yet. Each arc was the best or the second best for the first fold of some garment."""
+"""Further arcs, in the format of PROBES, for folds in which the choice of the arc matters. The second group is
+simulated only if no arc is good yet. Each arc was the best or the second best for the first fold of some
+garment."""
 
 POLISH_DELTA = 0.05
-"""Difference step of the polish [m], chosen because the simulated cost is rough below about 5 mm."""
+"""Difference step of the polish (`_polish`) [m]. It is large because the simulated cost is rough at steps below
+about 5 mm."""
 
 ROUNDING = 1e-9
 """Arcs whose control points differ by less count as equal [m]."""
@@ -67,19 +70,20 @@ LEAST_POLISH = 3
 the first differences."""
 
 PAPER_DELTAS = (0.1, 0.001)
-"""Difference steps of the paper's method [m]. The paper's delta = 1e-1 has no unit: it is 10 cm if the unit is the
-metre, and 1 mm if it is the centimetre, the unit of the paper's simulator. Both are tried."""
+"""Difference steps of the paper's method [m]. The paper states delta = 1e-1 without a unit. This is 10 cm if the
+unit is the metre, and 1 mm if the unit is the centimetre, as in the paper's simulator. Both are tried."""
 
 LOWEST, HIGHEST = 0.3, 1.2
 BACK, BEYOND, OVERLAP = -0.2, 1.2, 0.6
 """Bounds of the inner control points, in units of the fold's distance: of their height (LOWEST, HIGHEST) and of
-their position along the fold (BACK, BEYOND). A low arc is short and, in a simulation with the correct friction, as
-good as any other arc; in the cell it drags the garment. The first half of the points stay below OVERLAP along the
-fold, the other points above 1 - OVERLAP, so that arcs lead forward."""
+their position along the fold (BACK, BEYOND). LOWEST is necessary because a low arc drags the garment in the cell,
+although it is short and, in a simulation with the correct friction, as good as any other arc. Arcs have to lead
+forward. Therefore the first half of the points have a position of at most OVERLAP along the fold, the other points
+one of at least (1 - OVERLAP)."""
 
 FINALISTS = 3
-"""Largest number of arcs that are simulated again to choose the most robust one; with a small budget it is less.
-For five garments, a fourth arc was never chosen."""
+"""Largest number of arcs that are simulated again to choose the most robust one. If the budget is small, fewer
+arcs are simulated again. For five garments, a fourth arc was never chosen."""
 
 GOOD = 0.002
 """If D of the plain arc (PLAIN_H) is at most this [m], the search for a better arc is omitted: a gain could not be
@@ -95,8 +99,9 @@ ALIKE = 0.0001
 
 LUCK_SHARE = 0.1
 """If no probe gains enough (GAIN), the plain arc is chosen unless the first guess is better by at least this share
-of D (or by MARGIN, if that is less). With this rule, the half fold of a medium towel (D of 1.8 mm against 2.1 mm)
-and the quarter fold after it end better in the simulated cell."""
+of D (or by MARGIN, if that is less). For the half fold of a medium towel, this rule chooses the first guess (1.8
+mm) instead of the plain arc (2.1 mm). This fold and the quarter fold after it then end better in the simulated
+cell."""
 
 PLAIN_H = 0.45
 """Height of both inner points of the plain arc, in units of the fold's distance. It is a middle value: heights
@@ -132,15 +137,16 @@ def optimise_fold(
     height of the straight lift before the arc [m].
 
     start: additional initial arcs (warm start) or, if `promised` is given, arcs from the library. promised: the D
-    [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If they keep
-    the promise, they are the result, with source 'library' and method 'library' in the notes: a look-up is an
-    optimisation without iterations. promised_initial: D [m] of the first guess in the optimisation of the library
-    arcs. If it is given, arcs that miss their promise slightly are compared with the first guess for the present
-    fold, and are the result if they gain as much over it as in their optimisation.
+    [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If their D is
+    as low as promised (acceptance.py), they are the result: a look-up is an optimisation without iterations. The
+    trajectory's `source` and the note `method` are then 'library'. promised_initial: D [m] of the first guess when
+    the library arcs were optimised. If it is given and the library arcs miss their promise slightly, the first
+    guess for the present fold is simulated too. The library arcs are then the result only if they gain as much
+    over the first guess as in their optimisation.
 
-    Deterministic: `threads` and `executor` change the speed only. Notes of the outcome: dissimilarity_m,
-    dissimilarity_initial_m (not of a look-up), simulations, failed_simulations, method. Fails with
-    OPTIMISER_FAILED when every simulation failed, PREDICTION_POOR when the best fold is not accepted. Raises
+    The result is deterministic: `threads` and `executor` change the speed only. Notes of the outcome:
+    dissimilarity_m, dissimilarity_initial_m (absent for a look-up), simulations, failed_simulations, method. Fails
+    with OPTIMISER_FAILED when every simulation failed, PREDICTION_POOR when the best fold is not accepted. Raises
     ValueError for an unknown method.
     """
     if method not in METHODS:
@@ -173,8 +179,8 @@ def optimise_fold(
 
 
 def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *, plain: bool) -> None:
-    """Simulate the first guess (unless it is known), a warm start and the plain arc, in parallel and within the
-    budget."""
+    """Simulate in parallel, within the budget: the first guess (unless it was simulated before), the warm start
+    (if any) and the plain arc (if `plain` is set)."""
     arcs = [_initial(problem)] if evaluator.first is None else []
     least = len(arcs)
     arcs += [] if warm is None else [warm]
@@ -186,7 +192,7 @@ def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *,
 
 @dataclass(frozen=True)
 class ClothPredictor:
-    """The cell's cloth simulation at its default settings, as a value that can be sent to a process."""
+    """The cell's cloth simulation at its default settings, as an object that can be sent to another process."""
 
     release_s: float = 0.3
     settle_s: float = 1.0
@@ -272,9 +278,9 @@ def _search_two_parameter(problem: FoldProblem, evaluator: Evaluator) -> None:
 
 
 def _search_default(problem: FoldProblem, evaluator: Evaluator) -> None:
-    """Simulate two probes, then arcs of other forms, then polish four variables shared by the arcs: position along
-    the fold and height of both inner points. The result is the most robust arc among the best few and the plain
-    one.
+    """Simulate two probes (PROBES), then arcs of other forms (FORMS), then polish four variables that the arcs of
+    all grasps share: position along the fold and height of both inner points. The result is the most robust arc
+    among the best few and the plain one.
 
     The search ends early if the plain arc is good or if the probes show that no arc is better. A good arc is not
     polished.
@@ -334,9 +340,9 @@ def _polish(
 ) -> None:
     """Search from x0 by secant Levenberg-Marquardt, within the rest of the budget.
 
-    The arcs of x0 are simulated unless this was done before. They may differ from the best arcs so far, since
-    these variables cannot represent every set of arcs (such as a warm start with different arcs or sideways
-    motion).
+    The arcs that x0 describes are simulated, unless this was done before. They may differ from the best arcs so
+    far, because the variables cannot represent every set of arcs (for example, a warm start whose arcs differ
+    between the grasps or move sideways).
     """
     known = _seen(evaluator, controls(x0))
     budget = evaluator.left - reserve - (known is None)

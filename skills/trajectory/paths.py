@@ -25,7 +25,8 @@ LIFT_HEIGHT, LIFT_SPEED = 0.03, 0.04
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """Distance over time along a path: from rest to rest, with smooth ramps and constant speed between them.
+    """Distance travelled along a path as a function of time: from rest to rest, with smooth ramps and constant
+    speed between them.
 
     length [m]; top: highest speed [m/s]; ramp: duration of each ramp [s]. The speed in a ramp is top (3 r^2 - 2
     r^3), r in 0..1, so acceleration is continuous and peaks at 1.5 top / ramp.
@@ -129,8 +130,8 @@ def lifted(path: ToolPath, height: float) -> ToolPath:
     """Return the path of a straight lift by `height` [m], followed by the arc of `path`. The lift raises the start
     of the arc; this offset fades along the arc.
 
-    Both the arms and the simulation use this path: a straight lift pulls the cloth taut where it lies, so a fold
-    without the lift may end centimetres elsewhere.
+    Both the arms and the simulation use this path, because the lift changes the result: it pulls the cloth taut
+    where the cloth lies, and without it a fold may end centimetres elsewhere.
     """
     if height <= 0.0:
         return path

@@ -58,9 +58,9 @@ class Mishap:
     """Deviation of an executed fold from the planned one.
 
     pitch: lean of each hand about its held line (the line of cloth between the pads) [rad]; roll: lean of both
-    hands along it [rad]; along, across: offset of both tools away from the fold line (along) and parallel to it
-    (across) [m]; friction, bending: factors by which table friction and bending length differ from the assumed
-    values.
+    hands along their held lines [rad]; along: offset of both tools perpendicular to the fold line, towards the
+    side that is folded over [m]; across: offset of both tools parallel to the fold line [m]; friction, bending:
+    factors by which table friction and bending length differ from the assumed values.
     """
 
     pitch: Mapping[GraspId, float]
@@ -85,7 +85,8 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class FoldProblem:
-    """The inputs that stay the same while one fold is optimised. positions: (n, 3) of the mesh before the fold.
+    """The inputs that stay the same while one fold is optimised. positions: (n, 3) vertices of the mesh before the
+    fold [m].
 
     max_tool_speed [m/s]; max_height: largest height of the arcs above the table [m]; lift_height: height of the
     straight lift before the arc [m].
@@ -155,11 +156,11 @@ def _altered(material: Material, mishap: Mishap) -> Material:
 
 
 class Evaluator:
-    """Evaluates candidates in parallel, counts them and keeps the best. first: the candidate of the initial arc,
-    by default the first one evaluated.
+    """Evaluates candidates in parallel, counts them and stores the best one in `best`. The attribute `first` is
+    the candidate of the initial arc; unless it is set, the first evaluated candidate becomes `first`.
 
     Results depend on the candidates only, not on which simulation ends first: batches are passed and returned in
-    order, and the earlier candidate wins a tie.
+    order, and of two candidates with the same cost, the earlier one counts as better.
     """
 
     def __init__(
@@ -197,8 +198,9 @@ class Evaluator:
         return candidates
 
     def confirm(self, trials: Sequence[tuple[FoldProblem, Candidate, Mishap | None]]) -> list[float]:
-        """Simulate candidates again, each as planned or with a mishap, on this problem or the same one on another
-        mesh. Returns their D [m]."""
+        """Simulate candidates again. A trial is (problem, candidate, mishap): the fold is simulated as planned if
+        the mishap is None, else with the mishap. The problem is `self.problem` or the same fold on another mesh.
+        Returns D of each trial [m]."""
         found = []
         for outcome in self._executor.map(_again, trials):
             found.append(outcome.dissimilarity)

@@ -1,10 +1,11 @@
 """Selects the arc that is least sensitive to deviations in execution.
 
-The lowest of many simulated costs is partly luck, and an arc may need exact conditions to reach it: a high arc
-that swings the cloth over has a D of 5 mm as planned and of 40 mm if the cloth swings a little further. The best
-few arcs are therefore simulated again on a finer mesh and with mishaps. They are ranked by the mean of all their D
-values, regardless of their length. The worst of so few values is noise: a score of the mean and the worst D chose,
-for jeans, an arc with a D of 3.7 mm on unseen meshes instead of one with 2.4 mm.
+The arc with the lowest simulated cost may owe this cost partly to chance, because the result of an arc may depend
+on exact conditions. For example, a high arc that swings the cloth over has D = 5 mm as planned, but D = 40 mm if
+the cloth swings a little further (D: objective.py). The best few arcs are therefore simulated again, on a finer
+mesh and with mishaps (`Mishap`). These arcs are ranked by the mean of all their D values, regardless of their
+length. The worst D is not part of the score, because the worst of so few values is mostly noise: for jeans, a
+score of the mean and the worst D chose an arc with D = 3.7 mm on unseen meshes instead of an arc with D = 2.4 mm.
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ MISHAPS = (
     Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75, bending=0.85),
     Mishap(_leaning(-LEAN, LEAN), roll=0.5 * LEAN, along=-0.003, friction=1.25),
 )
-"""Two combinations of deviations: first leaning hands, tools 3 mm off, and a limper cloth on a more slippery
-table; then a combination of roughly opposite deviations."""
+"""Two combinations of deviations. In the first, the hands lean, the tools are 3 mm off, and a limper cloth lies on
+a more slippery table. The deviations of the second are roughly opposite."""
 
 FINER = 0.8
-"""Edge length of the finer mesh for the second simulation, relative to the first mesh. For example, an arc for a
-vest with a D of 2.5 mm on the first mesh has 2.2 mm at 0.85, but 4.5 mm at 0.8 and less."""
+"""Arcs are simulated again on a finer mesh; this is its edge length relative to the first mesh. A larger value can
+fail to expose an arc that is good on one mesh only: an arc for a vest had D = 2.5 mm on the first mesh, 2.2 mm at
+0.85, and 4.5 mm at 0.8 and below."""
 
 APART = 0.05
 """Two arcs count as one candidate if all coordinates of their inner control points differ by less than this, in
@@ -50,12 +52,14 @@ def simulations(finalists: int) -> int:
 
 
 def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
-    """Choose the best of up to `most` arcs: the best seen, the plain one, and the next best seen.
+    """Choose the most robust of up to `most` arcs: the best arc in `evaluator.seen`, the arc `plain`, and the next
+    best arcs in `evaluator.seen`.
 
-    The arcs are compared by their score, the mean D as planned on both meshes and with each mishap. The plain arc
-    is chosen if both its score and its planned D match those of the best arc, up to noise (MARGIN). A mishap
-    seldom improves a fold, so an arc whose planned D exceeds the score of another arc is not simulated further. No
-    simulation is made if there is only one arc.
+    The score of an arc is the mean of its D values: as planned on each of the two meshes, and with each mishap.
+    The arc with the lowest score is the best. The plain arc is chosen instead if neither its score nor its planned
+    D (the mean over both meshes) exceeds that of the best arc by more than MARGIN. A mishap seldom improves a
+    fold. Therefore an arc is not simulated further if its planned D exceeds the score of another arc. If there is
+    only one arc, it is returned without a simulation.
     """
     field = _finalists(evaluator, plain, most)
     if len(field) < 2:

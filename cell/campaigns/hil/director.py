@@ -133,7 +133,8 @@ class Director:
             return t - self._began + action.when.after_s if matches else None
 
         self._schedule(moment)
-        # commands wait until the effect has begun: a command that comes before the question does not answer it
+        # all actions except commands; a command waits until the effect has begun, because a command that comes
+        # before the effect's question does not answer it
         self._carry_out(t, lambda action: action.say is None)
         if step.target in TERMINAL:
             self._without_raising(self._observe_end)

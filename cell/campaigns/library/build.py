@@ -99,7 +99,7 @@ def build_library(
 
 
 class _Cancelled(Exception):
-    """Ends the search of one garment after the search of another has failed or the caller has ended the build."""
+    """Ends the search of a garment, because the search of another garment failed or the caller ended the build."""
 
 
 @dataclass(eq=False)

@@ -16,8 +16,8 @@ TICKS = 5
 
 
 def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, about: str) -> Markup | None:
-    """Draw one row per group, with one mark per run (value, success): a dot for a success, a cross otherwise. A
-    line marks the median.
+    """Draw one row per group, with one mark per run (value, success): a dot for a success, a cross for a failure.
+    A line marks the median.
 
     Returns None if there is no value. unit: unit on the axis; about: text for people who do not see the picture.
     """

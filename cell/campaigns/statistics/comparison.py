@@ -21,8 +21,8 @@ class Comparison:
 
     both, neither: number of pairs in which both runs or neither run succeeded. only_first, only_second: (garment,
     seed) of the pairs in which only the run of that group succeeded; p_value: McNemar's exact test. unpaired:
-    number of runs without a partner. A difference is the median, over the pairs without a fault, of second minus
-    first. Its interval is the 95 % bootstrap interval.
+    number of runs without a partner. Each field with `difference` in its name is the median of second minus first,
+    over the pairs without a fault. The field after it is the 95 % bootstrap interval of this median.
     """
 
     pairs: int

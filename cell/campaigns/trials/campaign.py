@@ -116,8 +116,8 @@ class TrialRequest:
 
     @property
     def folder(self) -> str:
-        """Name of the run's folder in the campaign. The shipped variant adds no prefix, so that its folders are
-        named as in a campaign without variants."""
+        """Name of the run's folder in the campaign. The name of the shipped variant is not part of it, so that its
+        folders are named as in a campaign without variants."""
         name = f"{Path(self.garment).stem}-seed{self.seed}"
         return name if self.variant == DEFAULT_VARIANT else f"{self.variant}/{name}"
 

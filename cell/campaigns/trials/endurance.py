@@ -28,7 +28,7 @@ __all__ = ["SAMPLES", "EnduranceRun", "Growth", "endure", "growths", "random_req
 
 SAMPLES = "endurance.jsonl"
 SETTLED = 10
-"""After this number of runs, a process has loaded and compiled everything; growth is counted from there."""
+"""After this number of runs, a process has loaded and compiled everything. Growth is measured from that run on."""
 MOMENTS = (State.LOOKING, State.APPROACHING, State.GRASPING, State.LIFTING, State.FOLDING, State.INSPECTING)
 SIDED = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER, FaultKind.SUDDEN_DROP, FaultKind.GRIPPER_STUCK)
 LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BLACK, FaultKind.CAMERA_SILENT)
@@ -54,8 +54,8 @@ class EnduranceRun:
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of one process between its run SETTLED and its last run. runs: number of its runs. threads, handles:
-    differences. memory: relative growth of its largest resident memory."""
+    """Growth of one process between its run number SETTLED and its last run. runs: number of its runs. threads,
+    handles: increase of their number. memory: relative growth of the largest resident memory."""
 
     process: int
     runs: int

@@ -87,8 +87,8 @@ class CampaignFolder:
         return cls(path, campaign)
 
     def check_program(self) -> None:
-        """Check that the program is the one that began the campaign. Runs of another program could not be compared
-        with those already made.
+        """Check that the program that began the campaign also continues it, because runs of different programs
+        cannot be compared.
 
         Raises ConfigurationError if the program has changed.
         """

@@ -16,7 +16,8 @@ from cell.support.files.paths import command_for, journal_path, logs_directory
 __all__ = ["add_options", "run", "run_figures"]
 
 MANIFEST = "campaign.json"
-"""File of a campaign. Its module is imported only if there is one: it loads the whole cell."""
+"""Name of the file that marks a campaign's folder. The module of campaigns loads the whole cell, so it is imported
+only if there is a campaign."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

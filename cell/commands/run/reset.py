@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether the reason of the stop is no longer `reason`, the one that the person agreed to reset."""
+    """Whether the stop now has another reason than `reason`, for which the person agreed to the reset."""
     return stop.state().reason != reason
 
 

@@ -18,8 +18,8 @@ __all__ = ["check_lines_and_grasps"]
 
 
 def check_lines_and_grasps(document: Document, garment: Garment) -> None:
-    """Check that each fold line divides the garment as it is folded by then, and that the grasps lie on the part
-    that moves.
+    """Check that each fold line divides the garment as the earlier folds leave it, and that the grasps lie on the
+    part that moves.
 
     document: the garment's file. Raises ConfigurationError with the line, the step and its variant.
     """
@@ -36,7 +36,7 @@ def check_lines_and_grasps(document: Document, garment: Garment) -> None:
             raise ConfigurationError(f"{where}: {f.what}", hint, file=str(document.path), key=key)
         for step in planned.unwrap():
             if any(chosen[s.name] != s.variants[0].name for s in garment.plan[: step.index]):
-                break  # the file defines grasps for the preferred variants of the earlier steps
+                break  # the grasps in the file are meant for the preferred variants of the earlier steps
             what = _grasp_error(step, garment)
             if what is not None:
                 key = f"plan.{step.name}.grasps"
@@ -47,8 +47,8 @@ def check_lines_and_grasps(document: Document, garment: Garment) -> None:
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
-    """Yield every combination of variants (step -> variant), first the one of all preferred variants. The scorer
-    accepts all combinations."""
+    """Yield every combination of variants (step -> variant). The first has the preferred variant of each step. All
+    are checked, because a run may use any of them and the scorer compares with each."""
     variants = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
     yield from map(dict, product(*variants))
 

@@ -54,7 +54,7 @@ def user_library_path(logs: Path) -> Path:
 
 def load_library(logs: Path | None = None) -> LoadedLibrary:
     """Load the user's library and the shipped one; the user's entries come first. A missing file counts as empty.
-    A broken file is listed in `refused`."""
+    A broken file is listed in `LoadedLibrary.refused`."""
     library, refused = Library(), []
     paths = [] if logs is None else [user_library_path(logs)]
     for path in (*paths, shipped_library_path()):

@@ -126,8 +126,8 @@ def control_hands(
     """Run the controllers as a motion. arms: called once per tick for the set-point (14,); None: the arms hold
     their position.
 
-    The motion starts only if the arms are near the joints at which they would settle under its first set-point
-    (SetPoint.begins). These are the first set-point minus the present tracking error.
+    The motion starts only if the arms are near `SetPoint.begins`: the joints at which the arms would settle under
+    the motion's first set-point. They are computed as the first set-point minus the present tracking error.
     """
     running, values = dict(states), dict[Side, V]()
     still = start.q

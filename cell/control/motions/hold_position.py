@@ -18,8 +18,8 @@ __all__ = ["stand", "wait"]
 def wait(loop: ControlLoop, seconds: float, watch: Watch | None = None) -> Failure | None:
     """Hold the arms for `seconds` of cell time. Ends early with a failure of the loop or of `watch`.
 
-    If the arms' state is stale at the start, no set-points are sent. The next motion fails if the state is stale
-    then.
+    If the arms' state is stale at the start, no set-points are sent, and the wait still runs. If the state is
+    still stale when the next motion starts, that motion fails.
     """
     return loop.run(lambda start: stand(loop.last_command, start, seconds, watch), standing=True).failure
 

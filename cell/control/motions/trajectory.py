@@ -20,10 +20,10 @@ def stream(
 ) -> Outcome[JointState]:
     """Execute the trajectory. Returns the state in which the arms came to rest.
 
-    A pause slows the motion's clock to a stop, so that the arms rest on the path. `watch` is still called there. A
-    resume command continues the motion, if nobody has moved the arms meanwhile. A failure of `watch`, a stale
-    state and an abort also bring the arms to rest on the path before the motion ends. Failures: those of the loop
-    and of `watch`.
+    A pause slows the motion's clock to a stop, so that the arms rest on the path. `watch` is also called during
+    the pause. A resume command continues the motion, if nobody has moved the arms meanwhile. A failure of `watch`,
+    a stale state and an abort also bring the arms to rest on the path before the motion ends. Failures: those of
+    the loop and of `watch`.
     """
     return loop.run(lambda _: follow(loop, trajectory, watch, control), control)
 

@@ -27,7 +27,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
     overlap = float(failed.values.get("iou_aligned", 1.0))
     recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
-    if recovery.event is Event.CARRY_ON:  # the limits do not apply to it, but it needs a completed fold
+    if recovery.event is Event.CARRY_ON:  # the limits do not apply, but the fold must be complete
         possible = fold.carried
     else:
         possible = (
@@ -52,7 +52,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     event: Event = recovery.event
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
     if event is Event.LOOK_AGAIN or on_cloth:
-        event = _look_event(cell, context)  # after its release the garment may lie anywhere
+        event = _look_event(cell, context)  # a released garment may lie anywhere
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
@@ -107,7 +107,7 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
     if answer.event is not Event.RETRY:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
-    # the operator first lays the garment as it was before the fold, then answers RETRY
+    # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
     fold = replace(answer.context.fold, attempt=None)
     return replace(answer, event=event, context=replace(answer.context, fold=fold))
 

@@ -42,7 +42,8 @@ RELEASE_OPENING = 0.020
 """Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
 aside."""
 PRESS = 0.001
-"""Depth by which the hands move on after both tips touch [m], so that the pads close under the cloth."""
+"""Depth by which the middle between the tips is lowered below the contact height [m], so that the pads close under
+the cloth."""
 DEEPER = 0.002
 """Additional depth for each adjustment LOWER [m]."""
 STRONGER = 1.4
@@ -149,8 +150,8 @@ def _descend(
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
 ) -> Outcome[dict[Side, Contact]]:
-    """Lower the hands until their tips touch. lowering: the function adds the set-point of each descending hand,
-    from which `_press` continues."""
+    """Lower the hands until their tips touch. lowering: filled here with the set-point of each descending hand;
+    `_press` continues from these set-points."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
@@ -167,8 +168,9 @@ def _descend(
 
 def _goal(grasp: Grasp, lowest: float, tactile: bool) -> DescentGoal:
     """Return the heights at which a descent to `grasp` ends. Contact is expected on top of the stack under the
-    hand. With tactile sensors, a descent without contact fails at the lowest reachable height, which is limited to
-    8 mm below the expected table. Without tactile sensors, it ends at the expected height of the table."""
+    hand. With tactile sensors, a descent without contact fails at the lowest height that the hand can
+    reach, but not lower than 8 mm below the expected table. Without tactile sensors, the descent ends at the
+    expected height of the table."""
     bottom = min(max(lowest, -0.008), grasp.height)
     return DescentGoal(grasp.height, bottom, stop=None if tactile else max(bottom, 0.0), through=grasp.height)
 
@@ -180,11 +182,12 @@ def _press(
     lowering: Mapping[Side, Lowering],
     monitor: FingertipForceMonitor,
 ) -> Failure | None:
-    """Lower each hand until both of its tips touch, and then by PRESS + `deeper` [m] more.
+    """Lower each hand until the middle between its tips is at the height of the first tip's contact, and then by
+    PRESS + `deeper` [m] more.
 
     Depths are measured from the contact of the first tip, because the table's height is known only to a few
-    millimetres. In a tilted hand one open tip is lower than the other. The arm yields to the table as the pads
-    close.
+    millimetres. If the hand is tilted, this tip is lower than the middle. It then presses on the table, and the
+    arm yields.
     """
 
     def begin(start: JointState) -> Motion[JointState]:
@@ -214,8 +217,8 @@ def _close_and_confirm(
 
 
 def _expected(grasp: Grasp, thickness: float) -> Expectation:
-    """Return the number of layers to expect: the planned number, or at least that number if the planned grasp
-    holds the whole stack."""
+    """Return the expected number of layers. It is the planned number. If the planned grasp holds the whole stack,
+    more layers are also accepted."""
     whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
     return Expectation(thickness, grasp.layers, or_more=whole_stack)
 

@@ -24,8 +24,9 @@ from skills.vocabulary import FoldStep, Outcome, PredictedShape
 __all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
-"""Displacement of the outline by pressing [m]. From this value on, the outline after pressing is judged, otherwise
-the outline before pressing. A corner that turns up moves further than this."""
+"""If pressing displaces the outline by at least this [m], the outline after pressing is judged, because something
+has moved, for example a corner that turned up. If it displaces the outline less and the outline was good before
+pressing, the outline before pressing is judged."""
 
 HINTS = {
     FailureKind.DRIFT: "the garment moved as a whole: use a rougher table or fold more slowly",
@@ -74,8 +75,8 @@ def judged_as_before(
     before: Inspection, after: Inspection, step: FoldStep, settings: InspectionSettings
 ) -> Inspection:
     """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
-    and pressing did not displace it, its deviation before pressing counts. The reason: a pressed crease reaches
-    further out than the crease in the prediction, which is not pressed."""
+    and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, because a pressed
+    crease reaches further out than the unpressed crease of the prediction."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
@@ -85,7 +86,7 @@ def judged_as_before(
 
 def next_step(cell: Workcell, context: RunContext) -> Result:
     """Advance to the next fold. The predicted shape, moved by the observed drift, becomes the believed shape.
-    After the last fold the garment is folded, unless the operator skipped folds."""
+    After the last fold, the run ends as folded, unless the operator skipped folds."""
     ending, index, steps = context.failure, context.fold.index, context.steps
     advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
     if index + 1 < len(steps):

@@ -46,7 +46,7 @@ SLOW_OPENING_S = 2.0
 """Additional waiting time for a gripper that still moves [s]."""
 CALIBRATION_S = 12.0
 LET_GO = 0.010
-"""Smallest opening at which the pads hold no cloth [m]."""
+"""If the pads are at least this far apart, they hold no cloth [m]."""
 PREGRASP_OPENING = PadGeometry().stroke
 """Opening of the pads during a descent [m]."""
 
@@ -268,7 +268,7 @@ def _plan_retreat(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Retreat]:
             return planned
     if sides != tuple(Side):
         return planned
-    for side in Side:  # one hand rises alone if the other cannot
+    for side in Side:  # plan for one hand alone
         one_hand = plan_retreat(cell.robot, cell.execution_checker, q, (side,), limits=cell.limits, rng=rng)
         if one_hand.ok:
             return one_hand

@@ -83,8 +83,8 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
     """Choose the step's arcs. The library's arcs are used if their simulated fold reaches the dissimilarity that
     is stored with them. Otherwise the arcs are optimised.
 
-    A recovery may demand an optimisation (OPTIMISE); then the library's arcs are only its start. Or it may demand
-    the initial arcs without any optimisation (PLAIN_ARC).
+    A recovery can change this rule. After OPTIMISE, the library's arcs are only the start of an
+    optimisation. After PLAIN_ARC, the initial arcs are used without any optimisation.
     """
     fold, garment, nominal, settings = context.fold, plan.garment, plan.nominal, cell.settings.optimiser
     step = plan.steps[fold.index]

@@ -20,10 +20,11 @@ from skills.vocabulary import CameraCalibration, Outcome
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
 
 HEAD_TOLERANCE = 0.01
-"""Largest deviation of the head's pan from its calibrated value [rad]. Such a deviation moves the picture by 10 mm
-on the table."""
+"""Largest accepted deviation of the head's pan from its calibrated value [rad]. A deviation of this size shifts
+the picture by 10 mm on the table."""
 PICTURE_AGE = 0.5
-"""Largest age of a picture [s]. A frozen camera repeats its last picture."""
+"""Largest accepted age of a picture [s]. An older picture is refused, because a frozen camera repeats its last
+picture."""
 
 
 def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome[CameraFrame]:

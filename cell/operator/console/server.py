@@ -49,9 +49,9 @@ HEADERS = {
 }
 START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 1.0
-"""Period at which the status is checked for changes, and longest time between two messages [s]."""
+"""LOOK_S: period at which the status is checked for changes. ALIVE_S: longest time between two messages [s]."""
 LAST_WORD_S = 0.5
-"""Time for which the page is served after the run's end, so that it receives the last status [s]."""
+"""The page is served for this time after the run's end, so that the browser receives the last status [s]."""
 LONGEST = 4096
 """Maximum size of a message from the page [bytes]. A command has about fifty."""
 POLICY = 1008

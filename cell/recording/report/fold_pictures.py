@@ -29,8 +29,8 @@ LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
 SUPERSAMPLE = 2
 SLIVER = 3
-"""Half the width of a sliver [px]. If the cloth's other side shows in a strip narrower than a sliver, it is not
-drawn."""
+"""A strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows only in a
+sliver beside the other side, the sliver is drawn in the colour of the other side."""
 TOOL_LENGTH = 0.09
 OUTLINE_PIXEL = 0.001
 """Outlines are traced in pixels of this size on the table [m]."""
@@ -197,9 +197,9 @@ def _cloth(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.i
 
 
 def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Remove slivers from `front` (H, W), which is 1 where the front of the cloth shows. Along an open hem the
-    coarse edges of two layers cross, and the inside of one layer would look like a row of teeth. cloth: (H, W),
-    where cloth is visible."""
+    """Remove slivers from `front` (H, W), which is 1 where the front of the cloth shows and 0 elsewhere. Slivers
+    occur along an open hem, because the coarse edges of two mesh layers cross there: without this step the inside
+    of one layer would look like a row of teeth. cloth: (H, W), true where cloth is visible."""
     size = 2 * SLIVER * SUPERSAMPLE + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     for side in (1, 0):

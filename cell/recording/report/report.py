@@ -31,8 +31,8 @@ LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
 UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
 KEY_FRAMES = 6
 BREAK_S = 3.0
-"""If the time between two frames of the held garment is longer than this, they belong to different attempts
-[s]."""
+"""If the time between two frames of the held garment is longer than this [s], the frames belong to different
+attempts."""
 
 
 def report(

@@ -45,8 +45,8 @@ FILE_QUEUE_BYTES = 512e6
 FILE_CLOSE_S = 60.0
 KEPT_ERRORS = 20
 HEARTBEAT = 1.0
-"""Interval at which the recorder repeats the present state [s], because the viewer ends a state at its last
-row."""
+"""Interval at which the recorder writes the present state again [s]. Without these rows, the viewer would end the
+state at its last row."""
 
 TRUTH_RATE = 15.0
 """Largest rate at which the true garment is recorded [Hz]."""
@@ -162,7 +162,7 @@ class Recorder:
             except Exception as error:
                 self._note_error(error)
             self._file = None
-            if self._live is None:  # not with a viewer: if it hangs, it would delay the clean-up
+            if self._live is None:  # a live viewer that hangs would delay the clean-up
                 drop_ended_streams()
         self._report = RecorderReport(
             dropped, live_dropped, tuple(self._errors), self._error_count, tuple(self._live_errors)

@@ -55,8 +55,8 @@ class RecordedAnswers:
     asked: dict[Channel, int] = field(default_factory=dict)
     """Number of answered questions of each channel."""
     abandoned: bool = False
-    """Set this if the outcome is no longer needed. Then `stop_ahead` reports a stop, so that computations end
-    early. At the end of the transcript `stop_ahead` also reports a stop, because nothing is left to compare."""
+    """Set this to true if the outcome is no longer needed. `stop_ahead` then reports a stop, so that computations
+    end early. It also reports a stop at the end of the transcript, because nothing is left to compare."""
 
     def __post_init__(self) -> None:
         self._frames = FrameStore(self.transcript.path.parent / FRAMES)

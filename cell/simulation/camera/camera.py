@@ -26,7 +26,7 @@ from skills.vocabulary import Array
 __all__ = ["Renderer", "SimulatedCamera"]
 
 PICTURE_TIMEOUT_S = 30.0
-"""If the render process gives no answer for this wall time, it is restarted [s]."""
+"""The render process is restarted if it gives no answer for this wall time [s]."""
 PICTURES_A_PROCESS = 400
 """After this number of pictures the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2

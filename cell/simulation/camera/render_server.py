@@ -44,8 +44,8 @@ board's corners are located to a tenth of a pixel."""
 @dataclass(frozen=True, eq=False)
 class Scene:
     """The fixed content of the pictures. Textures: (h, w, 3) RGB. garment_uv, garment_triangles: texture
-    coordinates (n, 2) and triangles (m, 3) of the garment's mesh. width, height, focal, centre: of the camera
-    [px]. light: direction to the light; ambient, diffuse: its coefficients."""
+    coordinates (n, 2) and triangles (m, 3) of the garment's mesh. width, height, focal, centre:
+    properties of the camera [px]. light: direction to the light; ambient, diffuse: coefficients of the light."""
 
     urdf: str
     table: Table

@@ -21,7 +21,7 @@ __all__ = ["WorldGarment"]
 FINEST, COARSEST = 0.012, 0.024
 """Bounds of the mesh's edge length [m]."""
 CATCH = 0.02
-"""Cloth counts as below a fingertip if its height exceeds the tip's height by less than this [m]."""
+"""Cloth counts as under a fingertip if it is at most this far above the tip [m] or lower."""
 
 
 @dataclass(frozen=True)

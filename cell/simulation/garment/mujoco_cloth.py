@@ -35,8 +35,8 @@ CLOSING = 0.12  # time in which closing pads draw the cloth to their middle [s]
 HOLD_SOLREF = (0.004, 1.0)
 HAND_SOLREF = "0.01 1"
 STILL = 5e-5  # cloth is at rest if no coordinate changes by more than this [m]
-STILL_FRAMES = 15  # cloth at rest for this number of frames is not computed until a capsule comes near
-NEAR = 0.02  # distance to a capsule that wakes cloth at rest [m]
+STILL_FRAMES = 15  # cloth is not computed after this number of frames at rest, until a capsule comes near
+NEAR = 0.02  # a capsule closer than this wakes cloth at rest [m]
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class MujocoSettings:
     """Settings of the solver.
 
     frame_rate [1/s]; steps: MuJoCo's steps per frame. solref: time constant [s] of contacts (damping ratio 1).
-    With MuJoCo's default of 0.02 s, cloth creeps by centimetres during a fold. iterations, tolerance: of the
-    solver. damping [s]: of the shell. gravity [m/s2]. selfcollide: whether cloth collides with itself. rest:
-    whether the solver skips cloth at rest.
+    With MuJoCo's default of 0.02 s, cloth creeps by centimetres during a fold. iterations, tolerance: limits
+    of MuJoCo's solver. damping [s]: damping of the shell. gravity [m/s2]. selfcollide: whether cloth collides
+    with itself. rest: whether the solver skips cloth at rest.
     """
 
     frame_rate: int = 60
@@ -70,7 +70,7 @@ class _Hold:
     """The cloth that one hand holds. vertex, bary: (m, 3) vertices and barycentric weights of m material points;
     offset: (m, 3) their positions in the tool frame when the pads closed [m]; height: (m,) the heights at which
     the pads hold them [m]. age: time since the pads closed [s]; limit, force: largest and present force [N]; rows:
-    the 3 m equalities in the model."""
+    indices of the 3 m equality constraints in the model."""
 
     vertex: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 3), np.int32))
     bary: Array = field(default_factory=lambda: np.zeros((0, 3)))

@@ -27,8 +27,8 @@ __all__ = ["SimulatedRobot"]
 EXTRAPOLATION = 0.02
 """Longest time for which a set-point is extrapolated [s]."""
 MOVING = 0.05
-"""Joint speed from which jitter has its full size [rad/s]. Sudden drops happen only to an arm that moves
-faster."""
+"""At this joint speed and above, jitter has its full size [rad/s]. Sudden drops happen only to an arm with a joint
+that moves faster than this."""
 HEAD_SPEED = 0.6  # [rad/s]
 SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
 """Index of S1 in a joint vector; positive rotation lowers the arm."""

@@ -20,8 +20,8 @@ HAND_FROM, HAND_TO = 0.110, 0.200
 
 @dataclass(frozen=True)
 class Stiffness:
-    """Stiffness [N/m]. arm: of the arm at the tool, along z; tip: of a rubber tip on the table; cloth: of cloth
-    under a tip."""
+    """Stiffnesses [N/m]. arm: stiffness of an arm at the tool, along z; tip: of a rubber fingertip on the table;
+    cloth: of the cloth under a fingertip."""
 
     arm: float
     tip: float
@@ -65,8 +65,8 @@ def finger_axes(
     position: Array, rotation: Array, opening: float, floor: Array, raised: float
 ) -> tuple[Array, Array]:
     """Return the lower and upper ends (2, 3), (2, 3) of the capsules that represent the fingers. floor: (2,)
-    smallest height of their undersides [m], because soft tips do not press the cloth through the table. raised:
-    height above the tips at which the capsules begin [m]."""
+    lowest height that the undersides of the capsules may have [m]: soft tips cannot press the cloth through the
+    table. raised: height above the tips at which the capsules begin [m]."""
     back = -rotation[:, 2]
     tips = fingertips(position, rotation, opening)
     low = tips + (FINGER_RADIUS + raised) * back

@@ -15,7 +15,7 @@ from skills.vocabulary import Array, FoldLine, frozen
 
 __all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
 
-ON_LINE = 1e-7  # a vertex closer than this counts as on the line, to avoid slivers [m]
+ON_LINE = 1e-7  # a vertex closer to a fold line than this counts as on the line, to avoid slivers [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ loaded."""
 def quiet_libraries() -> Iterator[None]:
     """Switch off the logs of OpenCV and Rerun and the warnings of Python packages within the context.
 
-    A variable that the user has set has priority, and so has Python's option -W.
+    If the user has set one of these variables or Python's option -W, the user's value is used.
     """
     added = {name: value for name, value in QUIET.items() if name not in os.environ}
     os.environ.update(added)
@@ -43,8 +43,8 @@ def captured_messages() -> Iterator[Callable[[], str]]:
     """Capture the output of C libraries to the standard error of the process. Yields a function that returns the
     captured text.
 
-    The codecs of pictures (libjpeg, libpng) report only there that a picture is damaged. What other threads write
-    there meanwhile is captured too.
+    The codecs of pictures (libjpeg, libpng) report a damaged picture only on standard error. The output of other
+    threads to standard error is captured too.
     """
     try:
         before = os.dup(2)

@@ -11,8 +11,8 @@ __all__ = ["return_free_memory"]
 def return_free_memory() -> None:
     """Collect garbage and let the C library give back the memory that it keeps for later use.
 
-    The threads of a run allocate from arenas of their own. Without this, the arenas of ended threads add up. Does
-    nothing for a C library without `malloc_trim`, such as musl.
+    The threads of a run allocate from separate arenas. Without this call, the arenas of ended threads accumulate.
+    Does nothing for a C library without `malloc_trim`, such as musl.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -34,9 +34,9 @@ GRIPPING = 3.0
 class GripperReport:
     """Values of an EndEffectorState.
 
-    stamp: cell time [s]; position, force [%]; refusal: the reason why the last command was refused; if it was not
-    refused, the error that needs a reset; empty if there is none. command, sender, sequence: of the last handled
-    command.
+    stamp: cell time [s]; position, force [%]; refusal: the reason why the last command was refused. If the last
+    command was not refused, it is the error that needs a reset, or empty without an error. command, sender,
+    sequence: of the last handled command.
     """
 
     stamp: float
@@ -63,7 +63,7 @@ class _RefusedError(Exception):
 
 class ElectricGripper:
     """One gripper. A command with the same sender and sequence as the last command is a repetition and is not
-    executed again. past: the initial state. If it is calibrated, `Emulator` calibrates the port."""
+    executed again. past: the initial state. If `past.calibrated` is true, `Emulator` calibrates the port."""
 
     def __init__(self, port: Gripper, past: InitialState = NEW) -> None:
         self._port = port
@@ -76,7 +76,7 @@ class ElectricGripper:
         self._cleared = False
         """Whether the port's calibration was cleared."""
         self._calibrating = False
-        """Whether the port may still report the calibration from before the present one."""
+        """Whether a calibration is under way. The port may then still report the earlier calibration."""
         self._handlers: Mapping[str, Callable[[str], None]] = {
             CALIBRATE: lambda _: self._calibrate(),
             CLEAR_CALIBRATION: lambda _: self._clear(),

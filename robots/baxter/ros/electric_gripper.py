@@ -23,12 +23,14 @@ FULL_FORCE = 30.0
 
 CALIBRATE = "calibrate"
 CONFIGURE = "configure"
-"""args: JSON of PARAMETERS."""
+"""Command that sets the gripper's parameters. The message's `args` field is a JSON object with the keys of
+PARAMETERS."""
 PARAMETERS = {"velocity": 50.0, "moving_force": 40.0, "holding_force": 30.0, "dead_zone": 5.0}
-"""Parameters with the SDK's defaults [%]."""
+"""The gripper's parameters with the SDK's default values [%]."""
 GO = "go"
-"""args: JSON {"position": 0-100}, where 0 is closed. The gripper refuses it until it is calibrated."""
+"""Command that moves the pads. The message's `args` field is a JSON object {"position": p}, with p from 0
+(closed) to 100. The gripper refuses the command until it is calibrated."""
 STOP = "stop"
 RESET = "reset"
-"""Clears an error."""
+"""Command that clears an error."""
 CLEAR_CALIBRATION = "clear_calibration"

@@ -83,21 +83,22 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
 
 @njit(nogil=True, forceinline=True)
 def _at(a, d, rows, at, later):
-    """Read in each lane the element with index `at`, modulo LANES, of one row of a[d], where a is (3, rows,
-    LANES): of the second of the two `rows` where the bit of `later` is set, else of the first."""
+    """Return a register. Each lane reads one element of a[d], where a has the shape (3, n, LANES). The lane's
+    value in `at`, modulo LANES, is the index of the element in its row. The row is rows[1] if the lane's bit in
+    `later` is set, else rows[0]."""
     return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
 @njit(nogil=True, forceinline=True)
 def _three_at(a, rows, at, later):
-    """Read the elements `at` of three coordinates (see `_at`)."""
+    """Call `_at` for each of the three coordinates."""
     return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
     """Store the velocity of the triangles' middles along axis d, from the velocities p, q and r of their corners.
-    Returns the squared differences of p, q and r from it."""
+    Returns the squared differences between p, q, r and this velocity."""
     mean = (p + q + r) * splat_f32x16(THIRD)
     store_f32x16(geo, k, 10 + d, mean)
     p, q, r = p - mean, q - mean, r - mean

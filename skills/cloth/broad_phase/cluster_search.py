@@ -4,13 +4,13 @@ time.
 
 Two moving bounds are compared in the frame that moves with one of them: they cannot meet if they stay apart along
 one of several axes. Layers that travel together or slide past each other are thus not paired with everything on
-their path. The geometry is predicted for the middle of the horizon, so that one half of the horizon is after this
-time and one half before it.
+their path. The horizon is the time for which the pairs of a search are valid. The geometry is predicted for the
+middle of the horizon, so that one half of the horizon is before this time and one half after it.
 
 A smooth region of cloth cannot touch itself. Therefore a cluster is not searched against itself or a neighbour if
-all their normals lie in one half space (Volino & Magnenat-Thalmann 1994), and only layers that face each other
-take time. An exception is a notch in the outline, where cloth can meet itself edge to edge even if it is flat.
-Clusters with borders on the two sides of a notch are therefore always searched (the contour test of the same
+all their normals lie in one half space (Volino & Magnenat-Thalmann 1994). As a result, only layers that face each
+other take time. An exception is a notch in the outline, where cloth can meet itself edge to edge even if it is
+flat. Clusters with borders on the two sides of a notch are therefore always searched (the contour test of the same
 paper, made once per mesh in clusters.py).
 """
 
@@ -48,7 +48,8 @@ from skills.cloth.simd.i32x16 import (
 
 __all__ = ["search_pairs"]
 
-# largest number of tests that two clusters add: each vertex or edge of one is tested against the other cluster
+# largest number of tests that a pair of clusters adds: one for each vertex or edge that is tested against the
+# other cluster
 ROOM = 3 * LEAF
 # Number of tests in a batch. Tests are first collected and then evaluated, so that loop lengths are known in
 # advance.
@@ -112,9 +113,8 @@ def _points_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
-    """Return the least distances along axis d, less `near`, by which points at x with speeds u are outside the box
-    of cluster g x LANES + c at a time within +-sweep [s]. A negative number means that the point may come within
-    `near`."""
+    """Return, for points at x with speeds u along axis d, their least distances from the box of cluster g x LANES
+    + c within +-sweep [s], minus `near` [m]. A negative number means that the point may come within `near`."""
     away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
     return away - splat_f32x16(box[g, d + 3, c] + near)
 
@@ -186,9 +186,10 @@ def _edges_near(geo, r, c, other, near, horizon):
     t = vmin(vmax((h * s + f) * load_f32x16(geo, other, 12), zero), one)
     s = vmin(vmax((h * t - g) * splat_f32x16(geo[r, 12, c]), zero), one)
     rx, ry, rz = rx + s * dx - t * bx, ry + s * dy - t * by, rz + s * dz - t * bz
-    # The line between the closest points has length d; motion across this line leaves the edges d apart. The edges
-    # can touch only if d^2 <= reach d + along. Because 2 reach d <= reach^2 + d^2, they then also pass the test
-    # d^2 <= reach^2 + 2 along, which needs no square root and is hardly weaker.
+    # Let d be the length of the line between the closest points. Motion perpendicular to this line leaves the
+    # edges at least d apart; `along` is d times the possible motion along the line. The edges can touch only if
+    # d^2 <= reach d + along. Since 2 reach d <= reach^2 + d^2, they then also pass the test d^2 <= reach^2 + 2
+    # along. This test needs no square root and is hardly weaker.
     du = splat_f32x16(geo[r, 7, c]) - load_f32x16(geo, other, 7)
     dv = splat_f32x16(geo[r, 8, c]) - load_f32x16(geo, other, 8)
     dw = splat_f32x16(geo[r, 9, c]) - load_f32x16(geo, other, 9)
@@ -302,8 +303,8 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
 
 @njit(nogil=True, forceinline=True)
 def _put_down(which, of, m, r, bits, b):
-    """Append to `which` and `of` one test of a lane of row r against cluster b for each set bit, from index m on.
-    Returns the index after the last test."""
+    """For each set bit, append one test: the lane of row r (to `which`) against cluster b (to `of`), from index m
+    on. Returns the index after the last test."""
     store_i32x16(which, m, compress(iota(int32(r * WIDE)), bits))
     store_i32x16(of, m, splat_i32x16(int32(b)))
     return m + popcount(bits)
@@ -313,8 +314,8 @@ def _put_down(which, of, m, r, bits, b):
 def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
-    """Append pairs of vertices of cluster a with triangles of clusters hit[:met], and of triangles of a with
-    vertices of these clusters. Returns the number of pairs."""
+    """Append the near pairs of vertices of cluster a with triangles of the clusters hit[:met], and of triangles of
+    cluster a with vertices of these clusters. Returns the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(vt) - LANES)
     none = splat_i32x16(int32(-1))
     for turn in range(2 * met):

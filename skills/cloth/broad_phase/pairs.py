@@ -18,7 +18,8 @@ SLACK = 0.001  # [m] distance by which a corner may stray from its course before
 # x thickness: slack of a cluster at rest. It is so small that, in cloth thicker than about 1.8 mm, the edges of
 # two layers that lie on each other are not listed as pairs (edge_distance in contacts.py)
 CALM_SLACK = 0.15
-STALE_SHARE = 0.4  # x slack: a cluster that strayed farther is searched too when another cluster must be searched
+# x slack: a cluster that strayed farther than this is included in the next search, but does not cause a search
+STALE_SHARE = 0.4
 HORIZON = 6  # number of phases (contacts.py) for which the pairs of a search are valid
 NONE, ONE = np.uint64(0), np.uint64(1)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 divided by the golden ratio, for hashing
@@ -53,8 +54,8 @@ def needs_search(body, parameters, state):
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
     """Return whether a cluster left its predicted course, or whether its course runs out within the next `pace`
-    substeps, for which contacts are made now. Mark the clusters for which this is true, or soon will be, in
-    `expired`."""
+    substeps, for which contacts are made now. Mark the clusters for which this is true, or nearly true
+    (STALE_SHARE, RENEW), in `expired`."""
     must = False
     for row in range(n):
         k = np.uint64(watched[row])

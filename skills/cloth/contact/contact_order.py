@@ -26,8 +26,8 @@ PARTS = 4
 def take_turns(n, contact_vertices, taken, turn, level, first):
     """Find an order in which successive contacts seldom share a vertex, so that a contact need not wait for the
     writes of another contact. Contacts that share a vertex keep their order. turn: (n,) the contacts in the new
-    order: first all contacts that depend on no other contact, then those that depend on the first ones, and so on.
-    A contact depends on an earlier contact if they share a vertex. taken: (vertices,), level: (n,) and first: (n +
+    order: first all contacts that depend on no other contact, then those that depend only on these, and so on. A
+    contact depends on an earlier contact if they share a vertex. taken: (vertices,), level: (n,) and first: (n +
     1,) scratch."""
     one, count, levels = np.uint64(1), np.uint64(n), np.uint64(0)
     taken[:] = 0  # first free level of each vertex

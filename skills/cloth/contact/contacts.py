@@ -22,8 +22,8 @@ the list; the next substep begins with them.
 
 Every contact stores the mean of its impulses over some substeps and begins each substep with it (warm starting, as
 in sequential impulses: Catto 2005). A few sweeps then carry a stack of layers without creep and with true masses:
-the table bears the weight of all layers. The mean is used because the last impulse and the velocities would form a
-loop of two integrators, which oscillates.
+the table bears the weight of all layers. The mean is used instead of the last impulse, because the last impulse
+and the velocities would form a loop of two integrators, which oscillates.
 """
 
 from __future__ import annotations
@@ -56,12 +56,13 @@ from skills.cloth.simd.vec3 import dot, load, members, spread, store
 PHASE, PHASES = 4, 240
 # x thickness: if a contact may move farther in a phase, the next narrow phase comes after half a phase
 HASTE_WAY = 2.0
-LEISURE_WAY = 1.0  # x thickness: if no contact may move farther in two phases, that phase comes after two phases
-RELEASE = 1.25  # x contact distance: at a larger distance a pair is apart and its side follows the geometry
+# x thickness: if no contact may move farther in two phases, the next narrow phase comes after two phases
+LEISURE_WAY = 1.0
+RELEASE = 1.25  # x contact distance: beyond this distance a pair is apart, and its side follows the geometry
 GIVE_UP = 3.0  # x contact distance: a pair that is pressed through by more than this forgets its side
 # Contact distance of edges: EDGE_SHARE x thickness. In thin cloth it is EDGE_DISTANCE [m], because a snag could
-# pull such cloth through other cloth within a substep. The upper limit is MOST_EDGE_SHARE x thickness: layers lie
-# a thickness apart, and their edges must not push each other.
+# pull such cloth through other cloth within a substep. In very thin cloth it is MOST_EDGE_SHARE x thickness,
+# because layers lie a thickness apart, and their edges must not push each other.
 EDGE_SHARE, EDGE_DISTANCE, MOST_EDGE_SHARE = 0.5, 0.001, 0.8
 # Lower bound of a contact's inverse mass, as a share of the largest inverse mass of its vertices. It has an effect
 # if few of the vertices can move: without it, a vertex with a small weight would be flung away.
@@ -234,7 +235,8 @@ def lay_out(
 
 @njit(nogil=True)
 def measure_sides(groups, member, weight, block, xp):
-    """Store in APART how far the two sides of each contact are apart at the beginning of the substep."""
+    """Store in APART the separation of the two sides of each contact at the beginning of the substep, as a
+    vector."""
     expect_places(block)
     for g in range(np.uint64(groups)):
         store_three(block, g, APART, gather(xp, member, weight, g))

@@ -32,8 +32,8 @@ def _closest_on_segments(a, b, r):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
-    """Return the normal and the gap of two crossing edges on their remembered side. Updates what is remembered of
-    pair c: whether it is near, and its normal."""
+    """Return the normal and the gap of two crossing edges on their remembered side. Also updates what is
+    remembered for pair c: near[c] and normal[c]."""
     lean = dot(n, load(normal, c)) if near[c] else d
     if lean < 0.0:
         n, d = -n, -d
@@ -53,8 +53,9 @@ def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     from row n on. Returns the number of rows, including the first n, and the largest distance that one of these
     pairs may move in this time [m].
 
-    rim: (e,) True for edges of hems and seams. Two rim edges that meet edge-on, as when two sheets slide towards
-    each other on the table, have no normal except the shortest line between them.
+    rim: (e,) True for edges of hems and seams. If two rim edges meet edge-on, as when two sheets slide towards
+    each other on the table, the normal is the direction of the shortest line between the edges, because no other
+    normal exists.
     """
     pair, edge, near, normal = pairs.ee.view(np.uint32), edge.view(np.uint32), pairs.near, pairs.normal
     due, memory = pairs.ee_due, pairs.ee_j

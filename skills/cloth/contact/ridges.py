@@ -9,8 +9,9 @@ stay apart by the contact distance d of edges. A contact with such a flat edge w
 ridges or rims are searched. In a folded shirt, a third of the pairs remain.
 
 Edges are classified in the state predicted for the middle of the search horizon. A cluster with new ridges since
-its last search is included in the next search. An edge that bends faster than the margin (SHARE) allows becomes a
-ridge a frame late, in this next search; before that, vertex-triangle contacts keep it apart from other edges.
+its last search is included in the next search. If an edge bends faster than the margin (SHARE) allows, the edge
+becomes a ridge a frame late, in this next search; until this search, vertex-triangle contacts keep the edge apart
+from other edges.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # x allowed angle: from here on an edge is a ridge, since the angle may grow until the next search
+SHARE = 0.5  # x allowed angle: at this angle an edge becomes a ridge, as the angle may grow until the next search
 MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is
 EVERY_EDGE = np.float32(2.0)  # a value for `flat` with which every edge is a ridge
 WIDE = np.uint32(LANES)

@@ -10,8 +10,8 @@ from skills.cloth.simd.vec3 import load, store, vector
 
 LOW = 0.004  # [m] vertices that are higher than this above their rest height cannot reach the table in a substep
 # Vertices inside the table are pushed out by SUNK_SHARE of their depth per substep, but not faster than SUNK_SPEED
-# [m/s]. Their old positions are not shifted, unlike those of overlapping layers, because more folded piles came to
-# rest in this way.
+# [m/s]. The old positions of these vertices are not shifted (unlike those of overlapping layers), because then
+# more folded piles came to rest.
 SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
 SLIDING = 0.02  # [m/s] speed from which friction with the table is fully dynamic
 
@@ -43,8 +43,8 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
 def press_on_table(count, low, rest, floor, friction, x, xp, press):
     """Lift vertices that are below their lowest height `floor` up to it, with Coulomb friction of the table (the
     plane z = 0); vertices of a single layer rest at z = `rest`. The function is called before each sweep over the
-    contacts, so that layers rest on the vertices that the table holds, and once after the sweeps. press: the sum
-    of its displacements of each vertex in this substep."""
+    contacts, so that layers rest on the vertices that the table holds, and once after the sweeps. press: the
+    displacement of each vertex by this function, summed over the substep."""
     for c in range(count):
         i = low[c]
         borne = press[i, 2]

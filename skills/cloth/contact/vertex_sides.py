@@ -3,12 +3,13 @@
 maintain. LANES pairs are evaluated together, in single precision, relative to a corner of the triangle.
 
 While a pair is apart, its side follows the geometry; while it is near, its side is fixed. A vertex is beside a
-triangle if its projection is outside the triangle. It then has contact with the nearest point of the border, on
-the remembered side or, if no side is remembered, on the side on which it clearly is. Without this contact it could
-slip through at a corner that points towards it. While the vertex is farther from the border than the thickness, it
-may slide parallel to the triangle, but not sink towards its plane. A vertex that has slid past the border sinks
-gradually around it, as around a rounded edge. If its contact ended suddenly, the load on the vertex would throw it
-past the border before the next examination, and the edge contacts that take over would remember the wrong side.
+triangle if its projection is outside the triangle. Such a vertex has contact with the nearest point of the border,
+on the remembered side or, if no side is remembered, on the side on which the vertex clearly is. Without this
+contact, the vertex could slip through at a corner that points towards it. While the vertex is farther from the
+border than the thickness, it may slide parallel to the triangle, but not sink towards its plane. A vertex that has
+slid past the border sinks gradually around it, as around a rounded edge. If its contact ended suddenly, the load
+on the vertex would throw it past the border before the next examination, and the edge contacts that take over
+would remember the wrong side.
 
 All quantities are rows of LANES numbers in one flat array. With constant offsets in one array, the compiler can
 tell that no two rows overlap, and vectorises the loop.
@@ -29,11 +30,11 @@ __all__ = [
 
 # A vertex is over the border of two triangles if its least barycentric coordinate is between -BORDER and BORDER.
 BORDER = 0.05
-# A vertex begins to sink around a border when it is so far past the border that, at the height of a thickness, its
-# distance from the border would exceed a thickness by SLIP [m]. It sinks by at most SINK x thickness per
-# examination.
+# A vertex begins to sink around a border when it is so far past the border that, at a height of one thickness
+# above the plane, its distance from the border would be more than thickness + SLIP [m]. The vertex sinks by at
+# most SINK x thickness per examination.
 SLIP, SINK = 0.5 * STRAY, 0.1
-LEAN = 0.5  # sine of the elevation above the plane from which a vertex beside a triangle clearly is on one side
+LEAN = 0.5  # sine of the elevation above the plane at which a vertex beside a triangle clearly is on one side
 
 # Input rows: vectors from a corner of the triangle to the two other corners and to the vertex; velocity of the
 # vertex relative to this corner; remembered side.

@@ -44,7 +44,7 @@ OVER = np.nextafter(np.float32(BORDER), ZERO)  # the largest float32 below BORDE
 # A vertex over the border of two neighbouring triangles meets them as one if the cosine between their normals
 # exceeds this.
 ALIKE = np.float32(0.9)
-NEARLY = 0.5  # x thickness: a row that is nearer by more than this is not replaced (layers joined at a hem)
+NEARLY = 0.5  # x thickness: no row is replaced by a row that is farther by more than this (layers joined at a hem)
 NEVER = np.float32(2.0)  # more than any cosine
 # Columns of a row, which fills one cache line: indices of the triangle, its corners and the vertex, then the
 # contact (vertex_sides.py): normal, WITHIN, GAP, LEAST and the weights of the second and third corner.
@@ -205,8 +205,8 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
     positions alone. A row is AT_BEND if its vertex is beside its triangle and the triangle is joined to another
     one at an angle.
 
-    The better row is mostly the top row or, for a layer on the other side, the `second` row. All rows of the
-    vertex are compared only if neither of them is the better row. Branch-free. asked, second: scratch.
+    The better row is mostly the top row or, for a layer on the other side, the `second` row. If neither of these
+    two is the better row, all rows of the vertex are compared. Branch-free. asked, second: scratch.
     """
     end, left = np.uint64(0), np.uint64(0)
     for c in range(n):
@@ -264,8 +264,8 @@ def _alike(o, c, near):
 @njit(nogil=True, forceinline=True)
 def _least_alike(o, c, nearly, near):
     """Return the cosine above which row o replaces row c. If the vertex is over one of the triangles only, the
-    border of the other triangle must not block it, whichever of the two is nearer. If it is over both, o must not
-    replace c when o belongs to a layer behind c."""
+    border of the other triangle must not block the vertex, whichever of the two is nearer. If the vertex is over
+    both triangles, o must not replace c when o belongs to a layer behind c."""
     over_both = ALIKE if near[o, APART] <= near[c, APART] + nearly else NEVER
     over_one = (near[c, INSIDE] < -OVER) & (near[o, INSIDE] >= -OVER)
     return ZERO if over_one else over_both

@@ -13,8 +13,8 @@ __all__ = ["count_crossings", "crosses", "find_crossings"]
 
 
 def find_crossings(positions: Array, triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return (k, 3): the two vertices of an edge and the triangle that it passes through. Pairs with a common
-    vertex are left out. positions: (n, 3), triangles: (m, 3)."""
+    """Return (k, 3): the two vertices of an edge and the triangle that it passes through. Edges that share a
+    vertex with the triangle are left out. positions: (n, 3), triangles: (m, 3)."""
     tri = np.asarray(triangles, dtype=np.int32)
     half = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
     edge = np.unique(np.sort(half, axis=1), axis=0).astype(np.int32)

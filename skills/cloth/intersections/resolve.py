@@ -2,13 +2,13 @@
 """Resolves lasting intersections by intersection contour minimisation (Volino & Magnenat-Thalmann 2006, Resolving
 Surface Collisions through Intersection Contour Minimization).
 
-Contacts hold every pair on its remembered side. Where neighbours remember different sides, the cloth is locked in
-an intersection that no contact undoes. Two sheets intersect along a contour. For each edge that passes through a
-triangle (a crossing) there is a direction, relative to the triangle, in which the contour gets shorter;
-neighbouring crossings are given a common direction. The sides of the pairs involved are set according to this
-direction, and the contacts then separate the sheets. The edge and the triangle are also moved apart a little along
-this direction, since there may be no pair between them. The method does not need to know an inside or outside of
-the cloth.
+Contacts hold every pair on its remembered side. Where neighbouring pairs remember different sides, the cloth is
+locked in an intersection that no contact undoes. Two sheets intersect along a contour. If an edge passes through a
+triangle (a crossing), there is a direction in which the edge has to move relative to the triangle so that the
+contour gets shorter. Neighbouring crossings are given a common direction. The sides of the pairs involved are set
+according to this direction, and the contacts then separate the sheets. The edge and the triangle are also moved
+apart a little along this direction, since there may be no pair between them. The method does not need to know an
+inside or outside of the cloth.
 
 Cloth without intersections is not changed. Crossings that contacts undo within some frames, like most crossings of
 a fast pinch, are left to the contacts, which have more information. Cloth that fell asleep with an intersection
@@ -167,7 +167,7 @@ def _add(n, e, t, edge, tri, x, cross):
 
 @njit(nogil=True)
 def _grow_older(n, cross, edge, tri, age):
-    """Increment the age of the vertices of crossings and reset the others."""
+    """Increment the age of the vertices of crossings, and set the age of all other vertices to 0."""
     for c in range(n):
         e, t = cross[c, 0], cross[c, 1]
         for m in range(5):

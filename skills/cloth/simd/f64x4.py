@@ -3,10 +3,10 @@
 
 `load_f64x4` reads consecutive numbers, `gather_f64x4` reads numbers at four indices, `splat_f64x4(s)` returns a
 register with s in every lane, and `dots` computes the scalar products of four pairs of vectors (vec3.py). `spread`
-(vec3.py) turns one register into four, each with one of its numbers in every lane, as weights of vectors. a + b, a
-- b, a * b, s * a (s a float), -a, `vdiv` and `where_above` work lane by lane. `ends` reads the vertices of four
-edges. The compiler may contract products and sums (fused multiply-add), except in `dots`, which rounds as `dot` of
-vectors does (test_f64x4.py). Indices are not checked.
+(vec3.py) makes four registers of one: register k has number k of the given register in every lane, so that it can
+be multiplied with a vector. a + b, a - b, a * b, s * a (s a float), -a, `vdiv` and `where_above` work lane by
+lane. `ends` reads the vertices of four edges. The compiler may contract products and sums (fused multiply-add),
+except in `dots`, which rounds as `dot` of vectors does (test_f64x4.py). Indices are not checked.
 
 For the compiler, these registers have the same type as a vector, but their fourth number is not zero: never store
 one in an array of vectors.

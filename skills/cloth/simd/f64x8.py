@@ -111,8 +111,8 @@ def _rows(builder: Any, x: Any, y: Any, z: Any) -> list[Any]:
 
 
 def _check(array: Any, dimensions: int, number: Any) -> None:
-    """Check number type and layout of an array. The length of its rows is not part of its type and is not
-    checked."""
+    """Check an array's Numba type: number of axes, number type and C order. The row length is not part of that
+    type, so it is not checked. Raises TypingError."""
     fits = isinstance(array, types.Array) and array.ndim == dimensions and array.dtype == number
     if not fits or array.layout != "C":
         raise TypingError(f"eights are of C-ordered arrays of {dimensions} axes of {number}, not of {array}")
@@ -190,7 +190,7 @@ def gather(typingctx, x, members, share, group):
 @operation
 def add_shares(typingctx, x, members, share, group, ax, ay, az):
     """Add the vector (ax, ay, az) of each contact of a group, multiplied by the share of each member of the
-    contact, to the member's row of x. All members of the group must differ."""
+    contact, to the member's row of x. No row of x may occur twice among the members of the group."""
 
     for rows in (x, share):
         _check(rows, 2, types.float64)

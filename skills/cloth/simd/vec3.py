@@ -43,7 +43,8 @@ vector_type = _vector = _Vector(name="Vector")
 
 
 def _check(array: Any) -> None:
-    """Check type and layout of an array. The number of columns is not part of its type and is not checked."""
+    """Check an array's Numba type: two axes, doubles and C order. The number of columns is not part of that type,
+    so it is not checked. Raises TypingError."""
     fits = isinstance(array, types.Array) and array.ndim == 2 and array.dtype == types.float64
     if not fits or array.layout != "C":
         raise TypingError(f"vectors are rows of a C-ordered array (n, {WIDTH}) of doubles, not of {array}")

@@ -121,7 +121,8 @@ def _cholesky_solve(A, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-def]
-    """Fills dq (7,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse."""
+    """Fills dq (7,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse and
+    rest (7,) the desired step in the null space."""
     A = np.zeros((6, 6))
     b = np.empty(6)
     for i in range(6):

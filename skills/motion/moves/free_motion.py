@@ -21,7 +21,7 @@ from skills.vocabulary import Outcome
 __all__ = ["plan_free_motion"]
 
 CORNERS = (0.48, 0.3, 0.15)
-"""Shares of each segment that the blend at a way-point replaces at this end of the segment, tried in turn."""
+"""The blend at a way-point replaces this share of each adjoining segment. The values are tried in turn."""
 
 
 def plan_free_motion(

@@ -43,12 +43,13 @@ SWAP_COST = 0.5
 GOOD_COST = 4.0
 """If a choice costs less than this, the swapped assignment of arms is not searched."""
 DETOUR_COST = 0.5
-"""Cost if the straight line in joint space from the present pose to the fold is in collision. The line from the
-fold to the parked pose costs the same."""
+"""Cost of a collision on the straight line in joint space from the present pose to the fold. A collision on the
+line from the fold to the parked pose costs the same."""
 MAX_CANDIDATES = 8
 """Maximum number of feasible postures that are collected per arm."""
 ENOUGH_CANDIDATES = 3
-"""With this number of feasible postures of an arm, leans that cost over 1 more than the cheapest are not tried."""
+"""Once an arm has this number of feasible postures, leans that cost over 1 more than the cheapest posture are not
+tried."""
 MAX_CHOICES = 5
 """Maximum number of choices from one assignment of the arms."""
 AT_LIMIT_COST = 2.0
@@ -70,10 +71,11 @@ class PostureChoice:
 
 @dataclass(eq=False)
 class _Tally:
-    """Counts why the postures failed for one assignment of the arms. The failure's text is made from it.
+    """Counts why the postures failed for one assignment of the arms. The text of the failure is made from these
+    counts.
 
-    started, complete, free: by arm, the numbers of joint paths that have a start, that reach every pose, and that
-    touch neither body nor table.
+    For each arm, numbers of joint paths. started: those with a start configuration. complete: those that reach
+    every pose. free: those that also touch neither body nor table.
     """
 
     swapped: bool
@@ -183,7 +185,7 @@ def rank_postures(
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
         for changing in (False, True):
             if changing and (found or not all(tally.started[arm] for arm in arms)):
-                break  # If no constant lean reaches its start, no changing one does: they start alike.
+                break  # A changing lean starts like a constant one, so it does not reach the start either.
             for arm, i in arms.items():
                 candidates[arm] += _candidates(
                     model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally

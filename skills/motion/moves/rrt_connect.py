@@ -26,7 +26,8 @@ COARSE, FINE = 0.05, 0.01
 """Spacing of the collision checks along a path [rad, joint with the largest motion]. At the coarse spacing, a
 collision of hands that pass each other can be missed."""
 LEAD_SHARES = ((0.65, 0.35), (0.8, 0.2), (1.0, 0.0))
-"""For paths on which one arm leads: progress (0..1) of the leading and of the trailing arm at the way-point."""
+"""For paths on which one arm moves ahead of the other: how far (0..1) the leading and the trailing arm have moved
+towards the goal at the way-point."""
 
 
 def candidate_paths(
@@ -97,8 +98,11 @@ def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
 
 
 def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array]]:
-    """Return lists of intermediate way-points; usually one of them gives a free path. The lists: none, one arm
-    leads the other, both arms or one arm through the parked pose."""
+    """Return lists of intermediate way-points, to be tried in turn; usually one list gives a free path.
+
+    (1) No way-point. (2) A way-point at which one arm is ahead of the other. (3) Both arms pass through the parked
+    pose. (4) One arm parks while the other moves to its goal.
+    """
     left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
 
     def at_progress(left_share: float, right_share: float) -> Array:

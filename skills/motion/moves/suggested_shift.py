@@ -49,8 +49,8 @@ def with_shift_suggestion(
 
 
 def _candidate_shifts(table: Table, paths: Mapping[GraspId, ToolPath], failure: Failure) -> Iterator[Array]:
-    """Yield shifts (2,) [m] that move the place which was not reached towards the table's middle. Without such a
-    place, the middle of the fold is used."""
+    """Yield shifts (2,) [m] that move the place which no arm reached towards the table's middle. If the failure
+    states no such place, the shifts move the middle of the tool paths."""
     place = failure.values.get("binding", {}).get("where_m", [])[:2]
     if not place:
         place = np.mean([p.position[:, :2].mean(axis=0) for p in paths.values()], axis=0)

@@ -64,8 +64,8 @@ REPEATED = 1e-5
 """Two samples of a path that are nearer to each other than this count as one. The distance is expressed as the
 time that it takes at full joint speed [s]."""
 SHARP_TURNS = (0.0, 0.5)
-"""A sample at which the path turns sharply may become a stop. Cosines of the turns from which this is tried, in
-turn (90 and 60 degrees between successive steps). A smooth path is sampled so finely that it turns by less."""
+"""Cosines of 90 and 60 degrees, which are tried in turn. A sample at which successive steps of the path turn by
+more than the tried angle may become a stop. A smooth path is sampled so finely that it turns by less."""
 MAX_STRETCHES = 40
 """Maximum number of times that a trajectory is stretched. One or two suffice, except for bends of a milliradian,
 whose sampled jerk is irregular."""
@@ -285,8 +285,8 @@ def _as_requested(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory
     q, qd, qdd = curve(t), curve(t, 1), curve(t, 2)
     qd[0] = qd[-1] = 0.0
     trajectory = ArmTrajectory(frozen(t), frozen(q), frozen(qd), frozen(qdd))
-    # The arms rest before the start and after the end, so the acceleration jumps there. It may jump by the amount
-    # by which full jerk changes it in one tick.
+    # The arms rest before the start and after the end, so the acceleration jumps there. The largest allowed jump
+    # is the change of acceleration that the largest jerk makes in one tick.
     soft_ends = np.all(np.abs(qdd[[0, -1]]) <= limits.jerk * TICK)
     return trajectory if soft_ends and peaks(trajectory, limits).worst <= 1.0 else None
 

@@ -101,7 +101,8 @@ def _start_mismatch(
 
 
 def _position_limits(model: RobotModel, trajectory: ArmTrajectory, limits: JointLimits) -> Failure | None:
-    # The first sample is the arms' present position, which may lie a little outside the planning range.
+    # The first sample is the arms' present position, which may lie a little outside the planning range. The joints
+    # may stay as far outside, but not move further out.
     over = np.maximum(limits.lower - trajectory.q, trajectory.q - limits.upper).max(axis=0)
     over -= np.maximum(0.0, np.maximum(limits.lower - trajectory.q[0], trajectory.q[0] - limits.upper))
     joint = int(over.argmax())

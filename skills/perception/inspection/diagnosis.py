@@ -31,7 +31,8 @@ def diagnose(
         kind = _outline_defect(seen, step, settings)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _confidence(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
-    # Loose layers can be lower or higher than predicted: height decides only if a part of the edge is not visible.
+    # Loose layers can be lower or higher than predicted. Height is therefore used only if a part of the moved edge
+    # is not visible, so that the edge itself cannot be judged.
     if not _edge_visible(seen) and seen.missing_layer > settings.missing_share:
         return FailureKind.DROPPED_CORNER, 0.5 * _confidence(seen.missing_layer, settings.missing_share) + 0.2
     if seen.drift_m > settings.drift or abs(seen.drift_rad) > settings.drift_angle:
@@ -117,21 +118,22 @@ def _confidence(value: float, threshold: float) -> float:
 
 
 def _corner_lag(seen: Inspection) -> float:
-    """How much further behind the garment lies at one grasp than at the other [m]; NaN for a fold with one arm."""
+    """Difference of `Inspection.left_behind` between the two grasps [m]; NaN for a fold with one arm."""
     at_grasps = [reach for name, reach in seen.left_behind.items() if name != "middle"]
     return max(at_grasps) - min(at_grasps) if len(at_grasps) == 2 else float("nan")
 
 
 def _min_left_behind(seen: Inspection) -> float:
-    """How far behind the garment lies at the place where it lies least behind [m]; NaN if that is not visible."""
+    """Smallest value of `Inspection.left_behind` [m]; NaN if there are no values."""
     return min(seen.left_behind.values()) if seen.left_behind else float("nan")
 
 
 def _outline_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
     """Name the defect of an outline that deviates from the prediction.
 
-    SAG if the middle lies behind both ends. Otherwise the place of the largest deviation decides: DROPPED_CORNER
-    if it is near a target, SAG if it is between the two targets, OFF_TARGET elsewhere.
+    SAG if the garment is left behind further in the middle than at both grasps. Otherwise the place of the largest
+    deviation decides: DROPPED_CORNER if it is near a target, SAG if it is between the two targets, OFF_TARGET
+    elsewhere.
     """
     if step is None or not step.targets:
         return FailureKind.OFF_TARGET

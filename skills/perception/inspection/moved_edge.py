@@ -36,7 +36,7 @@ class EdgeSettings:
     """Number of strips into which the moved edge is divided along its length."""
     outside: float = 0.024
     inside: float = 0.120
-    """Search range: `outside` is in front of the predicted place of the edge, `inside` behind it."""
+    """The edge is searched from `outside` in front of its predicted place to `inside` behind this place."""
     crease: float = 0.045
     """Nearer than this to the fold line, no rise is measured, because the crease is raised there."""
     rim: float = 0.010
@@ -59,8 +59,8 @@ class MovedEdge:
 
     @property
     def corner(self) -> float:
-        """How much further behind an end lies than the median of the opposite half of the edge, for the worse of
-        the visible ends [m]; NaN if none is visible."""
+        """Lag of an end minus the median lag of the opposite half of the edge, for the worse of the visible ends
+        [m]; NaN if neither end is visible."""
         behind = self._ends()
         return float(np.nanmax(behind)) if np.isfinite(behind).any() else float("nan")
 
@@ -71,10 +71,10 @@ class MovedEdge:
 
     @property
     def sag(self) -> float:
-        """How much further behind the middle lies than the line between the two ends [m].
+        """Lag of the middle of the edge relative to the straight line between its two ends [m].
 
-        Half a sine over a straight line is fitted to all strips with Huber's weights, and its amplitude is
-        returned; NaN if too few strips are visible.
+        The sum of a straight line and half a sine is fitted to the lags of all strips with Huber's weights. The
+        amplitude of the sine is returned; NaN if too few strips are visible.
         """
         known = np.isfinite(self.lag)
         if np.count_nonzero(known) < 5:
@@ -89,15 +89,15 @@ class MovedEdge:
         return float(fit[2])
 
     def _ends(self) -> tuple[float, float]:
-        """How much further behind each end lies than the median of the opposite half of the edge [m]; NaN if it is
-        not visible."""
+        """For each end, its lag minus the median lag of the opposite half of the edge [m]; NaN if the end is not
+        visible."""
         first, last = (self._end(lag) - _median(lag[len(lag) // 2 :]) for lag in (self.lag, self.lag[::-1]))
         return first, last
 
     @staticmethod
     def _end(lag: Array) -> float:
-        """Lag of the end at which `lag` begins [m]: the smaller one of the first two visible strips within the
-        first third of the edge. The smaller one is used to avoid false alarms."""
+        """Lag of the end at which `lag` begins [m]: the smaller lag of the first two visible strips in the first
+        third of the edge. The smaller lag is used to avoid false alarms. NaN if no strip is visible there."""
         seen = lag[: len(lag) // 3]
         seen = seen[np.isfinite(seen)][:2]
         return float(seen.min()) if len(seen) else float("nan")
@@ -141,7 +141,8 @@ def moved_edge(
     rise[across > -settings.crease] = np.nan
     profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
     inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
-    # A low quantile: with the median, a single layer next to a pile would be missed.
+    # A low quantile is used, because the median can lie in a pile of cloth; a single layer next to the pile would
+    # then be missed.
     layer = float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
     if layer < settings.min_rise:
         return None
@@ -165,7 +166,8 @@ def _expected_edge(
     if high - low < 0.08:
         return None
     places = np.arange(low, high, settings.sample)
-    # The mesh is coarser than the samples: the farthest vertex near each knot is used, with linear interpolation.
+    # The mesh is coarser than the samples. The distance is therefore that of the farthest vertex near each of a
+    # few knots, with linear interpolation between the knots.
     knots = np.linspace(low, high, max(round((high - low) / 0.03), 2))
     half = 0.6 * (knots[1] - knots[0])
     farthest = np.array([reach[np.abs(along - k) <= half].max(initial=-np.inf) for k in knots])
@@ -196,7 +198,8 @@ def _step_place(profile: Array, depth: Array, layer: float) -> float:
     known = np.isfinite(profile)
     if np.count_nonzero(known) < 20:
         return float("nan")
-    # A sample costs rise^2 before the step and (rise - layer)^2 behind it. The differences of the two are summed.
+    # A sample costs rise^2 in front of the step and (rise - layer)^2 behind it. At the best step, the sum of (cost
+    # behind - cost in front) over all samples in front of the step is largest.
     cost_difference = np.where(known, 0.5 * layer - np.clip(profile, -0.5 * layer, 1.5 * layer), 0.0)
     total = np.r_[0.0, np.cumsum(cost_difference)]
     return float(np.r_[depth, 2 * depth[-1] - depth[-2]][int(np.argmax(total))])

@@ -34,16 +34,19 @@ class InspectionSettings:
     """Maximum distance between observed and predicted boundary after alignment."""
     corner_radius: float = 0.07
     left_behind: float = 0.035
-    """If one corner lies behind the other by more than this, it was dropped."""
+    """Limit of `Inspection.left_behind` if the outline is not as predicted. If all values are larger, a layer was
+    missed. If the values at the two grasps differ by more, one corner was dropped."""
     sag: float = 0.020
-    """If the middle of the fold lies behind both ends by more than this, it sagged."""
+    """If the garment is left behind in the middle further than at both grasps, by more than this, the cloth
+    between the hands sagged."""
     strip: float = 0.06
     """Half the width of the strips in which `left_behind` and `sag` are measured: one strip at each grasp, and one
     between two grasps."""
     missing_share: float = 0.45
     """Maximum missing share of the predicted height at a target."""
     layer_height: float = 0.0018
-    """Minimum predicted height at a target at which missing layers are judged; depth cannot resolve less."""
+    """Minimum predicted height at a target. If it is lower, missing layers are not judged there, because depth
+    cannot resolve so little."""
     edge_sag: float = 0.026
     edge_corner: float = 0.0195
     """Limits for an edge that was moved onto other cloth (`moved_edge`): `edge_sag` for the lag of its middle,

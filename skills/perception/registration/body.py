@@ -24,8 +24,8 @@ __all__ = ["BodySettings", "lay_body"]
 class BodySettings:
     """Lengths [m].
 
-    agree: maximum distance of a corner from the place that two other corners predict for it; nearer corners agree
-    with them. scale: initial scale of Tukey's weights, which decreases to `last_scale`. stretch: maximum ratio of
+    agree: if a corner is nearer than this to the place that two other corners predict for it, it agrees with
+    these two. scale: initial scale of Tukey's weights, which decreases to `last_scale`. stretch: maximum ratio of
     the scales along the two axes.
     """
 
@@ -94,8 +94,8 @@ def _similarity(a: Array, b: Array) -> _Pose:
 
 
 def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: float) -> NDArray[np.bool_]:
-    """Find the clear corners that agree on one similarity, as a mask (k,): of all such sets, the one whose edges
-    are longest in total."""
+    """Return a mask (k,) of clear corners that agree on one similarity from template to outline. Of all sets of
+    such corners, the one whose edges are longest in total is taken."""
     lengths = segment_lengths(template)
     clear_indices = np.flatnonzero(clear)
     best, best_set = 0.0, np.zeros(len(template), bool)
@@ -103,7 +103,8 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
         for j in clear_indices[n + 1 :]:
             pair = _similarity(template[[i, j]], placed[[i, j]])
             agreeing = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < agree)
-            # Each corner adds a little to the score, so that a corner between blunt ones counts without an edge.
+            # An edge counts only if both its corners agree. A corner between two blunt corners has no such edge,
+            # so each agreeing corner also adds a little to the score.
             score = float(lengths[agreeing & np.roll(agreeing, -1)].sum()) + 0.01 * np.count_nonzero(agreeing)
             if score > best:
                 best, best_set = score, agreeing

@@ -63,8 +63,8 @@ def set_corners(
 
     Straight lines are fitted to the edges on both sides of a corner. A sewn corner is round: its tip is the
     boundary point that reaches furthest towards the intersection of the lines. Near a crotch the table between the
-    legs is too narrow to be visible, so the intersection itself is used. Because the edges meet there at an acute
-    angle, the intersection is uncertain, so the template serves as a prior.
+    trouser legs is too narrow to be visible, so the intersection itself is used. Because the edges meet there at
+    an acute angle, the intersection is uncertain, so the template serves as a prior.
     """
     settings = settings or CornerSettings()
     moved = X.copy()

@@ -198,7 +198,7 @@ def _shape_terms(  # type: ignore[no-untyped-def]
         for k, e in ((0, ex), (1, ey)):
             gradient[s, 0, k] = -scale / at_rest / length * e
             gradient[s, 1, k] = scale / at_rest / length * e
-        # An angle grows when its second leg v turns left and its first leg u turns right.
+        # An angle grows when its second side v turns left and its first side u turns right.
         vx, vy = X[h, 0] - X[i, 0], X[h, 1] - X[i, 1]
         uu, vv = max(ex * ex + ey * ey, 1e-12), max(vx * vx + vy * vy, 1e-12)
         scale = np.sqrt(0.5 * beta * 0.5 * (rest[i] + rest[h]))

@@ -1,10 +1,11 @@
 """Registration of a garment: bends the template's contour onto the observed boundary and yields the key points.
 
 This is the paper's registration (see `energy`). The template's vertices are feature points and keep their
-identity. In each update, Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004, section 3.2, analytic
-Jacobian) move the contour, segments are subdivided and merged, and the result becomes the new reference. The fit
-starts from every plausible orientation, and the result of lowest energy is chosen. At the end the corners are
-relocated on the boundary (`corners`).
+identity. The fit consists of rounds. In each round, Levenberg-Marquardt steps (Madsen, Nielsen and Tingleff 2004,
+section 3.2, analytic Jacobian) move the contour, and segments are subdivided and merged. The result is the
+reference of the next round, from which stretching and bending are measured. The fit starts from every plausible
+orientation, and the result of lowest energy is chosen. At the end the corners are relocated on the boundary
+(`corners`).
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ __all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts
 
 
 _MARGIN = 0.005
-"""Tolerance in the comparison of boundary distances by which an orientation is ruled out [m]."""
+"""An orientation is ruled out if its forward distance exceeds twice the smallest one by more than this [m]."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,11 @@ class RegistrationSettings:
     longest: float = 0.06
     shortest: float = 0.015
     steps_each: int = 6
-    """Maximum number of Levenberg-Marquardt steps between two updates of the reference."""
+    """Maximum number of Levenberg-Marquardt steps in a round."""
     updates: int = 12
+    """Maximum number of rounds. After each round, its result becomes the new reference."""
     reduction: float = 0.05
-    """The registration ends when an update lowers the energy by less than this fraction."""
+    """The fit ends when a round lowers the energy by less than this fraction."""
     equal: float = 0.004
     """Two orientations whose mean boundary distances differ by less than this are equally good [m]."""
     candidates: int = 3
@@ -63,8 +65,9 @@ class Registration:
 
     energy: final data terms [m3]. residual: root mean square boundary distance [m]. angle: initial rotation of the
     template [rad]. scale: observed size over the template's size. ambiguous: symmetries of the template, see
-    `symmetries`; the orientation nearest to that of the template is then chosen. history: energy before the first
-    and after each update. stages: the contours that have these energies. least_turn: see `corners.least_turn`.
+    `symmetries`; if there are any, the orientation nearest to that of the template is chosen. history: energy
+    before the first and after each round. stages: the contours that have these energies. least_turn: see
+    `corners.least_turn`.
     """
 
     keypoints: Mapping[str, Array]
@@ -155,7 +158,8 @@ def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
         if all(abs(_wrap(angle - a)) > np.deg2rad(3) for _, a, _ in placed):
             X = _place(polygon, angle, boundary)
             placed.append((X, angle, _forward_distance(X, boundary)))
-    # The reverse distance is expensive: it is computed only if the forward distance is at most twice the smallest.
+    # The forward distance is that of the template from the boundary. The reverse distance is expensive, so it is
+    # computed only if the forward distance is at most about twice the smallest one.
     max_forward = 2.0 * min(forward for _, _, forward in placed) + _MARGIN
     starts = [
         Start(X, angle, 0.5 * (forward + _reverse_distance(X, boundary)))
@@ -168,8 +172,8 @@ def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
 def _plausible(starts: list[Start], settings: RegistrationSettings) -> list[Start]:
     """Select the orientations that are worth a full fit.
 
-    Two equally good orientations half a turn apart have the same silhouette. Only the one that is nearer to the
-    template's own orientation is used.
+    If two orientations half a turn apart are equally good, the silhouette cannot show which one is right. Only the
+    one that is nearer to the template's own orientation is used.
     """
     best = starts[0].distance
     equal = [s for s in starts if s.distance <= best + settings.equal]
@@ -243,7 +247,7 @@ def fit(
     """Fit a placed template (k, 2) to the boundary.
 
     Returns the registered contour (n, 2) [m]; the index of each vertex's key point (n,), -1 for none; the energies
-    before the first and after each update; and the contours that have these energies.
+    before the first and after each round; and the contours that have these energies.
     """
     X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
     history, stages = [_energy(X, boundary, settings)], [X]

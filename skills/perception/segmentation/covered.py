@@ -15,11 +15,12 @@ _MIN_HEIGHT = 0.0012
 of this mean."""
 _WINDOW = 5
 _MIN_SHARE = 0.4
-"""Covered pixels are reported only if they are more than this share of the view. If they are fewer, the table's
-colour is the most frequent one."""
+"""Covered pixels are reported only if their share of the view is larger than this. If it is smaller, the table's
+colour is the most frequent one, so the object cannot be mistaken for the table."""
 _RIM = 2
 _MAX_RIM_SHARE = 0.25
-"""If more than this share of the view's rim, `_RIM` pixels wide, is high too, the height is not trusted."""
+"""If more than this share of the view's rim, which is `_RIM` pixels wide, is also above `_MIN_HEIGHT`, the height
+is not trusted and no covered pixels are reported."""
 
 
 def covered(height: Field, valid: Mask) -> Mask:

@@ -39,7 +39,8 @@ _RIM = 0.04
 _MIN_COLOUR_DISTANCE = 3.5
 """A pixel whose colour is further than this from every colour of the rim may be garment [standard deviations]."""
 _CUT_WEIGHT = 1.5
-"""Weight of GrabCut's label: half of it is added to, or subtracted from, the log odds of a pixel's own colour."""
+"""Weight of GrabCut's label. Half of it is added to a pixel's log odds, which follow from its colour, if the label
+is garment; half of it is subtracted if the label is table."""
 
 
 def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
@@ -72,7 +73,7 @@ def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
     """Classify each pixel by the colours on both sides of a coarse boundary.
 
     This finds gaps that the cut misses because they are narrower than its coarse pixels, such as the table between
-    two legs. coarse: (H, W), 1 where the garment is.
+    two trouser legs. coarse: (H, W), 1 where the garment is.
     """
     image = log_colour(rgb) - np.log(fit_table(rgb, valid).astype(np.float32) + 8.0)
     noise = noise_scale(rgb)

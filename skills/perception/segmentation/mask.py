@@ -26,8 +26,8 @@ class SegmentationSettings:
     """Lengths [px] in view pixels; differences of colour as differences of the natural logarithm of intensity."""
 
     deepest_shadow: float = 1.0
-    """Darkest shadow, as a decrease of the logarithm: the table keeps at least exp(-1.0) = 37 % of its
-    intensity."""
+    """Darkest possible shadow, as a decrease of the logarithm. With 1.0, a shaded table has at least exp(-1.0) =
+    37 % of its unshaded intensity."""
     shadow_share: float = 0.05
     """Prior probability that a pixel of the table is in shadow."""
     surely_garment: float = 6.0
@@ -37,7 +37,7 @@ class SegmentationSettings:
     """A region that is darker than the table by more than this, and wider than `shadow_rim`, may be a dark
     garment."""
     shadow_rim: int = 13
-    """Width of cast shadows: those of a flat garment are narrower than this [px]."""
+    """Maximum width of the shadows that a flat garment casts [px]."""
     garment_height: float = 0.0006
     """A dark region whose mean height is above this is cloth, not shadow [m]."""
     smallest_area: int = 2500
@@ -73,7 +73,8 @@ def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float
     """Clean a mask (H, W) by closing and opening. Return the largest region without holes (H, W), the other large
     regions (H, W), and the largest region's share of them all."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    # The closing is only a pixel wide, because the table between two legs is narrow.
+    # Close by one pixel only: between the two legs of trousers just a narrow strip of table is visible, and a
+    # wider closing would fill it.
     cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
     cleaned = cv2.morphologyEx(cleaned, cv2.MORPH_OPEN, kernel)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)

@@ -18,9 +18,9 @@ def light_change(image: Field, table: Field, valid: Mask, height: Field | None =
     """Fit the change of light or exposure between the picture of the empty table and the image, both log colours.
     The result is one plane per channel, (3, 3), see `light_plane`.
 
-    It is fitted to the pixels near the most frequent change, so that the garment's pixels are outliers. If the
-    garment covers much of the view according to height (H, W) above the table [m], NaN where unknown, its pixels
-    are excluded.
+    The planes are fitted to the pixels near the most frequent change, so that the garment's pixels are outliers.
+    If the garment covers much of the view according to height (H, W) above the table [m], NaN where unknown, its
+    pixels are excluded.
     """
     rows, columns = valid.shape
     r, c = np.mgrid[0:rows:6, 0:columns:6]

@@ -34,9 +34,9 @@ GRACE_S = 1.0
 """Additional wall time [s]. If the thread that fetches a picture needs longer than its limit plus this time, it
 counts as stuck."""
 EXPOSED_S = 0.42
-"""Cell time from the first exposure that a still picture uses [s]. After it, the picture uses only the exposures
-that have arrived. The limit is needed because a camera may be slow, and the caller accepts no picture older than
-half a second."""
+"""Maximum cell time from the first exposure of a still picture to its last [s]. After this time, the picture is
+made from the exposures that have arrived. The limit is needed because a camera may be slow, and the caller accepts
+no picture older than half a second."""
 LAST_S = 0.3
 """Longest cell time to wait for one more exposure [s]."""
 GLIMPSE_AGE_S = 0.5
@@ -79,8 +79,9 @@ class _Shots:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """Requested pairs. first: number of the first pair to use, from 1; settle: smallest time from the arrival of
-    the first pair to the arrival of the first pair to use [s]; exposures: number of pairs."""
+    """The pairs (colour and depth image) that a picture needs. first: number of the first pair that may be used,
+    counted from 1. settle: minimum time between the arrivals of pair 1 and of a pair that is used [s]. exposures:
+    number of pairs."""
 
     first: int
     settle: float
