@@ -44,8 +44,8 @@ makes an error visible."""
 
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """Settings of a hand-eye calibration. views: number of views in each hand. poses_per_view: at most
-    `views` times this number of poses are tried per hand. min_corners: smallest number of corners in a view.
+    """Settings of a hand-eye calibration. views: number of views of the board in each hand. poses_per_view: at
+    most `views` times this number of poses are tried per hand. min_corners: smallest number of corners in a view.
     grip_force [N]."""
 
     views: int = 12

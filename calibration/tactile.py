@@ -63,9 +63,11 @@ class TactileSettings:
 
 @dataclass(frozen=True, eq=False)
 class FingerFigures:
-    """Figures of one unloaded hand. cell_noise, pad_noise, tip_noise: standard deviations of one reading of a
-    cell, of the sum of a pad and of a tip [N]. pad_drift, tip_drift: largest change within the horizon [N]. rate:
-    readings per second."""
+    """Figures of one unloaded hand.
+
+    cell_noise, pad_noise, tip_noise: standard deviation of one reading of a cell, of the sum of a pad's cells, and
+    of a tip [N]. pad_drift, tip_drift: largest change within `horizon` (settings) [N]. rate: readings per second.
+    """
 
     cell_noise: float
     pad_noise: float

@@ -43,8 +43,11 @@ def look_at(picture: Photograph, garments: Sequence[Garment]) -> Outcome[Percept
 
 
 def worst_error(found: Mapping[str, Array], truth: Mapping[str, Array]) -> float:
-    """Largest key point error [px]. Left and right, and near and far, may be exchanged in the names, because front
-    and back, and the two ends of a towel, look alike; the best exchange counts."""
+    """Return the largest key point error [px].
+
+    Front and back of a garment look alike, so the names 'left' and 'right' may be swapped. The two ends of a towel
+    look alike, so 'near' and 'far' may be swapped. The error is that of the swap with the smallest error.
+    """
     errors = []
     for swapped in SIDES:
         named = {n: "_".join(swapped.get(word, word) for word in n.split("_")) for n in truth}

@@ -17,7 +17,8 @@ __all__ = ["SHEET_FORMATS", "pdf_page", "png_page"]
 Picture = NDArray[np.uint8]
 POINT_MM = 25.4 / 72.0
 _IHDR_END = 33
-"""Length of a PNG file's signature and first chunk [bytes]. The chunk with the resolution is inserted there."""
+"""Length of a PNG file's signature and first chunk [bytes]. The chunk with the resolution is inserted after
+them."""
 
 
 def png_page(picture: Picture, pixels_per_mm: int) -> bytes:

@@ -20,8 +20,10 @@ from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
 
 STILL = 2.5e-4  # [m] vertices that moved less than this in a frame are not predicted to move
-SWINGS = 3  # x sleep_frames: a vertex that stayed near its place for longer only swings and does not topple
-FRINGE = 2  # number of rings of neighbours
+# x sleep_frames: a vertex that stayed near its reference point for at least this time counts as quiet, even if it
+# gains speed. It swings; it is not beginning to fall.
+SWINGS = 3
+FRINGE = 2  # width of the fringe of sleeping vertices around awake ones, in rings of neighbours
 NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 
 

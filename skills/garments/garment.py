@@ -58,8 +58,8 @@ class PlanStep:
     """One fold. line: two anchors on the flat garment.
 
     variants: in order of preference; they differ in the moving side (the fold's direction) and in the grasps.
-    tension: two lengths [m]: (1) distance from a grasp's mirror image to the place, further out, where the grasp
-    is released; (2) distance by which each of two hands moves outwards, parallel to the line, during the fold.
+    tension: (past, apart) [m]. A grasp is released `past` beyond its mirror image in the fold line, farther from
+    the line. If two hands fold, each also moves outwards by `apart`, parallel to the line, during the fold.
     Tension takes up the slack that results from cloth sagging between the hands and from the unpressed crease.
     """
 

@@ -445,8 +445,12 @@ def _choose(
 def _match_of_size(
     matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
 ) -> tuple[Match | None, Failure | None]:
-    """Return the first of the best matches whose size fits, or a failure. The same size limit applies when a later
-    perception expects this garment, so that it is accepted again."""
+    """Return the first match whose size fits, among those whose IoU is within `category_margin` of the best;
+    otherwise a failure.
+
+    `_choose` applies the same size limit to an expected garment. Therefore a garment chosen here is not refused
+    for its size by a later perception that expects it.
+    """
     near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
     for match in near:
         if _fits_in_size(match, settings):

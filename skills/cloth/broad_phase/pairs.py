@@ -24,7 +24,8 @@ HORIZON = 6  # number of phases (contacts.py) for which the pairs of a search ar
 NONE, ONE = np.uint64(0), np.uint64(1)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # 2^64 divided by the golden ratio, for hashing
 ROOMY = 8  # places in the hash table per pair, so that few pairs collide
-RENEW = 4  # age of a course in phases: a moving cluster with an older course is included in the next search
+# [phases] a moving cluster is included in the next search if its predicted motion (cluster_bounds.py) is older
+RENEW = 4
 
 
 @njit(nogil=True)

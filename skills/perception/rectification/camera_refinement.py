@@ -32,7 +32,7 @@ class RefinementSettings:
     plane_height: float = 0.004
     """Standard deviation of the measured plane's height. Depth sensors have a scale error of one per cent."""
     edge_place: float = 0.0015
-    """Standard deviation of the table's edges in the table frame."""
+    """Standard deviation of the position of the table's edges in the table frame."""
     search: float = 0.04
     largest_position: float = 0.03
     largest_angle: float = 0.03

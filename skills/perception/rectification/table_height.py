@@ -1,4 +1,5 @@
-"""Smooths the measured height of the empty table. This height is the local error of the calibration."""
+"""Smooths the measured height of the empty table. The true height is 0 everywhere, so the height shows the error of
+the calibration at each place."""
 
 from __future__ import annotations
 

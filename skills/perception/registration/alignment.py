@@ -49,8 +49,11 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
 
 
 def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
-    """Find the largest distance between two boundaries that persists over 3 cm of boundary [m], positive where the
-    observed boundary lies outside; and its place (2,) [m]."""
+    """Return the largest deviation between the two boundaries [m] and its place (2,) [m].
+
+    It is positive if the observed boundary lies outside the outline. A deviation counts only as far as 3 cm of
+    boundary deviate by at least that much, to the same side.
+    """
     if polygon_area(outline) < 0:
         outline = outline[::-1]
     observed_boundary = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)
