@@ -1,5 +1,7 @@
-"""Smooths the measured height of the empty table. The true height is 0 everywhere, so the height shows the error of
-the calibration at each place."""
+"""Smooths the measured height of the empty table.
+
+The true height is 0 everywhere, so the measured height shows the error of the calibration at each place.
+"""
 
 from __future__ import annotations
 
