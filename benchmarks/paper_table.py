@@ -114,7 +114,7 @@ def main(arguments: Sequence[str]) -> int:
     if arguments:
         folder = Path(arguments[0])
     else:
-        from cell.campaigns.executors import chosen_workers
+        from cell.campaigns.executors import RUNS_EACH, chosen_workers
         from cell.campaigns.trials.campaign import read_campaign
         from cell.config.cell_settings import load_settings
         from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str]) -> int:
         )
         folder = created.path
         print(f"folder   {folder}; to continue: foldcell trials --resume {folder}", flush=True)
-        with created.owned(), chosen_workers(None, None, folder) as workers:
+        with created.owned(), chosen_workers(None, None, folder, RUNS_EACH) as workers:
             progress = CampaignProgress(len(created.campaign.requests), 0, workers.count)
             perform_campaign(created, workers, lambda trial: print(progress.line(trial), flush=True))
     campaign = CampaignFolder.open(folder)

@@ -15,9 +15,9 @@ from cell.campaigns.trials.store import cpu_model, program_versions
 from cell.support.process.workers import worker_pool
 from robots.errors import ConfigurationError
 
-__all__ = ["Workers", "chosen_workers", "cluster_workers", "local_workers"]
+__all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_workers"]
 
-TASKS_EACH = 8
+RUNS_EACH = 8
 """A worker process of this machine is replaced after this number of runs, so that its memory use stays limited."""
 PATIENCE_S = 15.0
 
@@ -34,23 +34,26 @@ class Workers:
     notes: tuple[str, ...] = ()
 
 
-def chosen_workers(count: int | None, cluster: str | None, folder: Path) -> AbstractContextManager[Workers]:
+def chosen_workers(
+    count: int | None, cluster: str | None, folder: Path, tasks_each: int | None = None
+) -> AbstractContextManager[Workers]:
     """Return the workers that a user asked for: those of the cluster at address `cluster`, `count` processes of
-    this machine, or by default one process per core.
+    this machine, or by default one process per core. tasks_each: a process of this machine is replaced after this
+    number of tasks; None: never.
 
     Raises ConfigurationError if both `count` and `cluster` are given.
     """
     if cluster is None:
-        return local_workers(count or len(os.sched_getaffinity(0)))
+        return local_workers(count or len(os.sched_getaffinity(0)), tasks_each)
     if count is not None:
         raise ConfigurationError("--workers with --cluster", "the cluster's workers decide how many run at a time")
     return cluster_workers(cluster, folder)
 
 
 @contextmanager
-def local_workers(count: int) -> Iterator[Workers]:
+def local_workers(count: int, tasks_each: int | None = RUNS_EACH) -> Iterator[Workers]:
     """Start `count` worker processes on this machine. An exception within the context ends the running tasks."""
-    with worker_pool(count, TASKS_EACH) as pool:
+    with worker_pool(count, tasks_each) as pool:
         yield Workers(pool, count)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.executors import chosen_workers
+from cell.campaigns.executors import RUNS_EACH, chosen_workers
 from cell.campaigns.perform_campaign import perform_campaign
 from cell.campaigns.results import campaign_results
 from cell.campaigns.statistics.summary import Row, claims
@@ -68,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         finished = campaign.finished()
         missing = len(campaign.missing(finished))
         try:
-            with chosen_workers(options.workers, options.cluster, campaign.path) as workers:
+            with chosen_workers(options.workers, options.cluster, campaign.path, RUNS_EACH) as workers:
                 for note in workers.notes:
                     print(note, file=sys.stderr)
                 already = f", {len(finished)} of them finished earlier" if finished else ""
@@ -78,6 +79,10 @@ def run(options: argparse.Namespace) -> int:
                 trials = perform_campaign(
                     campaign, workers, lambda trial: print(progress.line(trial), file=out, flush=True)
                 )
+        except ConfigurationError:  # the workers cannot be had: leave no campaign that never began
+            if not finished and options.resume is None:
+                shutil.rmtree(campaign.path)
+            raise
         except KeyboardInterrupt:
             made = len(campaign.finished())
             again = command_for(f"trials --resume {campaign.path}", campaign.path.parent)

@@ -285,7 +285,7 @@ def test_a_built_library_replaces_only_its_own_entries(tmp_path: Path, serial: L
 def test_the_build_command_writes_the_library_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
-    monkeypatch.setattr("cell.commands.library.build.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Bowl)
     line = ["library", "build", "small_towel", "--method", "two_parameter", "--workers", "2",
             "--logs", str(tmp_path)]  # fmt: skip
@@ -318,7 +318,7 @@ def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pyte
             lifts.append(path[straight, 2].max() - path[0, 2])
             return super().__call__(mesh, positions, material, paths)
 
-    monkeypatch.setattr("cell.commands.library.build.worker_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
     monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Watching)
     (tmp_path / "cell.yaml").write_text("grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\n")
     line = ["library", "build", "small_towel", "--method", "initial", "--cell", str(tmp_path / "cell.yaml")]

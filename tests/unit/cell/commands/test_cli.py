@@ -828,9 +828,9 @@ def test_campaign_files_are_performed_compared_and_listed(
     "line",
     ["--resume none", "--hours 1 --n 3", "--renew 2", "none.yaml", "--cluster tcp://x:1 --workers 2", "--hours 0"],
 )
-def test_contradicting_options_of_trials_are_refused(line: str, fake: FakeRun) -> None:
+def test_contradicting_options_of_trials_are_refused(line: str, fake: FakeRun, tmp_path: Path) -> None:
     assert main(["trials", *line.split()]) == 64
-    assert fake.requests == []
+    assert fake.requests == [] and not list(tmp_path.rglob("*.json")), "no campaign is left that never began"
 
 
 def test_trials_of_an_unknown_garment_are_refused(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
