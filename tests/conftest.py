@@ -30,6 +30,7 @@ COMPUTES_CLOTH = (
     "cell/simulation/test_cloth_body.py",
     "cell/simulation/test_score.py",
     "cell/simulation/test_world.py",
+    "foldcell/test_api_optimise.py",
     "skills/cloth",
     "skills/trajectory",
 )
@@ -38,22 +39,42 @@ DRAWS_PICTURES = (
     "cell/commands/test_perceive_command.py",
     "cell/config/test_new_garment.py",
     "cell/simulation/test_camera_sensor.py",
+    "foldcell/test_api_perceive.py",
     "skills/perception",
 )
 PLANS_MOTIONS = (
     "calibration/test_hand_eye.py",
     "cell/calibrating",
+    "cell/control/test_trajectory_motion.py",
     "robots/test_robot_models.py",
     "skills/motion/test_fold_motion.py",
 )
+DRAWS_MANY_READINGS = (
+    "calibration/test_camera_calibration.py",
+    "calibration/test_tactile_calibration.py",
+    "skills/grasping/test_close_confirm.py",
+    "skills/grasping/test_descend.py",
+    "skills/grasping/test_slip_release.py",
+)
 STARTS_PROGRAMS = (
+    "cell/campaigns/test_perform_campaign.py",
     "cell/commands/test_cli.py",
+    "cell/operator/console/test_console.py",
     "cell/operator/console/test_page.py",
+    "cell/support/process/test_library_messages.py",
+    "cell/support/process/test_workers.py",
     "cell/recording/rerun/test_recorder.py",
 )
 LONG = tuple(
     UNIT / place
-    for group in (COMPUTES_CLOTH, COMPILES, DRAWS_PICTURES, PLANS_MOTIONS, STARTS_PROGRAMS)
+    for group in (
+        COMPUTES_CLOTH,
+        COMPILES,
+        DRAWS_PICTURES,
+        PLANS_MOTIONS,
+        DRAWS_MANY_READINGS,
+        STARTS_PROGRAMS,
+    )
     for place in group
 )
 assert all(place.exists() for place in LONG)
