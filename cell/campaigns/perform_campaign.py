@@ -14,9 +14,10 @@ from cell.campaigns.results import RESULTS, campaign_results, results_text
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.engine import run_trials
 from cell.campaigns.trials.perform_trial import Fold, perform_trial
-from cell.campaigns.trials.store import CampaignFolder
+from cell.campaigns.trials.store import CampaignFolder, program_versions
 from cell.campaigns.trials.trial import Trial
 from cell.support.files.whole_file import write_whole
+from robots.errors import StorageError
 
 __all__ = ["perform_campaign"]
 
@@ -36,7 +37,8 @@ def perform_campaign(
     """
     trials = folder.finished()
     missing = folder.missing(trials)
-    work = functools.partial(_perform, str(folder.path), folder.campaign.keep, fold)
+    sources = program_versions()["sources"]
+    work = functools.partial(_perform, str(folder.path), folder.campaign.keep, fold, sources)
     written = 0.0
     try:
         write_results(folder, trials)
@@ -62,6 +64,14 @@ def write_results(folder: CampaignFolder, trials: list[Trial]) -> dict[str, Any]
     return results
 
 
-def _perform(campaign: str, keep: Keep, fold: Fold | None, request: TrialRequest) -> dict[str, Any]:
-    """Perform one run. Called in a worker process."""
+def _perform(campaign: str, keep: Keep, fold: Fold | None, sources: str, request: TrialRequest) -> dict[str, Any]:
+    """Perform one run. Called in a worker process.
+
+    Raises StorageError if the program's files have changed since the campaign was started: a process that starts
+    later would run another program.
+    """
+    if program_versions()["sources"] != sources:
+        raise StorageError(
+            "the program's files changed while the campaign ran", "continue it with the version that began it"
+        )
     return perform_trial(request, Path(campaign) / request.folder, keep, fold)

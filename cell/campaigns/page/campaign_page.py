@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 import jinja2
@@ -140,7 +141,7 @@ def _report(folder: CampaignFolder, trial: Trial) -> str:
     """Return the path of the run's report relative to the campaign's folder; empty if there is no report."""
     run = _run_folder(folder, trial)
     report = run / "report.html" if run else None
-    return os.path.relpath(report, folder.path) if report and report.is_file() else ""
+    return quote(os.path.relpath(report, folder.path)) if report and report.is_file() else ""
 
 
 def _run_folder(folder: CampaignFolder, trial: Trial) -> Path | None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 __all__ = ["bootstrap_median", "mcnemar_exact", "wilson_interval"]
 
 RESAMPLES = 9999
+BLOCK = 1_000_000
+"""Largest number of values that are drawn at a time, which limits the memory."""
 SEED = 20_150_928
 """Seed of the bootstrap resampling. It is fixed, so that the same values always give the same interval."""
 
@@ -39,6 +41,10 @@ def bootstrap_median(values: Sequence[float]) -> tuple[float, float] | None:
     if len(values) < 2:
         return None
     generator = np.random.default_rng(SEED)
-    drawn = generator.choice(np.asarray(values, dtype=float), (RESAMPLES, len(values)))
-    low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
+    known, block = np.asarray(values, dtype=float), max(1, BLOCK // len(values))
+    medians = [
+        np.median(generator.choice(known, (min(block, RESAMPLES - at), len(known))), axis=1)
+        for at in range(0, RESAMPLES, block)
+    ]
+    low, high = np.quantile(np.concatenate(medians), [0.025, 0.975])
     return float(low), float(high)

@@ -18,7 +18,8 @@ variants:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -37,6 +38,8 @@ Keep = Literal["failures", "all", "none"]
 MAX_SEED = 2**31 - 1
 MAX_RUNS = 100_000
 DEFAULT_VARIANT = "shipped"
+RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.json"})
+"""Files of a campaign in its folder."""
 
 
 class _Group(BaseModel):
@@ -183,10 +186,24 @@ def campaign_of(
         ]
     if len(requests) > MAX_RUNS:
         raise ConfigurationError(f"{len(requests)} runs", f"a campaign has at most {MAX_RUNS} runs: split it")
+    _check_folders(requests)
     order = {seed: n for n, seed in enumerate(seeds)}
     requests.sort(key=lambda request: order[request.seed])
     about = {name: variant.about for name, variant in content.variants.items()}
     return Campaign(content.about, content.keep, tuple(requests), about)
+
+
+def _check_folders(requests: Sequence[TrialRequest]) -> None:
+    """Each run needs a folder of its own, outside those of the others and apart from the campaign's files."""
+    folders = Counter(request.folder for request in requests)
+    double = [name for name, count in folders.items() if count > 1]
+    variants = {request.variant for request in requests} - {DEFAULT_VARIANT}
+    taken = sorted(variants & ({*folders} | RESERVED))
+    if double or taken:
+        raise ConfigurationError(
+            f"two runs would share the folder {(double + taken)[0]}",
+            "rename one of the garment files, or the variant",
+        )
 
 
 def _settings(settings: CellSettings, name: str, variant: Variant, document: Document | None) -> CellSettings:
@@ -201,7 +218,8 @@ def _settings(settings: CellSettings, name: str, variant: Variant, document: Doc
 def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
     """Return the garments without repetitions, because a second run with the same garment and seed is no further
     evidence."""
-    names = [str(folder / g) if g.endswith((".yaml", ".yml")) else g.strip() for g in garments]
+    stripped = [g.strip() for g in garments]
+    names = [str((folder / g).resolve()) if g.endswith((".yaml", ".yml")) else g for g in stripped]
     if not names:
         raise ConfigurationError("a campaign without garments", "name at least one, or write all")
     return list(dict.fromkeys(names))
@@ -209,7 +227,10 @@ def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
 
 def _seeds(seeds: SeedRange | tuple[int, ...]) -> list[int]:
     if isinstance(seeds, SeedRange):
-        return [s for s in range(seeds.first, seeds.first + seeds.count) if s <= MAX_SEED]
+        last = seeds.first + seeds.count - 1
+        if last > MAX_SEED:
+            raise ConfigurationError(f"seeds up to {last}", f"the largest seed is {MAX_SEED}")
+        return list(range(seeds.first, last + 1))
     if not seeds:
         raise ConfigurationError("a campaign without seeds", "list at least one, or give {first, count}")
     return list(dict.fromkeys(seeds))

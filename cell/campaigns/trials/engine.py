@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from typing import Any
 
 from cell.campaigns.trials.campaign import TrialRequest
@@ -25,8 +25,9 @@ def run_trials(
     """Yield each run as it ends, in any order. `work(request)` returns the content of `trial.json`.
 
     worker_died: whether an exception means that the worker process died. Such a run is started up to ATTEMPTS
-    times in all; then it counts as not performed. Any other exception of `work` counts as a fault, except for
-    StorageError, which is raised, because a campaign cannot go on without its folder.
+    times in all; then it counts as not performed. So does a run whose work raises any other exception, because
+    `perform_trial` turns a run's own exceptions into results. StorageError is raised: a campaign cannot go on
+    without its folder.
     """
     begun: Counter[int] = Counter()
     running: dict[Future[dict[str, Any]], int] = {}
@@ -41,14 +42,14 @@ def run_trials(
         while running:
             for job in wait(running, return_when=FIRST_COMPLETED).done:
                 index = running.pop(job)
-                error = job.exception()
+                error = CancelledError() if job.cancelled() else job.exception()
                 if isinstance(error, StorageError):
                     raise error
                 if error is None:
                     done = job.result()
                     yield Trial(requests[index], done["figures"], done["error"])
                 elif not worker_died(error):
-                    yield Trial(requests[index], None, f"{type(error).__name__}: {error}")
+                    yield Trial(requests[index], None, f"{type(error).__name__}: {error}", performed=False)
                 elif begun[index] < ATTEMPTS:
                     start(index)
                 else:
@@ -61,4 +62,4 @@ def run_trials(
 
 def process_died(error: BaseException) -> bool:
     """Whether the exception means that a worker process of a standard-library pool died."""
-    return isinstance(error, BrokenExecutor)
+    return isinstance(error, BrokenExecutor | CancelledError)

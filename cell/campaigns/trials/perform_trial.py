@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +23,14 @@ from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.lock import CellBusyError, OwnerLock
 from cell.support.process.memory import return_free_memory
-from robots.errors import CellError, StorageError
+from robots.errors import CellError, FailureKind, StorageError
 
 __all__ = ["Fold", "perform_trial"]
 
 LOCK = "trial.lock"
 WAIT_S = 0.5
+PR_SET_PDEATHSIG = 1
+"""Option of Linux's prctl(2)."""
 
 Fold = Callable[[TrialRequest, Path], Mapping[str, Any]]
 """Performs a run in a folder and returns the output of `foldcell fold --json`."""
@@ -39,6 +44,9 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
     killed), this function waits for it. The remains of a run that was cut off are removed first. fold: performs
     the run and returns its figures; None: the run is performed by this program, or by the version that the request
     names.
+
+    Raises BrokenExecutor if a signal ended the run, and StorageError if the run could not be recorded: neither is
+    a result of the request, so nothing is written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _only_one(folder / LOCK):
@@ -46,10 +54,20 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
         if done is None:
             _clear(folder)
             done = _perform(request, folder, fold or (_other_version if request.python else _this_version))
+            _refuse_cut_off(done["figures"] or {})
             _discard_recordings(folder, keep, done)
             write_whole(folder / TRIAL, json.dumps(to_json(done)) + "\n")
             return_free_memory()
     return done
+
+
+def _refuse_cut_off(figures: Mapping[str, Any]) -> None:
+    """A worker that is told to end stops its run first. That run is not finished, however tidily it ended."""
+    if figures.get("signal") is not None:
+        raise BrokenExecutor(f"the run was ended by signal {figures['signal']}")
+    failure = figures.get("failure") or {}
+    if failure.get("kind") == FailureKind.UNRECORDED.value:
+        raise StorageError(str(failure.get("what")), str(failure.get("hint")))
 
 
 def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
@@ -64,7 +82,7 @@ def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
         if isinstance(e, StorageError) or e.errno is not None:  # e.g. a full disk: not the request's fault
             raise
         error = f"{type(e).__name__}: {e}"
-    except StorageError:
+    except (StorageError, MemoryError):
         raise
     except Exception as e:
         error = f"{type(e).__name__}: {e.what if isinstance(e, CellError) else e}"
@@ -122,8 +140,9 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "FOLDCELL_LOGS")}
     with tempfile.TemporaryDirectory() as elsewhere:  # Python would import from the present folder
         ended = subprocess.run(
-            line, cwd=elsewhere, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True
-        )
+            line, cwd=elsewhere, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            preexec_fn=_end_with_parent,
+        )  # fmt: skip
     try:
         figures = json.loads(ended.stdout.splitlines()[-1])
         if "result" in figures:
@@ -132,6 +151,11 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
         pass
     last = (ended.stderr.strip() or ended.stdout.strip()).splitlines()[-1:]
     raise RuntimeError(f"foldcell of {request.python} ended with {ended.returncode}: {' '.join(last)}")
+
+
+def _end_with_parent() -> None:
+    """Called in the new process: it gets SIGTERM when the worker that started it dies, however it dies."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _copy_library(folder: Path) -> None:

@@ -81,6 +81,10 @@ class CampaignFolder:
                 TrialRequest(**{**request, "actions": tuple(request["actions"])})
                 for request in content["requests"]
             )
+            root = path.resolve()
+            outside = [r.folder for r in requests if not (root / r.folder).resolve().is_relative_to(root)]
+            if outside:
+                raise ValueError(f"the run folder {outside[0]} is outside the campaign")
             campaign = Campaign(content["about"], content["keep"], requests, content["variants"])
         except (LookupError, TypeError, ValueError) as e:
             raise ConfigurationError(f"{path / MANIFEST} is damaged: {e}", "start a new campaign") from None

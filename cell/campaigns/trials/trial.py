@@ -73,8 +73,15 @@ def failed_figures(score: Mapping[str, Any]) -> list[str]:
     """Return the names of the figures of a score that are beyond their limits. For `iou` the limit is a minimum,
     for all others a maximum."""
     limits = score.get("limits") or {}
-    failed = [n for n, limit in limits.items() if (score[n] < limit if n == "iou" else score[n] > limit)]
+    failed = [n for n, limit in limits.items() if _beyond(n, score.get(n), limit)]
     return [name.removesuffix("_m").removesuffix("_rad") for name in failed]
+
+
+def _beyond(name: str, value: float | None, limit: float | None) -> bool:
+    """A figure that is unknown counts as beyond its limit."""
+    if value is None or limit is None:
+        return True
+    return value < limit if name == "iou" else value > limit
 
 
 def load_trial(folder: Path, request: TrialRequest) -> dict[str, Any] | None:

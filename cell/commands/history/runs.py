@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from cell.commands.output import print_json, print_table
 from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.journal import Journal, RunRecord
 from cell.support.files.paths import command_for, journal_path, logs_directory
+from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run", "run_figures"]
 
@@ -67,7 +69,11 @@ def _campaign_figures(path: Path) -> dict[str, Any]:
     damaged."""
     from cell.campaigns.trials.store import CampaignFolder
 
-    campaign = CampaignFolder.open(path)
+    try:
+        campaign = CampaignFolder.open(path)
+    except ConfigurationError as e:
+        return {"campaign": path.name, "about": e.what, "begun": None, "runs": 0, "finished": 0, "folded": 0,
+                "directory": str(path)}  # fmt: skip
     finished = campaign.finished()
     return {
         "campaign": path.name,
@@ -90,7 +96,8 @@ def _print_campaigns(campaigns: list[dict[str, Any]]) -> None:
     )
     unfinished = [c for c in campaigns if c["finished"] < c["runs"]]
     if unfinished:
-        print(f"continue the last unfinished one: foldcell trials --resume {unfinished[-1]['directory']}")
+        last = shlex.quote(unfinished[-1]["directory"])
+        print(f"continue the last unfinished one: foldcell trials --resume {last}")
     print()
 
 

@@ -51,6 +51,8 @@ def run_endurance(options: argparse.Namespace) -> int:
             + ", ".join(f"{n} {r}" for r, n in Counter(r.result for r in runs).items())
         )
         print(f"{bad} ended without a result")
+        if not grown:
+            print(f"growth was not measured: no process made more than {SETTLED} runs")
         print_table(
             ("process", "runs", "threads gained", "handles gained", "memory gained"),
             [(g.process, g.runs, g.threads, g.handles, f"{100 * g.memory:+.1f} %") for g in grown],

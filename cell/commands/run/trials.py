@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import shutil
 import sys
 from collections.abc import Sequence
@@ -80,12 +81,12 @@ def run(options: argparse.Namespace) -> int:
                     campaign, workers, lambda trial: print(progress.line(trial), file=out, flush=True)
                 )
         except ConfigurationError:  # the workers cannot be had: leave no campaign that never began
-            if not finished and options.resume is None:
+            if options.resume is None and not campaign.finished():
                 shutil.rmtree(campaign.path)
             raise
         except KeyboardInterrupt:
             made = len(campaign.finished())
-            again = command_for(f"trials --resume {campaign.path}", campaign.path.parent)
+            again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
             print(f"{made} of {missing + len(finished)} runs are finished; continue: {again}", file=sys.stderr)
             raise
     results = campaign_results(campaign.campaign, trials)
@@ -134,9 +135,8 @@ def _campaign(options: argparse.Namespace) -> Campaign:
 
 
 def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> None:
-    both = [
-        f"--{name.replace('_', '-')}" if name != "file" else "a file" for name in names if getattr(options, name)
-    ]
+    stated = [name for name in names if getattr(options, name) is not None]
+    both = ["a file" if name == "file" else f"--{name.replace('_', '-')}" for name in stated]
     if both:
         raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
 
@@ -193,7 +193,7 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
     for cause, number in _causes(rows):
         print(f"{number:4d}  {cause}")
     if results["not_performed"]:
-        print(f"{len(results['not_performed'])} runs were not performed because their worker processes died")
+        print(f"{len(results['not_performed'])} runs were not performed: see the messages above")
     print(f"details  {campaign.path / 'campaign.html'}")
 
 

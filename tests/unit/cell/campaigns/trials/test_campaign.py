@@ -8,6 +8,7 @@ import pytest
 
 from cell.campaigns.trials.campaign import read_campaign
 from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import shipped_garment_path
 from robots.errors import ConfigurationError
 
 SHIPPED = sorted((Path(__file__).parents[5] / "benchmarks" / "campaigns").glob("*.yaml"))
@@ -57,6 +58,12 @@ def test_repeated_garments_and_seeds_count_once(tmp_path: Path) -> None:
         ("seeds: [1]\nvariants:\n  a: {cell: {table: {height: 820}}}\n", [":3", "table.height"]),
         ("seeds: [1]\nvariants:\n  a: {python: nowhere/python}\n", ["nowhere/python", "virtual environment"]),
         ("seeds: [1]\nvariants:\n  ../a: {}\n", ["variants"]),
+        ("seeds: [1]\nvariants:\n  trials.json: {}\n", ["trials.json", "rename"]),
+        (
+            "garments: [small_towel]\nseeds: [1]\nvariants: {shipped: {}, small_towel-seed1: {}}\n",
+            ["share the folder"],
+        ),
+        ("seeds: {first: 2147483647, count: 2}\n", ["largest seed"]),
         ("seeds: [1]\nvariants:\n  a: {do: [{fault: {kind: missed_gras}}]}\n", ["missed_grasp"]),
     ],
 )
@@ -65,6 +72,20 @@ def test_errors_name_the_line_and_the_key(text: str, parts: list[str], tmp_path:
         read_campaign(written(tmp_path, text), load_settings())
     message = f"{error.value.what} {error.value.hint}"
     assert all(part in message for part in parts), message
+
+
+def test_two_garment_files_of_the_same_name_are_refused(tmp_path: Path) -> None:
+    """Their runs would overwrite each other."""
+    shipped = shipped_garment_path("small_towel").read_text()
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "towel.yaml").write_text(shipped)
+    text = "garments: [a/towel.yaml, b/towel.yaml]\nseeds: [1]\n"
+    with pytest.raises(ConfigurationError, match="share the folder towel-seed1"):
+        read_campaign(written(tmp_path, text), load_settings())
+    twice = written(tmp_path, "garments: [a/towel.yaml, a/../a/towel.yaml]\nseeds: [1]\n")
+    (request,) = read_campaign(twice, load_settings()).requests
+    assert Path(request.garment).is_absolute(), "a campaign may be continued from another folder"
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -19,7 +19,7 @@ def done(request: TrialRequest) -> dict[str, Any]:
     return {"figures": figures(robot_time_s=float(request.seed)), "error": ""}
 
 
-def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
+def test_a_run_whose_worker_cannot_perform_it_is_not_performed_and_the_others_go_on() -> None:
     def work(request: TrialRequest) -> dict[str, Any]:
         if request.seed == 2:
             raise RuntimeError("broken")
@@ -27,7 +27,7 @@ def test_a_run_that_breaks_is_a_fault_and_the_others_go_on() -> None:
 
     with ThreadPoolExecutor(2) as pool:
         trials = list(run_trials([request(s) for s in (1, 2, 3)], work, pool, process_died))
-    assert {t.request.seed: t.result for t in trials} == {1: "folded", 2: "fault", 3: "folded"}
+    assert {t.request.seed: t.result for t in trials} == {1: "folded", 2: "not_performed", 3: "folded"}
     assert next(t for t in trials if t.request.seed == 2).error == "RuntimeError: broken"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Mapping
+from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any
 
@@ -140,3 +141,17 @@ def test_the_last_line_of_another_version_that_fails_is_reported(tmp_path: Path)
     request = other_python(tmp_path, "echo 'foldcell: unknown key' >&2; exit 64")
     done = perform_trial(request, tmp_path / "run", "all")
     assert done["figures"] is None and "64: foldcell: unknown key" in done["error"]
+
+
+def test_a_run_that_a_signal_ended_is_not_finished(tmp_path: Path) -> None:
+    """A worker that is told to end stops its run, and the stopped run has figures."""
+    with pytest.raises(BrokenExecutor):
+        perform_trial(request(), tmp_path, "all", lambda r, f: {**figures("not_folded", False), "signal": 15})
+    assert load_trial(tmp_path, request()) is None
+
+
+def test_a_run_that_could_not_be_recorded_is_not_finished(tmp_path: Path) -> None:
+    unrecorded = {"kind": "unrecorded", "what": "the disk is full", "hint": "free some space"}
+    with pytest.raises(StorageError, match="the disk is full"):
+        perform_trial(request(), tmp_path, "all", lambda r, f: {**figures("fault"), "failure": unrecorded})
+    assert load_trial(tmp_path, request()) is None
