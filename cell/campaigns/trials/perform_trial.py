@@ -120,7 +120,9 @@ def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
     )
     director = Director(script, load_robot(settings).q_park, lambda line: None)
     try:
-        return dict(to_json(fold_once(run, director.begin, (director,)).as_json()))
+        figures = dict(to_json(fold_once(run, director.begin, (director,)).as_json()))
+        seen = director.seen()
+        return {**figures, "script_missed": [*map(str, seen.missed), *seen.trouble]}
     finally:
         director.close()
 

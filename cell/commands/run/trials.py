@@ -124,6 +124,11 @@ def _campaign(options: argparse.Namespace) -> Campaign:
     if options.file is not None:
         _refuse(options, "a campaign file", ("garments", "n", "first_seed"))
         campaign = read_campaign(options.file, settings, options.driver, options.world)
+        if options.cell is not None and any(request.python for request in campaign.requests):
+            raise ConfigurationError(
+                "--cell with a variant of another version, which may have other settings",
+                "state the settings that differ in each variant (cell:)",
+            )
         return campaign if options.keep is None else replace(campaign, keep=options.keep)
     named = (options.garments or "all").split(",")
     content = CampaignFile.model_validate({
@@ -192,6 +197,9 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
         )
     for cause, number in _causes(rows):
         print(f"{number:4d}  {cause}")
+    missed = sum(bool((t.figures or {}).get("script_missed")) for t in trials)
+    if missed:
+        print(f"{missed} runs ended before all that their variant's script states had happened (script_missed)")
     if results["not_performed"]:
         print(f"{len(results['not_performed'])} runs were not performed: see the messages above")
     print(f"details  {campaign.path / 'campaign.html'}")
