@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.cell import journal_file, runs, stopping
+from benchmarks.cell import journal, runs, stopping
 
 __all__ = ["measure"]
 
@@ -18,7 +18,7 @@ def measure(tell: Callable[[str], None], *, peers: bool, quick: bool) -> dict[st
     fewer lines, runs and stops."""
     return {
         "simulated": True,
-        **journal_file.measure(tell, lines=100 if quick else 1000),
+        **journal.measure(tell, lines=100 if quick else 1000),
         **runs.measure(tell, rounds=1 if quick else 3),
         **stopping.measure(tell, stops=2 if quick else 10),
     }

@@ -17,13 +17,15 @@ from cell.commands.output import print_json, print_table, progress_stream
 from cell.config.garments.garment_file import load_garment
 from robots.errors import ConfigurationError
 
-__all__ = ["add_options", "run"]
+__all__ = ["BENCHES", "add_options", "run"]
+
+BENCHES = ("cell", "cloth", "execution", "motion", "optimise", "perception")
+"""Names of the benchmarks: packages or modules of `benchmarks` that have a function `measure`."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    names = ["cell", "cloth", "execution", "motion", "optimise", "perception"]
-    parser.add_argument("name", choices=names, metavar="NAME", help="%(choices)s")
+    parser.add_argument("name", choices=BENCHES, metavar="NAME", help="%(choices)s")
     parser.add_argument(
         "--peers", action="store_true", help="also measure peers that take long or need extra packages"
     )
