@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -37,6 +37,8 @@ __all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "read_c
 Keep = Literal["failures", "all", "none"]
 MAX_SEED = 2**31 - 1
 MAX_RUNS = 100_000
+ALL = "all"
+"""In place of garments: all shipped ones."""
 DEFAULT_VARIANT = "shipped"
 RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.json"})
 """Files of a campaign in its folder."""
@@ -44,13 +46,6 @@ RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.
 
 class _Group(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SeedRange(_Group):
-    """A range of `count` seeds: first, first + 1, ..."""
-
-    first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
-    count: int = Field(ge=1, le=MAX_RUNS, strict=True, description="number of seeds")
 
 
 class Variant(_Group):
@@ -73,7 +68,42 @@ class Variant(_Group):
 
 
 _Seed = Annotated[int, Field(ge=0, le=MAX_SEED, strict=True)]
+
+
+class Seeds(_Group):
+    """The seeds first, first + 1, ..., or a list. In a file a list stands alone: `seeds: [7, 3]`."""
+
+    first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
+    count: int | None = Field(None, ge=1, le=MAX_RUNS, strict=True, description="number of seeds")
+    these: tuple[_Seed, ...] | None = Field(None, min_length=1, description="a list of seeds")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_list(cls, value: Any) -> Any:
+        return {"these": value} if isinstance(value, list | tuple) else value
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.count is None) == (self.these is None):
+            raise ValueError("give {first, count}, or a list of seeds")
+        if self.count is not None and self.first + self.count - 1 > MAX_SEED:
+            raise ValueError(f"the largest seed is {MAX_SEED}")
+        return self
+
+    @property
+    def all(self) -> list[int]:
+        """The seeds in order, each once."""
+        if self.count is not None:
+            return list(range(self.first, self.first + self.count))
+        return list(dict.fromkeys(self.these or ()))
+
+
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,40}$")]
+
+
+def _as_list(value: Any) -> Any:
+    """One name may stand alone."""
+    return [value] if isinstance(value, str) else value
 
 
 def _or_mapping(value: Any) -> Any:
@@ -85,8 +115,10 @@ class CampaignFile(_Group):
     """The content of a campaign file."""
 
     about: str = Field("", description="the question that the campaign answers, in one sentence")
-    garments: tuple[str, ...] | Literal["all"] = Field("all", description="names or files, or all")
-    seeds: SeedRange | tuple[_Seed, ...] = Field(description="{first, count}, or a list of seeds")
+    garments: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = Field(
+        (ALL,), min_length=1, description="names or files, or all"
+    )
+    seeds: Seeds = Field(description="{first, count}, or a list of seeds")
     keep: Keep = Field("failures", description="recordings to keep: of failures, of all runs, or of none")
     variants: Annotated[dict[_Name, Variant], BeforeValidator(_or_mapping)] = Field(
         {DEFAULT_VARIANT: Variant.model_validate({})},
@@ -161,8 +193,8 @@ def campaign_of(
     Raises ConfigurationError.
     """
     folder = document.path.parent if document else Path()
-    of_all = list(list_garments()) if content.garments == "all" else _distinct(content.garments, folder)
-    seeds = _seeds(content.seeds)
+    of_all = _distinct(content.garments, folder)
+    seeds = content.seeds.all
     requests = []
     for name, variant in content.variants.items():
         own = _settings(settings, name, variant, document)
@@ -218,22 +250,11 @@ def _settings(settings: CellSettings, name: str, variant: Variant, document: Doc
 def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
     """Return the garments without repetitions, because a second run with the same garment and seed is no further
     evidence."""
+    if garments == (ALL,):
+        return list(list_garments())
     stripped = [g.strip() for g in garments]
     names = [str((folder / g).resolve()) if g.endswith((".yaml", ".yml")) else g for g in stripped]
-    if not names:
-        raise ConfigurationError("a campaign without garments", "name at least one, or write all")
     return list(dict.fromkeys(names))
-
-
-def _seeds(seeds: SeedRange | tuple[int, ...]) -> list[int]:
-    if isinstance(seeds, SeedRange):
-        last = seeds.first + seeds.count - 1
-        if last > MAX_SEED:
-            raise ConfigurationError(f"seeds up to {last}", f"the largest seed is {MAX_SEED}")
-        return list(range(seeds.first, last + 1))
-    if not seeds:
-        raise ConfigurationError("a campaign without seeds", "list at least one, or give {first, count}")
-    return list(dict.fromkeys(seeds))
 
 
 def _interpreter(python: str, folder: Path) -> str:

@@ -130,9 +130,8 @@ def _campaign(options: argparse.Namespace) -> Campaign:
                 "state the settings that differ in each variant (cell:)",
             )
         return campaign if options.keep is None else replace(campaign, keep=options.keep)
-    named = (options.garments or "all").split(",")
     content = CampaignFile.model_validate({
-        "garments": "all" if named == ["all"] else named,
+        "garments": (options.garments or "all").split(","),
         "seeds": {"first": 1 if options.first_seed is None else options.first_seed, "count": options.n or 10},
         "keep": options.keep or "failures",
     })  # fmt: skip
