@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -16,6 +17,7 @@ from cell.campaigns.trials.engine import run_trials
 from cell.campaigns.trials.perform_trial import Fold, perform_trial
 from cell.campaigns.trials.store import CampaignFolder, program_versions
 from cell.campaigns.trials.trial import Trial
+from cell.operator.progress.compiling import report_compilation
 from cell.support.files.whole_file import write_whole
 from robots.errors import StorageError
 
@@ -74,4 +76,5 @@ def _perform(campaign: str, keep: Keep, fold: Fold | None, sources: str, request
         raise StorageError(
             "the program's files changed while the campaign ran", "continue it with the version that began it"
         )
-    return perform_trial(request, Path(campaign) / request.folder, keep, fold)
+    with report_compilation(lambda line: print(f"           {line}", file=sys.stderr, flush=True)):
+        return perform_trial(request, Path(campaign) / request.folder, keep, fold)

@@ -24,7 +24,7 @@ from cell.commands.output import print_json, print_table, progress_stream
 from cell.commands.run.endurance import run_endurance
 from cell.config.cell_settings import load_settings
 from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
-from robots.errors import ConfigurationError
+from robots.errors import ConfigurationError, StorageError
 
 __all__ = ["add_options", "run"]
 
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
             if options.resume is None and not campaign.finished():
                 shutil.rmtree(campaign.path)
             raise
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StorageError):
             made = len(campaign.finished())
             again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
             print(f"{made} of {missing + len(finished)} runs are finished; continue: {again}", file=sys.stderr)
