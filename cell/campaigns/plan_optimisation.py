@@ -9,8 +9,8 @@ from functools import partial
 
 from cell.config.cell_settings import CellSettings
 from robots.errors import ConfigurationError
-from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment
+from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
 from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
 from skills.trajectory.paths import lifted, tool_paths
@@ -66,7 +66,7 @@ def optimise_plan(
     speed = min(garment.max_tool_speed, settings.motion.tool_speed)
 
     state = garment.flat_state(*garment.poses.middle)
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+    mesh = predictor_mesh(state, garment)
     vertices = mesh.lay_flat(garment.material.thickness)
     predict = ClothPredictor()
     planned = plan_folds(state, garment)
@@ -82,6 +82,7 @@ def optimise_plan(
             method if wanted else "initial", budget if wanted else None,
             threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
             progress=partial(progress, step), lift_height=settings.grasp.lift_height,
+            bending_factors=garment.bending_factors,
         )  # fmt: skip
         took = time.monotonic() - began
         if outcome.failure:

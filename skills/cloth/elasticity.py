@@ -5,11 +5,17 @@ Stretch: an edge of rest length l beside triangles of area A is a spring of stif
 Young modulus of the membrane [N/m]. On equilateral triangles this is exactly the isotropic membrane with Poisson
 ratio 1/3 (Seung & Nelson 1988); on other meshes each edge gets a factor for its direction.
 
-Bending: quadratic hinges with the stencil K of Bergou et al. 2006. Each hinge is a separate constraint with the
-energy 1/2 * B / (A0 + A1) * |K x|^2, where B is the flexural rigidity [Nm] and K is computed from cotangents. K x
-is linear in x, so a hinge is three independent linear constraints. If cloth is bent to a cylinder, the integral of
-its squared curvature equals the sum of |K x|^2 / (A0 + A1) over all hinges, without any factor. The paper's factor
-of 3 applies to elements whose edges are assembled into one operator.
+Bending: hinges with the stencil K of Bergou et al. 2006. Each hinge is a separate constraint with the energy 1/2 *
+B / (A0 + A1) * |K x|^2, where B is the flexural rigidity [Nm] and K is computed from cotangents. K x is linear in
+x, so a hinge is three independent linear constraints. If cloth is bent to a cylinder, the integral of its squared
+curvature equals the sum of |K x|^2 / (A0 + A1) over all hinges, without any factor. The paper's factor of 3 is for
+elements whose edges are assembled into one operator.
+
+A hinge that is bent by the angle a has |K x| = 2 l sin(a / 2), where l is the length of its edge. The quadratic
+energy therefore grows slower than a^2, and a crease along a row of edges longer than half a bending length
+collapses. Here the stiffness is divided by cos^2(a / 2): -4 l^2 ln cos^2(a / 2) takes the place of |K x|^2.
+With this energy, the free fold of a chain of hinges has the height of the elastica within 6 % for any spacing of
+the hinges up to one bending length (benchmarks/cloth/free_fold.py).
 
 With one sweep of XPBD per substep, a constraint gets an additional compliance of about h^2 sum(w |grad C|^2). For
 edges it is subtracted from the requested compliance beforehand, so that a material behaves in the same way on any
@@ -31,13 +37,16 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, vdiv, where_above
-from skills.cloth.simd.vec3 import dot, load, spread, store
+from skills.cloth.simd.vec3 import dot, load, spread, store, vector
 from skills.vocabulary import Material
 
 __all__ = [
     "GRAVITY",
+    "SHARPEST",
     "BendingFriction",
     "Elastic",
+    "bend_stiffening",
+    "bending_shares",
     "build_bending_friction",
     "build_elastic",
     "colour_batches",
@@ -56,6 +65,8 @@ FLOOR = 0.02  # lower bound of the corrected compliance, in the same unit
 STIFFER = 4.0
 TOGETHER = 4.0  # factor on sum(w grad^2), since all twelve hinges of a vertex may slip together (stable if >= 3)
 MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
+SHARPEST = 0.7  # limit of sin^2(angle / 2) up to which hinges stiffen, here at 114 degrees
+SHARE_LIMITS = (0.1, 4.0)  # limits of the factor on a hinge's rigidity
 LOST = 1e-18  # [m2] squared length below which an edge has no direction
 FLAT = 1e-12  # [m2] a smaller triangle has no normal
 
@@ -65,8 +76,9 @@ class Elastic(NamedTuple):
     (`colour_batches`).
 
     edge: (e, 2) vertices; rim: (e,) True for edges of hems and seams; length: (e,) rest length [m]; compliance:
-    (e,) [m/N], corrected for the sweep (see above); stiffness: (e,) [N/m]. hinge: (h, 4) vertices; weight: (h, 4)
-    the cotangent stencil K; bend: (h,) compliance (A0 + A1) / B [1/(N m)].
+    (e,) [m/N], corrected for the sweep (see above); stiffness: (e,) [N/m]. hinge: (h, 4) vertices; hinge_length:
+    (h,) rest length of its edge [m]; weight: (h, 4) the cotangent stencil K; bend: (h,) compliance (A0 + A1) / B
+    [1/(N m)].
     """
 
     edge: NDArray[np.int32]
@@ -75,6 +87,7 @@ class Elastic(NamedTuple):
     compliance: Array
     stiffness: Array
     hinge: NDArray[np.int32]
+    hinge_length: Array
     weight: Array
     bend: Array
 
@@ -113,27 +126,29 @@ def build_elastic(
     reference_drop: float,
     anisotropy: float = 1.0,
     seam_factor: float = 1.0,
+    bending_ratio: float = 1.0,
 ) -> Elastic:
-    """Build the constraints for a substep of `step` [s]. anisotropy: stiffness ratio of material y to material x;
-    seam_factor: stiffness ratio of edges on the outline (hems, seams) to other edges."""
+    """Build the constraints for a substep of `step` [s]. anisotropy: stretch stiffness ratio of material y to
+    material x; seam_factor: stiffness ratio of edges on the outline (hems, seams) to other edges; bending_ratio:
+    rigidity along material y divided by the rigidity along x. The material's rigidity is their geometric mean."""
     edge, length = mesh.edges, mesh.edge_length
     stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
     sweep = step**2 * inverse_mass[edge].sum(axis=1)
     compliance = np.maximum(1.0 / stiffness - SWEEP * sweep, FLOOR * sweep)
     weight, areas = _stencils(mesh)
-    bend = areas / flexural_rigidity(material)
+    bend = areas / (flexural_rigidity(material) * bending_shares(mesh, bending_ratio))
     e, h = shuffled(len(edge)), shuffled(len(mesh.hinges))
     return Elastic(
         edge[e].copy(), mesh.on_rim[e], length[e].copy(), compliance[e], stiffness[e], mesh.hinges[h].copy(),
-        weight[h], bend[h]
+        mesh.hinge_length[h], weight[h], bend[h]
     )  # fmt: skip
 
 
 def build_bending_friction(
-    mesh: ClothMesh, material: Material, step: float, residual_curvature: float
+    mesh: ClothMesh, material: Material, step: float, residual_curvature: float, bending_ratio: float = 1.0
 ) -> BendingFriction:
     """Build the bending friction for a substep of `step` [s]. Released cloth keeps a curvature of up to
-    `residual_curvature` [1/m], which is HB / B."""
+    `residual_curvature` [1/m], which is HB / B, in all directions. bending_ratio: as in `build_elastic`."""
     if residual_curvature == 0.0:
         return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
@@ -141,7 +156,8 @@ def build_bending_friction(
     length2 = ((mesh.rest[b] - mesh.rest[a]) ** 2).sum(axis=1)
     _, areas = _stencils(mesh)
     areas = areas[order]
-    soft = areas / (STIFFER * flexural_rigidity(material) * length2 * step**2)
+    rigidity = flexural_rigidity(material) * bending_shares(mesh, bending_ratio)[order]
+    soft = areas / (STIFFER * rigidity * length2 * step**2)
     return BendingFriction(
         _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
         (residual_curvature / STIFFER) ** 2 * areas,
@@ -212,11 +228,54 @@ def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
     conditions. On a mesh with edges in only three directions, it fulfils the condition on the sum alone.
     """
     angle = np.arctan2(along[:, 1], along[:, 0])
-    harmonics = np.column_stack([np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))])
+    harmonics = _harmonics(angle)
     moments = harmonics.T @ (edge_area[:, None] * harmonics)
     lack = np.array([3.0 * area, 0.0, 0.0, 0.0, 0.0]) - harmonics.T @ edge_area
     factor = np.clip(1.0 + harmonics @ np.linalg.lstsq(moments, lack, rcond=1e-6)[0], *MOST_EVENED)
     return np.asarray(factor * 3.0 * area / (edge_area @ factor))
+
+
+def _harmonics(angle: Array) -> Array:
+    """Return (n, 5): 1 and the cosines and sines of 2 and 4 times the angles (n,)."""
+    return np.column_stack([np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))])
+
+
+def bending_shares(mesh: ClothMesh, ratio: float = 1.0) -> Array:
+    """Return (h,) factors on the rigidity of the hinges, in the order of the mesh, with which the rigidity along
+    material y is `ratio` times that along x, with the geometric mean 1. ratio: 1/4 to 4.
+
+    In cloth that is bent to a cylinder of curvature 1 along the direction d, a hinge has the energy
+    (d' T d)^2 / (2 A) per rigidity, where T is the hinge's stencil applied to x x' / 2. As a function of the angle
+    of d, this has the harmonics 0, 2 and 4. The factors give the sums of harmonics 0 and 2 over the mesh the
+    values of B(d) = B_x cos^2 + B_y sin^2. On a hexagonal grid at angles of 15 or 45 degrees to the warp, the
+    fourth harmonic then vanishes along warp and weft; at 0 or 30 degrees it is half as large as the second one,
+    which only another element could mend. An isotropic mesh passes on two thirds of a second harmonic in the
+    factors, so the factors start from 3/2 of it.
+    """
+    if ratio == 1.0:
+        return np.ones(len(mesh.hinges))
+    weight, areas = _stencils(mesh)
+    at = mesh.rest[mesh.hinges] - mesh.rest[mesh.hinges[:, :1]]
+    tensor = 0.5 * np.einsum("hk,hki,hkj->hij", weight, at, at)
+    p, q, s = 0.5 * (tensor[:, 0, 0] + tensor[:, 1, 1]), 0.5 * (tensor[:, 0, 0] - tensor[:, 1, 1]), tensor[:, 0, 1]
+    energy = np.column_stack([p * p + 0.5 * (q * q + s * s), 2 * p * q, 2 * p * s]) / areas[:, None]
+    mean, swing = 0.5 * (ratio**0.5 + ratio**-0.5), 0.5 * (ratio**-0.5 - ratio**0.5)
+    across = np.arctan2(*at[:, 1].T[::-1]) + 0.5 * np.pi  # direction in which a hinge curves
+    share = mean + 1.5 * swing * np.cos(2.0 * across)
+    harmonics = _harmonics(across)[:, :3]
+    wanted = energy[:, 0].sum() * np.array([mean, swing, 0.0])
+    lack = np.linalg.lstsq(energy.T @ harmonics, wanted - energy.T @ share, rcond=1e-6)[0]
+    return np.clip(share + harmonics @ lack, *SHARE_LIMITS)
+
+
+def bend_stiffening(elastic: Elastic, own: Array, step: float) -> Array:
+    """Return (h,) the factor g / (4 l^2) of each hinge [1/m2], with which |K x|^2 gives g sin^2(a / 2) for a hinge
+    bent by the angle a. own: (h,) sum of w K^2 including the bending damping.
+
+    K x / (own + compliance / h^2 cos^2(a / 2)) equals K x / (own + compliance / h^2), divided by 1 - g sin^2(a /
+    2), where g is the share of the compliance in the denominator."""
+    soft = elastic.bend / step**2
+    return soft / (own + soft) / (4.0 * elastic.hinge_length**2)
 
 
 def shuffled(n: int) -> NDArray[np.int64]:
@@ -309,15 +368,28 @@ def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_hinges(n, hinge, weight, part, x):
-    """Do one sweep over the first n packed hinges. part: w K / (sum w K^2 + compliance / h^2) of each vertex."""
+def measure_bends(n, hinge, weight, stiffen, x, ratio):
+    """Compute the factor on the correction of each of the first n packed hinges, 1 / (1 - g sin^2(a / 2)) for a
+    hinge bent by the angle a (`bend_stiffening`). It comes from the positions, not from the extrapolated positions
+    of the damped sweep: in these, fast cloth would seem more bent than it is, and would be thrown about."""
+    for k in range(n):
+        pa, pb, pc, pd = load(x, hinge[k, 0]), load(x, hinge[k, 1]), load(x, hinge[k, 2]), load(x, hinge[k, 3])
+        ka, kb, kc, kd = spread(load(weight, k))
+        r = ka * pa + kb * pb + kc * pc + kd * pd
+        ratio[k] = 1.0 / (1.0 - min(stiffen[k] * dot(r, r), SHARPEST))
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+def solve_hinges(n, hinge, weight, part, ratio, x):
+    """Do one sweep over the first n packed hinges. part: w K / (sum w K^2 + compliance / h^2) of each vertex;
+    ratio: see `measure_bends`."""
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         # read all before writing: the four vertices differ
         pa, pb, pc, pd = load(x, a), load(x, b), load(x, c), load(x, d)
         ka, kb, kc, kd = spread(load(weight, k))
         sa, sb, sc, sd = spread(load(part, k))
-        r = ka * pa + kb * pb + kc * pc + kd * pd
+        r = ratio[k] * (ka * pa + kb * pb + kc * pc + kd * pd)
         store(x, a, pa - sa * r)
         store(x, b, pb - sb * r)
         store(x, c, pc - sc * r)
@@ -403,7 +475,7 @@ def bending_friction_moments(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
+def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment, grow, w, x):
     """Do the sweep of `solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment
     and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps, friction
     would react to the displacements that elasticity causes and vice versa, and the bending damping would treat
@@ -412,18 +484,15 @@ def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow,
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
         g, s, t = grow * moment[k], foot[k, 0], foot[k, 1]
-        for m in range(3):
-            p, q = g * axis[k, m], g * axis[k, 3 + m]
-            at_b = s * p + t * q
-            xa = x[a, m] - w[a] * (p + q - at_b)
-            xb = x[b, m] - w[b] * at_b
-            xc = x[c, m] + w[c] * p
-            xd = x[d, m] + w[d] * q
-            r = ka * xa + kb * xb + kc * xc + kd * xd
-            x[a, m] = xa - part[k, 0] * r
-            x[b, m] = xb - part[k, 1] * r
-            x[c, m] = xc - part[k, 2] * r
-            x[d, m] = xd - part[k, 3] * r
+        p, q = g * vector(axis[k, 0], axis[k, 1], axis[k, 2]), g * vector(axis[k, 3], axis[k, 4], axis[k, 5])
+        at_b = s * p + t * q
+        xa, xb = load(x, a) - w[a] * (p + q - at_b), load(x, b) - w[b] * at_b
+        xc, xd = load(x, c) + w[c] * p, load(x, d) + w[d] * q
+        r = ratio[k] * (ka * xa + kb * xb + kc * xc + kd * xd)
+        store(x, a, xa - part[k, 0] * r)
+        store(x, b, xb - part[k, 1] * r)
+        store(x, c, xc - part[k, 2] * r)
+        store(x, d, xd - part[k, 3] * r)
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})

@@ -45,6 +45,7 @@ from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
 from skills.cloth.elasticity import (
     bending_friction_moments,
     damp_edges,
+    measure_bends,
     measure_turns,
     solve_edges,
     solve_hinges,
@@ -116,6 +117,7 @@ def _compile(sources: str) -> Callable[..., int]:
         edge, batch_start, inverse_square = state.edge, state.batch_start, state.inverse_square
         wi, wj, rate = state.wi, state.wj, state.rate
         hinge, weight, part, free = state.hinge, state.weight, state.part, state.free
+        stiffen, bend_ratio = state.stiffen, state.bend_ratio
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
         friction_inverse, slip, held, moment = state.friction_inverse, state.slip, state.held, state.moment
         low, floor, table_friction, press = state.low, state.floor, state.table_friction, state.press
@@ -195,6 +197,10 @@ def _compile(sources: str) -> Callable[..., int]:
                         count[MOVABLE], awake, h, parameters.drag, parameters.max_speed, gravity, x, xp, v
                     )  # fmt: skip
                     solve_edges(batch_start, edge, inverse_square, wi, wj, x)
+                    if s % parameters.phase == 0:
+                        measure_bends(
+                            count[HINGES], hinge, weight, stiffen, x, bend_ratio
+                        )  # fmt: skip
                     extrapolate(count[MOVABLE], awake, parameters.bend_gamma, x, xp, u)
                     if len(limit):
                         if s % parameters.phase == 0:
@@ -208,12 +214,12 @@ def _compile(sources: str) -> Callable[..., int]:
                             moment
                         )  # fmt: skip
                         solve_hinges_with_friction(
-                            count[HINGES], hinge, weight, part, axis, foot,
+                            count[HINGES], hinge, weight, part, bend_ratio, axis, foot,
                             moment, 1.0 + parameters.bend_gamma, free, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
-                            count[HINGES], hinge, weight, part, u
+                            count[HINGES], hinge, weight, part, bend_ratio, u
                         )  # fmt: skip
                     undo_extrapolation(count[AWAKE], awake, parameters.bend_gamma, x, xp, u)
                     restore_positions(count[AWAKE], count[MOVABLE], awake, x, xp)

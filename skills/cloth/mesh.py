@@ -18,7 +18,7 @@ from scipy.spatial import Delaunay
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
 
-__all__ = ["ClothMesh", "MeshQuality", "mesh_from_contour"]
+__all__ = ["ClothMesh", "FineBands", "MeshQuality", "mesh_from_contour"]
 
 Index = NDArray[np.int32]
 
@@ -26,6 +26,8 @@ CORNER_TURN = np.deg2rad(10.0)  # a contour vertex that turns by more is a corne
 SLIGHT_TURN = np.deg2rad(0.5)  # the same for a vertex between two long sides, as in a drawn outline
 GRID_TURN = np.deg2rad(11.0)  # angle of the hexagonal grid to material x: no row is parallel to a hem
 JITTER = 0.12  # largest random displacement of grid points along each axis, in edge lengths
+TRANSITION = 2.0  # over this distance from a fine band, in its edge lengths, the edges become twice as long
+HALVED = 1.4  # a border segment is halved if it is longer than this, in edge lengths
 SEED = 20110520  # seed of the jitter, fixed so that a mesh depends only on the arguments
 
 
@@ -97,6 +99,11 @@ class ClothMesh:
         return frozen(self._hinge_rows[:, :4].copy())
 
     @cached_property
+    def hinge_length(self) -> Array:
+        """(h,) rest lengths of the hinges' edges [m]."""
+        return frozen(np.linalg.norm(self.rest[self.hinges[:, 1]] - self.rest[self.hinges[:, 0]], axis=1))
+
+    @cached_property
     def hinge_triangles(self) -> Index:
         """(h, 2) the triangles of each hinge."""
         return frozen(self._hinge_rows[:, 4:].copy())
@@ -150,21 +157,43 @@ class ClothMesh:
         return np.column_stack([self.rest, z])
 
 
-def mesh_from_contour(contour: Array, edge_length: float, layers: int = 1, rotate: float = 0.0) -> ClothMesh:
+@dataclass(frozen=True, eq=False)
+class FineBands:
+    """Bands of a finer mesh along creases. segments: (c, 2, 2) ends of the creases in material coordinates [m];
+    width: distance from a crease up to which the mesh is fine [m]; edge_length: there [m]."""
+
+    segments: Array
+    width: float
+    edge_length: float
+
+    def coarsening(self, xy: Array, most: int) -> Index:
+        """Return (n,) how often the edge length may be doubled at xy (n, 2), at most `most` times."""
+        lines = shapely.union_all(shapely.linestrings(self.segments))
+        away = np.maximum(shapely.distance(lines, shapely.points(xy)) - self.width, 0.0)
+        doubled = np.ceil(np.log2(1.0 + away / (TRANSITION * self.edge_length)))
+        return np.asarray(np.clip(doubled, 0, most), dtype=np.int32)
+
+
+def mesh_from_contour(
+    contour: Array, edge_length: float, layers: int = 1, rotate: float = 0.0, fine: FineBands | None = None
+) -> ClothMesh:
     """Mesh the inside of `contour` (k, 2) [m] with edges of about `edge_length` [m].
 
     layers: 1, or 2 for two equal sheets welded along the whole outline. rotate: turns the interior grid [rad], for
-    another mesh of the same garment. Raises ConfigurationError for a contour that is not a simple polygon of
-    finite points, for one too small for the edge length, and for other arguments out of range.
+    another mesh of the same garment. fine: bands with a finer mesh. The edge length elsewhere is then the edge
+    length of the bands, doubled as often as it does not exceed `edge_length`. Raises ConfigurationError for a
+    contour that is not a simple polygon of finite points, for one too small for the edge length, and for other
+    arguments out of range.
     """
-    outline = _check(contour, edge_length, layers)
-    border = _resample(outline, edge_length)
+    sizes = _Sizes.of(edge_length, fine)
+    outline = _check(contour, sizes.coarsest, layers)
+    border = _split_border(_resample(outline, sizes.coarsest), sizes)
     polygon = shapely.Polygon(border)
-    inner = _interior(polygon, edge_length, rotate)
+    inner = _interior(polygon, edge_length, rotate) if fine is None else _graded(polygon, sizes, rotate)
     for _ in range(6):
         points = np.vstack([border, inner])
         tri = _triangulate(points, polygon)
-        inner = _relax(points, tri, len(border), polygon, edge_length)
+        inner = _relax(points, tri, len(border), polygon, sizes)
     for _ in range(8):
         points = np.vstack([border, inner])
         tri = _triangulate(points, polygon)
@@ -184,6 +213,31 @@ def mesh_from_contour(contour: Array, edge_length: float, layers: int = 1, rotat
         points, tri = _split_chords(points, tri, len(border), polygon)
     points, tri = _drop_unused(points, tri)
     return _layered(points, tri, layers)
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Edge lengths over the garment: `finest` doubled up to `most` times."""
+
+    finest: float
+    most: int
+    fine: FineBands | None
+
+    @classmethod
+    def of(cls, edge_length: float, fine: FineBands | None) -> _Sizes:
+        if fine is None or len(fine.segments) == 0 or fine.edge_length >= edge_length:
+            return cls(edge_length, 0, None)
+        return cls(fine.edge_length, int(np.log2(edge_length / fine.edge_length) + 1e-9), fine)
+
+    @property
+    def coarsest(self) -> float:
+        return self.finest * 2.0**self.most
+
+    def at(self, xy: Array) -> Array:
+        """Return (n,) edge lengths at xy (n, 2) [m]."""
+        if self.fine is None:
+            return np.full(len(xy), self.finest)
+        return np.asarray(self.finest * 2.0 ** self.fine.coarsening(xy, self.most), dtype=np.float64)
 
 
 def _cross(u: Array, v: Array) -> Array:
@@ -262,7 +316,37 @@ def _interior(polygon: shapely.Polygon, edge_length: float, rotate: float) -> Ar
     return grid[_inside(polygon, grid, 0.62 * edge_length)]
 
 
-def _inside(polygon: shapely.Polygon, xy: Array, margin: float) -> NDArray[np.bool_]:
+def _graded(polygon: shapely.Polygon, sizes: _Sizes, rotate: float) -> Array:
+    """Return the points of a hexagonal grid whose spacing follows `sizes`. Every second point of a row in every
+    second row is again a hexagonal grid, of twice the spacing."""
+    x0, y0, x1, y1 = polygon.bounds
+    centre, reach = np.array([x0 + x1, y0 + y1]) / 2.0, np.hypot(x1 - x0, y1 - y0) / 2.0 + sizes.coarsest
+    k = int(np.ceil(1.5 * reach / sizes.finest)) + 1
+    i, j = (index.ravel() for index in np.meshgrid(np.arange(-k, k + 1), np.arange(-k, k + 1)))
+    grid = np.column_stack([i + 0.5 * j, j * np.sqrt(0.75)]) * sizes.finest
+    near = np.linalg.norm(grid, axis=1) <= reach
+    i, j, grid = i[near], j[near], grid[near]
+    a = GRID_TURN + rotate
+    grid = grid @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) + centre
+    size = sizes.at(grid)
+    step = np.rint(size / sizes.finest).astype(int)
+    kept = (i % step == 0) & (j % step == 0)
+    grid, size = grid[kept], size[kept]
+    grid = grid + np.random.default_rng(SEED).uniform(-JITTER, JITTER, grid.shape) * size[:, None]
+    return grid[_inside(polygon, grid, 0.62 * size)]
+
+
+def _split_border(border: Array, sizes: _Sizes) -> Array:
+    """Halve the segments of the border (b, 2) that are longer than the edge length at their place."""
+    for _ in range(sizes.most):
+        ahead = np.roll(border, -1, axis=0)
+        middles = 0.5 * (border + ahead)
+        long = np.flatnonzero(np.linalg.norm(ahead - border, axis=1) > HALVED * sizes.at(middles))
+        border = np.insert(border, long + 1, middles[long], axis=0)
+    return border
+
+
+def _inside(polygon: shapely.Polygon, xy: Array, margin: float | Array) -> NDArray[np.bool_]:
     points = shapely.points(xy)
     return shapely.contains(polygon, points) & (shapely.distance(polygon.exterior, points) >= margin)
 
@@ -279,7 +363,7 @@ def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
     return tri[np.lexsort(tri.T[::-1])]
 
 
-def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, edge_length: float) -> Array:
+def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, sizes: _Sizes) -> Array:
     """Move the interior points half way to the mean of their neighbours, and remove points too near the border."""
     total, count = np.zeros_like(points), np.zeros(len(points))
     half = _half_edges(tri)
@@ -292,7 +376,7 @@ def _relax(points: Array, tri: Index, n_border: int, polygon: shapely.Polygon, e
         0.5 * (inner + total[n_border:] / np.maximum(count[n_border:, None], 1.0)),
         inner,
     )
-    return moved[_inside(polygon, moved, 0.5 * edge_length)]
+    return moved[_inside(polygon, moved, 0.5 * sizes.at(moved))]
 
 
 def _missing_border(tri: Index, n_border: int) -> Index:

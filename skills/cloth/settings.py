@@ -39,11 +39,12 @@ class SolverSettings:
     costs no computing time until something moves near it. (With sleep_frames = 0, no vertex ever sleeps. The
     solver limits sleep_distance to a twelfth of the mean edge length.)
 
-    anisotropy: stiffness ratio of material y to material x. seam_factor: stretch stiffness ratio of the outline to
-    the rest of the cloth. residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature
-    that released cloth keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F
-    bending test: B is the rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of
-    Textiles 2016, 4614168).
+    anisotropy: stretch stiffness ratio of material y to material x. bending_ratio, 1/4 to 4: rigidity along
+    material y (the warp) divided by the rigidity along x (the weft); the material's bending length belongs to
+    their geometric mean. seam_factor: stretch stiffness ratio of the outline to the rest of the cloth.
+    residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature that released cloth
+    keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F bending test: B is the
+    rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of Textiles 2016, 4614168).
     """
 
     frame_rate: int = 60
@@ -60,6 +61,7 @@ class SolverSettings:
     anisotropy: float = 1.0
     seam_factor: float = 1.0
     residual_curvature: float = 0.0
+    bending_ratio: float = 1.0
 
     @property
     def frame(self) -> float:
@@ -87,6 +89,10 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
             f"residual_curvature = {settings.residual_curvature} is out of range",
             f"0 to {MOST_RESIDUAL:g}",
             value=settings.residual_curvature,
+        )
+    if not 0.25 <= settings.bending_ratio <= 4.0:
+        raise ConfigurationError(
+            f"bending_ratio = {settings.bending_ratio} is out of range", "0.25 to 4", value=settings.bending_ratio
         )
     n = settings.substeps
     if settings.frame_rate <= 0 or (n is not None and (n % PHASE or n <= 0)):

@@ -195,8 +195,8 @@ def pack(body, state):
         state.batch_start, state.inverse_square, state.wi, state.wj, state.rate
     )  # fmt: skip
     count[HINGES] = _pack_hinges(
-        body.hinge.view(np.uint32), body.hinge_inverse, body.weight, free, state.which, state.hinge, state.weight,
-        state.part
+        body.hinge.view(np.uint32), body.hinge_inverse, body.weight, body.stiffen, free, state.which, state.hinge,
+        state.weight, state.part, state.stiffen
     )  # fmt: skip
     count[WATCHED] = _watch(
         body.clusters.corner, body.clusters.corner_start, state.awake, state.moving, state.watched
@@ -226,7 +226,7 @@ def _pack_edges(
 
 
 @njit(nogil=True)
-def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_part):
+def _pack_hinges(hinge, inverse, weight, stiffen, free, which, to_hinge, to_weight, to_part, to_stiffen):
     """List the hinges that have a free vertex; which: their indices. Returns their number."""
     n = np.uint64(0)
     for e in range(np.uint64(len(hinge))):
@@ -238,6 +238,7 @@ def _pack_hinges(hinge, inverse, weight, free, which, to_hinge, to_weight, to_pa
         i, own = members(hinge, one), load(weight, one)
         to_hinge[k, 0], to_hinge[k, 1], to_hinge[k, 2], to_hinge[k, 3] = i
         store(to_weight, k, own)
+        to_stiffen[k] = stiffen[one]
         store(to_part, k, inverse[one] * (gather_f64x4(free, i) * own))
     return n
 

@@ -17,6 +17,8 @@ from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
 from skills.cloth.contact.ridges import flat_cosine
 from skills.cloth.elasticity import (
+    SHARPEST,
+    bend_stiffening,
     build_bending_friction,
     build_elastic,
     flexural_rigidity,
@@ -83,7 +85,9 @@ class CapsuleMotion:
 
 RELEASE_SPEED = 0.1  # [m/s] largest speed of held points when the pads open
 SLEEP_SHARE = 1.0 / 12.0
-"""Upper bound of the sleep distance, as a share of the mean edge length."""
+"""Upper bound of the sleep distance, as a share of the edge length of the finest part of the mesh."""
+FINE_SHARE = 0.1
+"""Quantile of the edge lengths that is taken as the edge length of the finest part of the mesh."""
 IN_PLANE = 0.2
 """Largest bending damping, as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
 gradients of strain, and damping multiplies this resistance. If this share exceeds about 0.4, the alternating
@@ -352,9 +356,19 @@ def _body(
     h, w = parameters.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     if fixed is not None:
         w[fixed] = 0.0  # must precede build_elastic, whose sweep compliance depends on w
-    e = build_elastic(mesh, material, w, h, settings.reference_drop, settings.anisotropy, settings.seam_factor)
+    e = build_elastic(
+        mesh,
+        material,
+        w,
+        h,
+        settings.reference_drop,
+        settings.anisotropy,
+        settings.seam_factor,
+        settings.bending_ratio,
+    )
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * parameters.phase * h * w[e.edge].sum(axis=1))
     grow = 1.0 + parameters.bend_gamma
+    own = grow * (w[e.hinge] * e.weight**2).sum(axis=1)
     topology = topology_of(mesh)
     order = topology.batch_order
     return Body(
@@ -369,8 +383,9 @@ def _body(
         rate[order],
         e.hinge,
         e.weight,
-        grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),
-        build_bending_friction(mesh, material, h, settings.residual_curvature),
+        grow / (own + e.bend / h**2),
+        bend_stiffening(e, own, h),
+        build_bending_friction(mesh, material, h, settings.residual_curvature, settings.bending_ratio),
         mesh.triangles.copy(),
         topology.tri_edge,
         topology.ring_start,
@@ -384,10 +399,11 @@ def _solver_parameters(
     mesh: ClothMesh, material: Material, settings: SolverSettings, substeps: int, pads: PadGeometry, table: bool
 ) -> SolverParameters:
     h = settings.frame / substeps
-    edge = float(mesh.edge_length.mean())
+    edge = float(np.quantile(mesh.edge_length, FINE_SHARE))
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # stiffness factor of the softer direction
     modulus = softer * membrane_modulus(material, settings.reference_drop)
-    most = max(0.0, IN_PLANE * modulus * edge**2 / flexural_rigidity(material) - 1.0)
+    stiffest = flexural_rigidity(material) / (1.0 - SHARPEST)
+    most = max(0.0, IN_PLANE * modulus * edge**2 / stiffest - 1.0)
     gx, gy, gz = settings.gravity
     return SolverParameters(
         h=h,

@@ -39,7 +39,8 @@ class Body(NamedTuple):
     batch_start: the start of each batch, then the end of the last one. The next three arrays have the order of
     spring: inverse_square: (e,) inverse squared rest lengths [1/m2], edge_inverse: (e,) 1 / (w_i + w_j +
     compliance / h^2), damping: (e,) share of the relative speed that `damp_edges` removes. hinge_inverse: (h,) the
-    same as edge_inverse for hinges, with w K^2 in place of w and with the bending damping.
+    same as edge_inverse for hinges, with w K^2 in place of w and with the bending damping; stiffen: (h,) see
+    `bend_stiffening`.
     """
 
     w: Array
@@ -54,6 +55,7 @@ class Body(NamedTuple):
     hinge: NDArray[np.int32]
     weight: Array
     hinge_inverse: Array
+    stiffen: Array
     bending_friction: BendingFriction
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
@@ -103,7 +105,8 @@ class State(NamedTuple):
     valid. edge: the packed edges, in colour batches; batch_start: the start of each batch, then the end of the
     last one (batches may be empty); inverse_square, rate: inverse_square and damping of these edges (`Body`); wi,
     wj: shares of their ends; hinge, weight: the packed hinges; which: indices of these hinges; part: shares of
-    their vertices.
+    their vertices; stiffen: see `bend_stiffening`; bend_ratio: see
+    `measure_bends`.
 
     base, course: (3, corners) each cluster predicts its corners at base + course * (time since the substep
     `born`); slack: (m,) distance by which a corner may deviate from this [m]; moving: (m,) True if the course is
@@ -160,6 +163,8 @@ class State(NamedTuple):
     hinge: NDArray[np.uint32]
     weight: Array
     part: Array
+    stiffen: Array
+    bend_ratio: Array
     which: NDArray[np.int32]
     slip: Array
     held: Array
@@ -291,6 +296,8 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int
         hinge=aligned_zeros((hinges, 4), np.uint32),
         weight=f(hinges, 4),
         part=f(hinges, 4),
+        stiffen=f(hinges),
+        bend_ratio=f(hinges),
         which=aligned_zeros(hinges, np.int32),
         slip=f(friction_hinges),
         held=f(friction_hinges + 1),

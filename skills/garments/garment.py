@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skills.garments.fabrics.fabric import Fabric
 from skills.vocabulary import Array, GarmentState, GraspId, Material, frozen
 
 __all__ = ["Anchor", "Garment", "PlanGrasp", "PlanStep", "PlanVariant", "PoseRange"]
@@ -101,7 +102,8 @@ class Garment:
     flat garment. edge_pairs: pairs of edges that coincide after the last fold. An edge is given by two key points;
     the first key points of the two edges coincide, and so do the second ones. size_range: smallest and largest
     factor on the nominal size for which the plan is valid. max_tool_speed [m/s]: limit that the cloth requires.
-    final_layers: maximum number of layers after the last fold.
+    final_layers: maximum number of layers after the last fold. fabric: class of its fabric, None if it is not
+    stated.
     """
 
     name: str
@@ -118,6 +120,7 @@ class Garment:
     size_range: tuple[float, float]
     final_layers: int
     surface: str
+    fabric: Fabric | None = None
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -130,6 +133,14 @@ class Garment:
         """Edge length of the meshes that predict the garment's folds [m]. Coarser meshes cannot be folded
         twice."""
         return float(np.clip(min(self.size_m) / 20.0, 0.014, 0.026))
+
+    @property
+    def bending_factors(self) -> tuple[float, float]:
+        """Range of the bending length in the garment's class of fabrics, relative to the garment's own."""
+        if self.fabric is None:
+            return 0.85, 1.15
+        low, high = self.fabric.bending_length
+        return low / self.material.bending_length, high / self.material.bending_length
 
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
         """Return the positions (k, 2) of the key points at a pose, table frame [m]."""

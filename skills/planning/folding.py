@@ -19,6 +19,7 @@ from skills.vocabulary import Array, FoldLine, Material, frozen
 __all__ = [
     "FoldedPoints",
     "SheetMesh",
+    "crease_segments",
     "fold_points",
     "fold_xy",
     "layers_at",
@@ -123,6 +124,29 @@ def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Materi
     sheets = int(mesh.layer.max()) + 1
     folded = fold_points(lines, mesh.rest, outline_of(mesh), mesh.layer, sheets)
     return np.column_stack([folded.positions, (folded.layers + 0.5) * material.thickness])
+
+
+def crease_segments(lines: Sequence[FoldLine], outline: Array) -> Array:
+    """Return (c, 2, 2): the ends of the creases that the folds make, in the flat sheet's coordinates [m].
+
+    A fold of several layers makes one crease in each layer. outline: (k, 2) of the flat garment."""
+    found: list[Array] = []
+    for i, line in enumerate(lines):
+        reach = 4.0 * (1.0 + float(np.abs(outline).max()))
+        cut = shapely.LineString([line.point - reach * line.direction, line.point + reach * line.direction])
+        for history, region in _pieces(lines[:i], _polygon(outline)).items():
+            for part in shapely.get_parts(region.intersection(cut)):
+                if part.length > 2.0 * TOUCH:
+                    ends = shapely.get_coordinates(part)[[0, -1]]
+                    found.append(_unfolded(lines[:i], history, ends))
+    return np.array(found).reshape(-1, 2, 2)
+
+
+def _unfolded(lines: Sequence[FoldLine], moved: Sequence[bool], xy: Array) -> Array:
+    """Return the flat sheet's coordinates of places xy (n, 2) on a piece that the folds `moved`."""
+    for line, by_it in zip(reversed(lines), reversed(moved), strict=True):
+        xy = line.reflect(xy) if by_it else xy
+    return xy
 
 
 def outline_of(mesh: SheetMesh) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -23,7 +24,7 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan"]
+__all__ = ["LEAST_FLAP", "RELEASE_CLEARANCE", "plan_folds", "rigid_motion", "translate_plan", "ways_to_fold"]
 
 RELEASE_CLEARANCE = 0.005
 """Height of the fingertips above the stack at release [m]. Tips that press into the stack would push it away."""
@@ -93,6 +94,15 @@ def translate_plan(
         return replace(step, line=move_line(step.line), earlier=earlier, grasps=grasps, targets=targets)
 
     return tuple(move_step(step) for step in steps)
+
+
+def ways_to_fold(garment: Garment, keypoints: Mapping[str, Array]) -> tuple[tuple[FoldLine, ...], ...]:
+    """Return the fold lines for each combination of variants of the plan's steps, the preferred combination
+    first."""
+    outline = np.array([keypoints[name] for name in garment.keypoints])
+    state = GarmentState(garment.category, outline, keypoints, confidence=1.0)
+    choices = [[(step.name, v.name) for v in step.variants] for step in garment.plan]
+    return tuple(plan_folds(state, garment, dict(way)).unwrap()[-1].lines for way in itertools.product(*choices))
 
 
 def rigid_motion(xy: Array, offset: Array, rotation: float, about: Array) -> Array:

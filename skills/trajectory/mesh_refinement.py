@@ -8,24 +8,32 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skills.cloth.mesh import mesh_from_contour
+from skills.planning.crease_mesh import mesh_near_creases
+from skills.planning.folding import crease_segments
 from skills.trajectory.problem import FoldProblem, TrajectoryMesh
 from skills.vocabulary import Array
 
 __all__ = ["carried", "refined"]
 
+EDGE_QUANTILES = (0.25, 0.95)
+"""Quantiles of the areas of a mesh's triangles that are taken as those near creases and away from them."""
+
 
 def refined(problem: FoldProblem, share: float) -> FoldProblem:
-    """Return `problem` on a mesh with edges `share` times as long, with the garment in the same shape."""
+    """Return `problem` on a mesh with edges `share` times as long, with the garment in the same shape. The mesh is
+    finer near the creases of this fold and of the earlier ones, as the problem's own mesh is."""
     mesh = problem.mesh
-    edge = float(
-        np.sqrt(4.0 / np.sqrt(3.0) * np.median(mesh.area))
-    )  # edge of an equilateral triangle of the median area
+    # edges of equilateral triangles of the same areas
+    fine, coarse = np.sqrt(4.0 / np.sqrt(3.0) * np.quantile(mesh.area, EDGE_QUANTILES))
     outline = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles[mesh.triangle_layer == 0]]))
     contour = shapely.get_coordinates(outline.exterior)[:-1]
     if not outline.exterior.is_ccw:
         contour = contour[::-1]
-    finer = mesh_from_contour(contour, share * edge, int(mesh.layer.max()) + 1)
+    creases = crease_segments(problem.step.lines, contour)
+    layers = int(mesh.layer.max()) + 1
+    finer = mesh_near_creases(
+        contour, share * coarse, layers, 0.0, creases, problem.material.bending_length, share * fine
+    )
     return replace(problem, mesh=finer, positions=carried(mesh, problem.positions, finer.rest, finer.layer))
 
 

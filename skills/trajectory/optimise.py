@@ -126,6 +126,7 @@ def optimise_fold(
     promised_initial: float | None = None,
     watch: Watch | None = None,
     lift_height: float = LIFT_HEIGHT,
+    bending_factors: tuple[float, float] = (0.85, 1.15),
 ) -> Outcome[GraspTrajectory]:
     """Find the best arcs, one for each grasp of the step, to fold the mesh from `positions` (n, 3).
 
@@ -134,7 +135,8 @@ def optimise_fold(
     variables that the arcs share, and the most robust of the best few). budget: number of simulations (default 1,
     25, 120, 25 in this order; where the choice of the arc does not matter, 'default' takes 2 to 4). predict: the
     simulation, default `ClothPredictor()`. max_height: largest height of an arc above the table [m]; lift_height:
-    height of the straight lift before the arc [m].
+    height of the straight lift before the arc [m]; bending_factors: smallest and largest bending length for which
+    'default' judges its best arcs, relative to the material's.
 
     start: additional initial arcs (warm start) or, if `promised` is given, arcs from the library. promised: the D
     [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If their D is
@@ -153,7 +155,15 @@ def optimise_fold(
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
     search, default_budget = METHODS[method]
     problem = FoldProblem(
-        step, mesh, positions, material, predict or ClothPredictor(), max_tool_speed, max_height, lift_height
+        step,
+        mesh,
+        positions,
+        material,
+        predict or ClothPredictor(),
+        max_tool_speed,
+        max_height,
+        lift_height,
+        bending_factors,
     )
     own = ThreadPoolExecutor(threads) if executor is None else None
     try:

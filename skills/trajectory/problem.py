@@ -89,7 +89,8 @@ class FoldProblem:
     fold [m].
 
     max_tool_speed [m/s]; max_height: largest height of the arcs above the table [m]; lift_height: height of the
-    straight lift before the arc [m].
+    straight lift before the arc [m]; bending_factors: range of the bending length, relative to the material's, for
+    which the arcs have to be good.
     """
 
     step: FoldStep
@@ -100,6 +101,7 @@ class FoldProblem:
     max_tool_speed: float
     max_height: float
     lift_height: float = LIFT_HEIGHT
+    bending_factors: tuple[float, float] = (0.85, 1.15)
 
     @cached_property
     def target(self) -> Array:

@@ -10,10 +10,12 @@ score of the mean and the worst D chose an arc with D = 3.7 mm on unseen meshes 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skills.trajectory.mesh_refinement import refined
-from skills.trajectory.problem import Candidate, Evaluator, Mishap
+from skills.trajectory.problem import Candidate, Evaluator, FoldProblem, Mishap
 from skills.vocabulary import Array, GraspId
 
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]
@@ -27,11 +29,12 @@ def _leaning(left: float, right: float) -> dict[GraspId, float]:
 
 
 MISHAPS = (
-    Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75, bending=0.85),
+    Mishap(_leaning(LEAN, LEAN), along=0.003, across=0.003, friction=0.75),
     Mishap(_leaning(-LEAN, LEAN), roll=0.5 * LEAN, along=-0.003, friction=1.25),
 )
-"""Two combinations of deviations. In the first, the hands lean, the tools are 3 mm off, and a limper cloth lies on
-a more slippery table. The deviations of the second are roughly opposite."""
+"""Two combinations of deviations. In the first, the hands lean, the tools are 3 mm off, and the limpest cloth of
+its class lies on a more slippery table. The deviations of the second are roughly opposite, and its cloth is the
+stiffest (`mishaps_of`)."""
 
 FINER = 0.8
 """Arcs are simulated again on a finer mesh; this is its edge length relative to the first mesh. A larger value can
@@ -44,6 +47,13 @@ units of the fold's distance."""
 
 MARGIN = 0.0005
 """Arcs within this margin count as equally good [m of D]: smaller differences are noise."""
+
+
+def mishaps_of(problem: FoldProblem) -> tuple[Mishap, ...]:
+    """Return MISHAPS with the range of bending lengths in which the fabric may lie."""
+    return tuple(
+        replace(mishap, bending=factor) for mishap, factor in zip(MISHAPS, problem.bending_factors, strict=True)
+    )
 
 
 def simulations(finalists: int) -> int:
@@ -80,7 +90,7 @@ def most_robust(evaluator: Evaluator, plain: Candidate, most: int) -> Candidate:
         planned |= {c: (c.dissimilarity + d) / 2 for c, d in zip(lot, again, strict=True)}
         for c in sorted(lot, key=lambda c: planned[c] - allowed[c]):
             if may_win(c, planned[c]):
-                mishaps = evaluator.confirm([(problem, c, mishap) for mishap in MISHAPS])
+                mishaps = evaluator.confirm([(problem, c, mishap) for mishap in mishaps_of(problem)])
                 score[c] = float(np.mean([planned[c], planned[c], *mishaps]))
     best = min(score, key=lambda c: score[c])
     if plain not in score or planned[plain] > planned[best] + MARGIN:

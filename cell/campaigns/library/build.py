@@ -17,8 +17,9 @@ from dataclasses import dataclass, field
 from importlib import metadata
 
 from cell.config.library.library_file import entry_of
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import ClothMesh
 from skills.garments.garment import Garment
+from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import Library, LibraryEntry, trajectory_from
 from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
@@ -126,7 +127,7 @@ class _Build:
     def garment(self, garment: Garment) -> list[LibraryEntry]:
         """Return the entries for one garment's plan, up to the first step that cannot be optimised."""
         state = garment.flat_state(*garment.poses.middle)
-        mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+        mesh = predictor_mesh(state, garment)
         positions: Array = mesh.lay_flat(garment.material.thickness)
         entries: list[LibraryEntry] = []
         steps = plan_folds(state, garment).unwrap()
@@ -157,7 +158,7 @@ class _Build:
         outcome = optimise_fold(
             step, mesh, positions, garment.material, self.method, self.budget,
             executor=self.executor, predict=self.predict, max_tool_speed=garment.max_tool_speed, progress=count,
-            lift_height=self.lift_height,
+            lift_height=self.lift_height, bending_factors=garment.bending_factors,
         )  # fmt: skip
         self._skip(self.budget - counted)
         if outcome.value is None:

@@ -11,9 +11,18 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import shapely
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
+from cell.config.garments.fabric_file import load_fabrics
 from cell.config.garments.plan_check import check_lines_and_grasps
 from cell.config.yaml_file import Document, Key, dotted, read_yaml, shown
 from robots.errors import ConfigurationError
@@ -167,6 +176,7 @@ FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
 
 
 class _MaterialFile(_Strict):
+    fabric: Name | None = None
     stretch_fraction: float | None = _number(0.001, 0.2, None)
     hang_drop: float = _number(0.1, 20, REFERENCE_DROP)
     friction_angle_deg: dict[Name, FrictionDegrees] | None = None
@@ -177,6 +187,13 @@ class _MaterialFile(_Strict):
     friction_layers: float | None = _number(0.05, 2.0, None)
     measured: dict[Name, str] = {}
     assumed: list[FabricField] = []
+
+    @field_validator("fabric")
+    @classmethod
+    def _known_fabric(cls, name: str | None) -> str | None:
+        if name is not None and name not in load_fabrics():
+            raise ValueError(f"this class of fabrics is not known; known: {', '.join(load_fabrics())}")
+        return name
 
 
 class _Poses(_Strict):
@@ -314,6 +331,7 @@ def _garment(document: Document, file: _GarmentFile, surface: str) -> Garment:
         size_range=file.size_range,
         final_layers=file.final_layers,
         surface=surface,
+        fabric=None if file.material.fabric is None else load_fabrics()[file.material.fabric],
     )
 
 

@@ -17,10 +17,10 @@ from cell.states.stages import Attempt, Plan, Recognition
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
-from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion, plan_fold_motion
+from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.acceptance import acceptance_limit, judge_prediction
@@ -61,7 +61,7 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
     if previous:
         plan = replace(previous, steps=steps)
     else:
-        mesh = mesh_from_contour(flat.contour, garment.mesh_edge_m, garment.layers)
+        mesh = predictor_mesh(flat, garment)
         plan = Plan(garment, garment, flat, steps, mesh, mesh.lay_flat(garment.material.thickness))
     context = replace(context, plan=plan, fold=replace(fold, trajectory=None, attempt=None))
     record = {
@@ -138,7 +138,7 @@ def _optimise(
             predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
             promised=found.dissimilarity if found is not None and trusted else None,
             promised_initial=None if found is None else found.dissimilarity_initial, watch=watch,
-            lift_height=cell.settings.grasp.lift_height,
+            lift_height=cell.settings.grasp.lift_height, bending_factors=garment.bending_factors,
         ),
     )  # fmt: skip
 

@@ -72,7 +72,8 @@ class ClothBody(Protocol):
 class BodyTraits:
     """Properties of one piece of cloth that are not in the garment file.
 
-    anisotropy: stiffness along material y divided by the stiffness along x. damping: damping of stretch and
+    anisotropy: stretch stiffness along material y divided by that along x. bending_ratio: the same of the
+    rigidities. damping: damping of stretch and
     bending, divided by the default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's
     shell is isotropic and has no bending friction.
     """
@@ -80,6 +81,7 @@ class BodyTraits:
     anisotropy: float = 1.0
     damping: float = 1.0
     residual_curvature: float = 0.0
+    bending_ratio: float = 1.0
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
@@ -124,6 +126,7 @@ def build_body(
             stretch_damping=base.stretch_damping * traits.damping,
             bend_damping=base.bend_damping * traits.damping,
             residual_curvature=traits.residual_curvature,
+            bending_ratio=traits.bending_ratio,
         ),
         pads=pads,
     )

@@ -11,15 +11,21 @@ from numpy.typing import NDArray
 from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
 from cell.simulation.garment.outline import draw_outline
 from cell.simulation.noise import GarmentNoise
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
+from skills.garments.fabrics.fabric import Span
 from skills.garments.garment import Garment
+from skills.planning.crease_mesh import creases_of, mesh_near_creases
 from skills.vocabulary import Array, Material
 
 __all__ = ["WorldGarment"]
 
-FINEST, COARSEST = 0.012, 0.024
-"""Bounds of the mesh's edge length [m]."""
+COARSEST = 0.0265
+"""Largest edge length of the mesh, away from creases [m]."""
+GRID_TURNS = (4.0, 34.0)
+"""Turns of the mesh's grid [degrees], at which the rigidities along warp and weft are right (`bending_shares`). A
+world turns by up to GRID_SPREAD from one of them."""
+GRID_SPREAD = 3.0
 CATCH = 0.02
 """Cloth counts as under a fingertip if it is at most this far above the tip [m] or lower."""
 
@@ -47,13 +53,14 @@ class WorldGarment:
         self._noise, self._ideal, self._world = noise, ideal, world
         self.name, self.layers = garment.name, garment.layers
         outline = draw_outline(garment, noise, rng, ideal)
-        self.material = garment.material if ideal else _vary(garment.material, noise, rng)
+        self.material = garment.material if ideal else _vary(garment, noise, rng)
         self.pose = _Pose(*garment.poses.sample(rng))
-        nominal = noise.edge_length * garment.material.bending_length
-        self._edge = float(np.clip(nominal, FINEST, COARSEST) * rng.uniform(0.95, 1.05))
-        self.mesh: ClothMesh = mesh_from_contour(
-            outline.contour, self._edge, garment.layers, float(rng.uniform(0.2, 0.8))
-        )
+        self._edge = float(noise.edge_length * self.material.bending_length * rng.uniform(0.95, 1.05))
+        turn = np.deg2rad(GRID_TURNS[int(rng.integers(2))] + GRID_SPREAD * rng.uniform(-1.0, 1.0))
+        self.mesh: ClothMesh = mesh_near_creases(
+            outline.contour, COARSEST, garment.layers, turn, creases_of(garment, outline.keypoints,
+            outline.contour), self.material.bending_length, self._edge
+        )  # fmt: skip
         self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
         share = 0.0 if ideal else 1.0
         damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
@@ -62,7 +69,8 @@ class WorldGarment:
         self._wrinkles = int(rng.integers(2**31))
         # a separate generator, so that the other random numbers of a seed stay the same as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
-        self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread))
+        ratio = 1.0 if ideal or garment.fabric is None else _log_uniform(garment.fabric.bending_ratio, rng)
+        self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread), ratio)
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
 
@@ -209,19 +217,28 @@ class WorldGarment:
         self._cloth.restore(saved)
 
 
-def _vary(nominal: Material, noise: GarmentNoise, rng: np.random.Generator) -> Material:
-    """Draw the true fabric. Each property differs from the garment file by at most its share in the noise
-    table."""
+def _vary(garment: Garment, noise: GarmentNoise, rng: np.random.Generator) -> Material:
+    """Draw the true fabric. What a lab can measure easily differs from the garment file by at most its share in
+    the noise table; the other properties come from the whole range of the class of fabrics."""
+    nominal, fabric = garment.material, garment.fabric
 
     def near(value: float, share: float) -> float:
         return value * (1.0 + share * rng.uniform(-1.0, 1.0))
+
+    def within(name: str) -> float:
+        span: Span | None = getattr(fabric, name, None)
+        return near(getattr(nominal, name), getattr(noise, name)) if span is None else float(rng.uniform(*span))
 
     varied = replace(
         nominal,
         areal_mass=near(nominal.areal_mass, noise.areal_mass),
         stretch_fraction=near(nominal.stretch_fraction, noise.stretch_fraction),
-        bending_length=near(nominal.bending_length, noise.bending_length),
-        thickness=near(nominal.thickness, noise.thickness),
-        friction_layers=near(nominal.friction_layers, noise.friction_layers),
+        bending_length=within("bending_length"),
+        thickness=within("thickness"),
+        friction_layers=within("friction_layers"),
     )
     return varied.with_friction(near(nominal.friction_static, noise.friction))
+
+
+def _log_uniform(span: Span, rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(*np.log(span))))

@@ -13,7 +13,6 @@ Lengths in metres, angles in radians, table frame.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +28,8 @@ from cell.simulation.scoring.table_raster import TableRaster
 from robots.errors import InternalError
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_xy
-from skills.planning.plan import plan_folds
-from skills.vocabulary import Array, FoldLine, GarmentState
+from skills.planning.plan import ways_to_fold
+from skills.vocabulary import Array, FoldLine
 
 __all__ = [
     "Figure",
@@ -41,7 +40,6 @@ __all__ = [
     "named_edge_pairs",
     "score",
     "score_plan",
-    "ways_to_fold",
 ]
 
 EDGE_SPACING = 0.005  # distance between samples along a pair of edges [m]
@@ -198,15 +196,6 @@ def score_plan(
         for lines in ways_to_fold(garment, keypoints)
     ]
     return score(min(finals, key=_mean_distance), limits)
-
-
-def ways_to_fold(garment: Garment, keypoints: Mapping[str, Array]) -> tuple[tuple[FoldLine, ...], ...]:
-    """Return the fold lines for each combination of variants of the plan's steps, the preferred combination
-    first."""
-    outline = np.array([keypoints[name] for name in garment.keypoints])
-    state = GarmentState(garment.category, outline, keypoints, confidence=1.0)
-    choices = [[(step.name, v.name) for v in step.variants] for step in garment.plan]
-    return tuple(plan_folds(state, garment, dict(way)).unwrap()[-1].lines for way in itertools.product(*choices))
 
 
 def _mean_distance(garment: FinalGarment) -> float:

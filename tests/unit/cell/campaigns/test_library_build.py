@@ -24,8 +24,8 @@ from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
 from cell.config.library.library_file import put_garments, user_library_path, write_library
 from robots.errors import CellError, FailureKind
-from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment
+from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
@@ -61,7 +61,7 @@ def _target(start: tuple[float, float]) -> np.ndarray:
     """The ideal shape of the step that has a grasp at this point."""
     for garment in (TOWEL, SMALL):
         state = garment.flat_state(*garment.poses.middle)
-        mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, garment.layers)
+        mesh = predictor_mesh(state, garment)
         for step in plan_folds(state, garment).unwrap():
             if any(np.allclose(g.point, start) for g in step.grasps.values()):
                 return target_vertices(mesh, step.lines, garment.material)

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
+from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import silhouette, target_vertices
 from skills.planning.plan import plan_folds
 
@@ -103,9 +104,8 @@ def test_a_user_plan_gets_steps_and_target_shapes(tmp_path: Path) -> None:
     assert area == pytest.approx(SIDE**2 / 4, rel=1e-4)
     corners = {tuple(np.round(p - centre, 4) + 0.0) for p in triangle}
     assert {(0.0, 0.0), (-a, -a), (a, -a)} <= corners
-    from skills.cloth.mesh import mesh_from_contour
 
-    mesh = mesh_from_contour(state.contour, garment.mesh_edge_m, 1)
+    mesh = predictor_mesh(state, garment)
     target = target_vertices(mesh, second.lines, garment.material)
     assert np.all(target[:, 1] <= -np.abs(target[:, 0] - 0.58) + 1e-6), "all cloth is in the last triangle"
     assert target[:, 2].max() == pytest.approx(3.5 * garment.material.thickness), "four layers"

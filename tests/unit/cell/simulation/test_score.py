@@ -21,7 +21,6 @@ from cell.simulation.scoring.score import (
     named_edge_pairs,
     score,
     score_plan,
-    ways_to_fold,
 )
 from cell.simulation.scoring.table_raster import PIXEL, rasterise
 from robots.errors import InternalError
@@ -29,6 +28,7 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.solver import ClothSimulation
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.planning.folding import fold_xy, target_vertices
+from skills.planning.plan import ways_to_fold
 from skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002

@@ -51,7 +51,10 @@ def strip(overhang, edge, width=0.12):
     return ClothMesh(rest, zero, tri, np.zeros(len(tri), np.int32), np.zeros((0, 2), np.int32))
 
 
-@pytest.mark.parametrize(("edge", "bending_length"), [(0.015, 0.03), (0.022, 0.03), (0.022, 0.045), (0.03, 0.06)])
+CANTILEVERS = [(0.015, 0.03), (0.0195, 0.03), (0.022, 0.045), (0.03, 0.06), (0.0125, 0.019)]
+
+
+@pytest.mark.parametrize(("edge", "bending_length"), CANTILEVERS)
 def test_a_cantilever_has_the_given_bending_length(edge, bending_length):
     """Peirce's test: the overhang whose chord falls by about 41.5 degrees is twice the bending length."""
     overhang = 2.0 * bending_length
@@ -293,3 +296,22 @@ def test_pair_lists_have_a_maximum_size(monkeypatch):
     with pytest.raises(InternalError, match="lost its positions"):
         s.advance(1)
     assert len(s.checkpoint()["pairs.vt"]) <= 4 * MOST_PAIRS * len(s.positions)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 3.4])
+@pytest.mark.parametrize("grid", [np.deg2rad(4.0), np.deg2rad(34.0)])
+def test_rigidity_along_warp_and_weft_has_the_given_ratio(ratio, grid):
+    """The energy of a cylinder bent along warp or weft, summed over the hinges' own energies."""
+    mesh = mesh_from_contour(np.array([[0, 0], [0.3, 0], [0.3, 0.3], [0, 0.3]]), 0.015, rotate=grid)
+    elastic = build_elastic(
+        mesh, MATERIAL, 1.0 / (MATERIAL.areal_mass * mesh.vertex_area), 1e-3, 0.6, bending_ratio=ratio
+    )
+
+    def rigidity(direction):
+        z = 0.5 * (mesh.rest @ direction) ** 2
+        bent = (elastic.weight * z[elastic.hinge]).sum(axis=1)
+        return (bent**2 / elastic.bend).sum() / mesh.area.sum()
+
+    weft, warp = rigidity(np.array([1.0, 0.0])), rigidity(np.array([0.0, 1.0]))
+    assert warp / weft == pytest.approx(ratio, rel=0.15)
+    assert np.sqrt(warp * weft) == pytest.approx(flexural_rigidity(MATERIAL), rel=0.08)

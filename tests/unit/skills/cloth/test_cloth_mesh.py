@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from robots.errors import ConfigurationError
-from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.mesh import FineBands, mesh_from_contour
 
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
 HALF = [(0.08, 0.30), (0.22, 0.26), (0.60, 0.10), (0.57, 0.01), (0.24, 0.12), (0.24, -0.35)]
@@ -73,3 +73,23 @@ def test_a_clockwise_or_noisy_contour_gives_the_same_garment():
 def test_an_invalid_contour_is_refused(contour, edge, layers):
     with pytest.raises(ConfigurationError):
         mesh_from_contour(contour, edge, layers)
+
+
+def test_bands_are_fine_and_the_rest_is_coarse():
+    crease = np.array([[[0.0, -0.2], [0.0, 0.2]]])
+    bands = FineBands(crease, 0.03, 0.008)
+    mesh = mesh_from_contour(TOWEL, 0.035, 2, 0.2, bands)
+    middle = mesh.rest[mesh.edges].mean(axis=1)
+    near = np.abs(middle[:, 0]) < 0.02
+    far = np.abs(middle[:, 0]) > 0.15
+    assert np.median(mesh.edge_length[near]) == pytest.approx(0.008, rel=0.1)
+    assert np.median(mesh.edge_length[far]) == pytest.approx(0.032, rel=0.1)
+    assert mesh.edge_length[near].max() < 0.014
+    assert mesh.area.sum() == pytest.approx(2.0 * 0.6 * 0.4, rel=1e-9)
+    assert mesh.quality.min_angle > np.deg2rad(15.0)
+
+
+def test_bands_as_coarse_as_the_rest_change_nothing_but_the_grid():
+    bands = FineBands(np.array([[[0.0, -0.2], [0.0, 0.2]]]), 0.03, 0.05)
+    mesh = mesh_from_contour(TOWEL, 0.026, fine=bands)
+    assert np.median(mesh.edge_length) == pytest.approx(0.026, rel=0.1)

@@ -13,6 +13,7 @@ from scipy.spatial import Delaunay
 
 from skills.planning import folding
 from skills.planning.folding import (
+    crease_segments,
     fold_points,
     fold_xy,
     layers_at,
@@ -21,7 +22,7 @@ from skills.planning.folding import (
     silhouette,
     target_vertices,
 )
-from skills.vocabulary import FoldLine, Material
+from skills.vocabulary import FoldLine, Material, frozen
 
 RECT = np.array([[-0.2, -0.3], [0.2, -0.3], [0.2, 0.3], [-0.2, 0.3]])
 FABRIC = Material(0.4, 0.03, 0.025, 0.002, 0.4, 0.35, 0.6)
@@ -164,3 +165,13 @@ def test_pads_near_an_edge_take_both_layers_even_if_one_ends_before_their_middle
     assert layers_under([fold], outline, pads) == 2
     assert layers_at([fold], outline, np.array([middle, 0.1])) == (2 if short < 0.010 else 1)
     assert layers_under([fold], outline, pads + np.array([0.030, 0.0])) == 0
+
+
+def test_creases_of_two_folds_in_the_flat_sheet() -> None:
+    """Halving a rectangle twice makes one crease across it, and one along each half."""
+    outline = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2], [0.0, 0.2]])
+    half = FoldLine(frozen(np.array([0.2, 0.1])), frozen(np.array([0.0, 1.0])))
+    quarter = FoldLine(frozen(np.array([0.1, 0.1])), frozen(np.array([-1.0, 0.0])))
+    creases = crease_segments((half, quarter), outline)
+    found = {tuple(sorted(tuple(np.round(end, 4) + 0.0) for end in crease)) for crease in creases}
+    assert found == {((0.2, 0.0), (0.2, 0.2)), ((0.0, 0.1), (0.2, 0.1)), ((0.2, 0.1), (0.4, 0.1))}
