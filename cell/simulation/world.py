@@ -457,6 +457,9 @@ class World:
                 pose=(garment.pose.x, garment.pose.y, garment.pose.angle),
                 fabric=garment.material,
                 layers=garment.layers,
+                mesh=garment.mesh,
+                traits=garment.traits,
+                solver=garment.solver,
             )
         _, _, _, pan = self._body.read()
         T_table_base = np.linalg.inv(self.settings.table.T_base_table)

@@ -15,7 +15,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Array, Material
 
-__all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body"]
+__all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body", "solver_settings"]
 
 FRAME_RATE = 60
 """Rate of the cloth frames [Hz]."""
@@ -115,18 +115,17 @@ def build_body(
         default = MujocoSettings()
         settings = MujocoSettings(damping=default.damping * traits.damping)
         return MujocoCloth(mesh, material, positions, settings, pads=pads)
+    return ClothSimulation(mesh, material, positions, solver_settings(traits), pads=pads)
+
+
+def solver_settings(traits: BodyTraits) -> SolverSettings:
+    """Return the settings of foldcell's own solver for a piece of cloth."""
     base = SolverSettings()
-    return ClothSimulation(
-        mesh,
-        material,
-        positions,
-        SolverSettings(
-            frame_rate=FRAME_RATE,
-            anisotropy=traits.anisotropy,
-            stretch_damping=base.stretch_damping * traits.damping,
-            bend_damping=base.bend_damping * traits.damping,
-            residual_curvature=traits.residual_curvature,
-            bending_ratio=traits.bending_ratio,
-        ),
-        pads=pads,
+    return SolverSettings(
+        frame_rate=FRAME_RATE,
+        anisotropy=traits.anisotropy,
+        stretch_damping=base.stretch_damping * traits.damping,
+        bend_damping=base.bend_damping * traits.damping,
+        residual_curvature=traits.residual_curvature,
+        bending_ratio=traits.bending_ratio,
     )

@@ -50,7 +50,7 @@ class WorldGarment:
     def __init__(
         self, garment: Garment, noise: GarmentNoise, rng: np.random.Generator, ideal: bool, world: str = "xpbd"
     ) -> None:
-        self._noise, self._ideal, self._world = noise, ideal, world
+        self._noise, self._ideal, self.solver = noise, ideal, world
         self.name, self.layers = garment.name, garment.layers
         outline = draw_outline(garment, noise, rng, ideal)
         self.material = garment.material if ideal else _vary(garment, noise, rng)
@@ -70,7 +70,7 @@ class WorldGarment:
         # a separate generator, so that the other random numbers of a seed stay the same as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
         ratio = 1.0 if ideal or garment.fabric is None else _log_uniform(garment.fabric.bending_ratio, rng)
-        self._traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread), ratio)
+        self.traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread), ratio)
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
 
@@ -83,7 +83,7 @@ class WorldGarment:
     @property
     def residual_curvature(self) -> float:
         """Curvature that bending friction can hold [1/m]."""
-        return self._traits.residual_curvature
+        return self.traits.residual_curvature
 
     @property
     def flat(self) -> Array:
@@ -107,7 +107,7 @@ class WorldGarment:
 
     def _build(self, positions: Array) -> ClothBody:
         pads = PadGeometry(friction=self.pad_friction)
-        return build_body(self._world, self.mesh, self.material, positions, self._traits, pads)
+        return build_body(self.solver, self.mesh, self.material, positions, self.traits, pads)
 
     def _wrinkled(self) -> Array:
         """Return vertices (n, 3) with waves in random directions. The outline shrinks, so that the cloth keeps its

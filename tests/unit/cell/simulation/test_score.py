@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.score import (
     FinalGarment,
+    IdealHeights,
     diagonal,
     named_edge_pairs,
     score,
@@ -80,6 +81,8 @@ def garment(
         tuple(turned_line(line, *pose) for line in lines),
         THICKNESS,
         named_edge_pairs(PAIRS, keypoints),
+        keypoints,
+        IdealHeights(2 ** len(lines) * THICKNESS, 0.050),
     )
 
 
@@ -298,7 +301,14 @@ def test_the_order_of_vertices_and_triangles_does_not_matter() -> None:
     shuffled = rng.permutation(place[triangles][:, [2, 0, 1]].astype(np.int32))
     result = score(
         FinalGarment(
-            whole.vertices[order], shuffled, whole.material[order], whole.lines, whole.thickness, whole.edge_pairs
+            whole.vertices[order],
+            shuffled,
+            whole.material[order],
+            whole.lines,
+            whole.thickness,
+            whole.edge_pairs,
+            whole.keypoints,
+            whole.ideal,
         )
     )
     for name, figure in score(whole).figures.items():
