@@ -42,6 +42,7 @@ __all__ = [
     "build_elastic",
     "colour_batches",
     "flexural_rigidity",
+    "hinge_extents",
     "membrane_modulus",
     "shuffled",
     "stretch_excess",
@@ -130,11 +131,12 @@ def build_elastic(
 
 
 def build_bending_friction(
-    mesh: ClothMesh, material: Material, step: float, residual_curvature: float
+    mesh: ClothMesh, material: Material, step: float, residual_curvature: float, measured: bool = False
 ) -> BendingFriction:
     """Build the bending friction for a substep of `step` [s]. Released cloth keeps a curvature of up to
-    `residual_curvature` [1/m], which is HB / B."""
-    if residual_curvature == 0.0:
+    `residual_curvature` [1/m], which is HB / B. measured: build it even without friction, because the set of
+    creases (crease_set.py) needs the measured turns."""
+    if residual_curvature == 0.0 and not measured:
         return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
     a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
@@ -146,6 +148,15 @@ def build_bending_friction(
         _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
         (residual_curvature / STIFFER) ** 2 * areas,
     )  # fmt: skip
+
+
+def hinge_extents(mesh: ClothMesh) -> tuple[Array, Array]:
+    """Return (h,) lengths of the edges, and (h,) widths of the cloth that each hinge bends, which are (A0 + A1) /
+    length [m]; in the order of the hinges."""
+    order = shuffled(len(mesh.hinges))
+    a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
+    length = np.linalg.norm(mesh.rest[b] - mesh.rest[a], axis=1)
+    return length, _stencils(mesh)[1][order] / length
 
 
 def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
@@ -403,11 +414,12 @@ def bending_friction_moments(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, x):
-    """Do the sweep of `solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment
-    and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps, friction
-    would react to the displacements that elasticity causes and vice versa, and the bending damping would treat
-    these displacements as motion."""
+def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow, w, target, x):
+    """Do the sweep of `solve_hinges` with friction and set. Each hinge is first bent by `grow` times its friction
+    moment and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps,
+    friction would react to the displacements that elasticity causes and vice versa, and the bending damping would
+    treat these displacements as motion. target: (n, 3) K x of each hinge at rest (crease_set.py), or empty."""
+    creased = len(target) > 0
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
@@ -420,6 +432,8 @@ def solve_hinges_with_friction(n, hinge, weight, part, axis, foot, moment, grow,
             xc = x[c, m] + w[c] * p
             xd = x[d, m] + w[d] * q
             r = ka * xa + kb * xb + kc * xc + kd * xd
+            if creased:
+                r -= target[k, m]
             x[a, m] = xa - part[k, 0] * r
             x[b, m] = xb - part[k, 1] * r
             x[c, m] = xc - part[k, 2] * r

@@ -16,11 +16,14 @@ from skills.cloth import kernel
 from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
 from skills.cloth.contact.ridges import flat_cosine
+from skills.cloth.crease_set import advance_set, build_crease_law
 from skills.cloth.elasticity import (
     build_bending_friction,
     build_elastic,
     flexural_rigidity,
+    hinge_extents,
     membrane_modulus,
+    shuffled,
     turns,
 )
 from skills.cloth.intersections.resolve import Intersections, no_intersections
@@ -125,10 +128,11 @@ class ClothSimulation:
         )
         self._body = _body(mesh, material, self.settings, self._solver_parameters, fixed)
         n = len(mesh.rest)
-        friction_hinges = len(self._body.bending_friction.limit)
+        friction_hinges, set_hinges = len(self._body.bending_friction.limit), len(self._body.crease_law.length)
         self._state = new_state(
-            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges, self._body.clusters
-        )
+            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges,
+            self._body.clusters, set_hinges,
+        )  # fmt: skip
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
         self._intersections = no_intersections(n)
@@ -157,6 +161,31 @@ class ClothSimulation:
     def inverse_mass(self) -> Array:
         """(n,) inverse masses of the vertices [1/kg] (a copy)."""
         return self._body.w.copy()
+
+    @property
+    def crease_angles(self) -> Array:
+        """(h,) the set of each hinge [rad], in the order of the mesh's hinges; zeros if creases take no set."""
+        angles = np.zeros(len(self.mesh.hinges))
+        if len(self._state.set_parts):
+            angles[shuffled(len(angles))] = self._state.set_parts.sum(axis=1)
+        return angles
+
+    def press(self, pressure: Array | float) -> None:
+        """Let bodies press on the cloth with `pressure` [Pa], (n,) or equal for all vertices, until the next call.
+        Creases take a set meanwhile (`SolverSettings.crease_set`). The pressure moves nothing: capsules do."""
+        if len(self._state.pressure):
+            self._state.pressure[:] = pressure
+
+    def dwell(self, seconds: float) -> None:
+        """Let creases take set for `seconds` while nothing moves; `time` advances. This is exact if the cloth is
+        held in its present shape for that time, as under a weight."""
+        s = self._state
+        if len(s.set_rest):
+            advance_set(
+                self._body.crease_law, self._body.hinge, s.x, s.pressure, float(seconds), s.side, s.set_parts,
+                s.set_rest,
+            )  # fmt: skip
+        self.time += seconds
 
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth at positions (n, 3), at rest or with `velocities` (n, 3), and release held points.
@@ -370,7 +399,8 @@ def _body(
         e.hinge,
         e.weight,
         grow / (grow * (w[e.hinge] * e.weight**2).sum(axis=1) + e.bend / h**2),
-        build_bending_friction(mesh, material, h, settings.residual_curvature),
+        build_bending_friction(mesh, material, h, settings.residual_curvature, measured=settings.crease_set > 0.0),
+        build_crease_law(*hinge_extents(mesh), settings.crease_set, settings.crease_time),
         mesh.triangles.copy(),
         topology.tri_edge,
         topology.ring_start,
