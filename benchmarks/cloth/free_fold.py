@@ -36,7 +36,7 @@ LINES = (
     FoldLine(frozen(np.array([0.1, 0.1])), frozen(np.array([-1.0, 0.0]))),
 )
 """The first fold halves the sheet along x; the second one halves the result along y."""
-SHARES = (1.3, 0.87, 0.6, 0.5, 0.4, 0.32)
+SHARES = (1.3, 0.87, 0.6, 0.5, 0.4)
 """Edge lengths near the creases, in bending lengths. The cell uses 0.6."""
 TURNS = (0.07, 0.3, 0.7)
 """Turns of the mesh's grid [rad]. At 0.3, its rows are nearly parallel to the first crease."""

@@ -1,4 +1,4 @@
-"""Rerun recordings of the simulated tests of a fabric: hang test, tilt test and cantilever test."""
+"""Rerun recordings of the simulated tests of a fabric: hang, tilt, cantilever and crease test."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from calibration.bending import BendingCalibration
+from calibration.crease import CreaseCalibration
 from calibration.friction import FrictionCalibration, tilted
 from calibration.shear import ShearCalibration
 from cell.recording.rerun import style
@@ -20,7 +21,7 @@ from cell.recording.rerun.streams import begin_stream
 from robots.errors import StorageError
 from skills.vocabulary import Array
 
-__all__ = ["record_bending", "record_friction", "record_shear"]
+__all__ = ["record_bending", "record_crease", "record_friction", "record_shear"]
 
 GARMENT = "test/garment"
 HALF_TABLE = 0.75
@@ -73,6 +74,18 @@ def record_bending(path: Path, test: BendingCalibration) -> None:
         stream.set_time(TIMELINE, duration=float(t))
         _cloth(stream, x, test.mesh.triangles, first=k == 0)
         stream.log("angle/of_tip_deg", rr.Scalars(math.degrees(test.tip_angle(x))))
+    _end(stream, path)
+
+
+def record_crease(path: Path, test: CreaseCalibration) -> None:
+    """Record the coupon under the weight and after it, and its kept angle. Raises StorageError."""
+    stream = _begin(path, "crease recovery test", "angle")
+    coupon = test.coupon
+    for k, (t, x) in enumerate(zip(coupon.times, coupon.pictures, strict=True)):
+        stream.set_time(TIMELINE, duration=float(t))
+        _cloth(stream, x, coupon.mesh.triangles, first=k == 0)
+        stream.log("angle/kept_deg", rr.Scalars(math.degrees(coupon.kept_angle(x))))
+        stream.log("angle/measured_deg", rr.Scalars(math.degrees(test.kept)))
     _end(stream, path)
 
 
