@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.bending import BendingCalibration
 from calibration.crease import CreaseCalibration
+from calibration.free_fold import FreeFold
 from calibration.friction import FrictionCalibration, tilted
 from calibration.shear import ShearCalibration
 from cell.recording.rerun import style
@@ -21,7 +22,7 @@ from cell.recording.rerun.streams import begin_stream
 from robots.errors import StorageError
 from skills.vocabulary import Array
 
-__all__ = ["record_bending", "record_crease", "record_friction", "record_shear"]
+__all__ = ["record_bending", "record_crease", "record_free_fold", "record_friction", "record_shear"]
 
 GARMENT = "test/garment"
 HALF_TABLE = 0.75
@@ -74,6 +75,16 @@ def record_bending(path: Path, test: BendingCalibration) -> None:
         stream.set_time(TIMELINE, duration=float(t))
         _cloth(stream, x, test.mesh.triangles, first=k == 0)
         stream.log("angle/of_tip_deg", rr.Scalars(math.degrees(test.tip_angle(x))))
+    _end(stream, path)
+
+
+def record_free_fold(path: Path, test: FreeFold) -> None:
+    """Record the flat strip, the settled free fold, and the height of its crease. Raises StorageError."""
+    stream = _begin(path, "free fold", "height")
+    for k, x in enumerate(test.pictures):
+        stream.set_time(TIMELINE, duration=float(k))
+        _cloth(stream, x, test.mesh.triangles, first=k == 0)
+        stream.log("height/of_crease_mm", rr.Scalars(1e3 * float(x[:, 2].max())))
     _end(stream, path)
 
 
