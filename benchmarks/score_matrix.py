@@ -25,10 +25,10 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
-from cell.simulation.scoring.fold_figures import measure_fold
 from cell.simulation.scoring.ideal import flaw_of
 from cell.simulation.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
 from skills.cloth.mesh import ClothMesh
+from skills.fold_figures.fold_figures import measure_fold
 from skills.planning.folding import fold_xy
 from skills.planning.ideal_fold import ideal_folds
 from skills.planning.plan import ways_to_fold

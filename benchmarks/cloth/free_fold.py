@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks.attainable_dissimilarity import ideal_fold
 from benchmarks.results_page import table
 from calibration.free_fold import elastica_height
-from cell.simulation.scoring.table_raster import TableRaster
 from skills.cloth.mesh import FineBands, mesh_from_contour
 from skills.cloth.settings import SolverSettings
+from skills.fold_figures.table_raster import TableRaster
 from skills.planning.folding import crease_segments
 from skills.vocabulary import FoldLine, Material, frozen
 
