@@ -102,11 +102,14 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
 
 
 def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
-    """Whether to press: the fold was observed to be higher than its flat layers, and pressing may help."""
+    """Whether to press: the fold was observed to be higher than its flat layers, or too high for the claim, and
+    pressing may help."""
     settings, before = cell.settings.pressing, attempt.pressed
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
     if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
         return False
+    if attempt.claim is not None and not attempt.claim.flat and np.isfinite(inspection.height_m):
+        return True
     flat_height = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
     return bool(inspection.height_m > flat_height + settings.min_excess_height)
 
