@@ -26,7 +26,9 @@ def test_heights_are_found_for_the_garment_they_were_computed_for_only(tmp_path:
     assert ideal_heights_of(replace(thicker, name="small_towel"), library) == ()
 
 
-@pytest.mark.parametrize("text", ["{ broken", "[]", '{"schema": 99, "garments": {}}', '{"schema": 1, "garments": 3}'])
+@pytest.mark.parametrize(
+    "text", ["{ broken", "[]", '{"schema": 99, "garments": {}}', '{"schema": 1, "garments": 3}']
+)
 def test_an_unreadable_file_counts_as_empty(tmp_path: Path, text: str) -> None:
     library = tmp_path / "library.json"
     user_heights_path(library).write_text(text)
