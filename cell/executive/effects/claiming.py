@@ -14,8 +14,8 @@ from skills.perception.inspection.height_expectation import IdealHeights, Normal
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.target_view import FoldTarget, TargetView
 from skills.perception.registration.alignment import align
-from skills.planning.folding import folded_creases, outline_of, target_vertices
-from skills.vocabulary import FoldStep, PredictedShape
+from skills.planning.folding import folded_creases, target_vertices
+from skills.vocabulary import PredictedShape
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]
 
@@ -25,12 +25,14 @@ HINTS = {
 }
 
 
-def fold_target(plan: Plan, step: FoldStep) -> FoldTarget:
-    """Return the perfect fold after this step, and its creases, where the plan now expects the garment."""
-    mesh = plan.mesh
-    vertices = target_vertices(mesh, step.lines, plan.garment.material)
-    shape = PredictedShape(vertices, mesh.triangles, mesh.rest)
-    return FoldTarget(shape, folded_creases(step.lines, outline_of(mesh)))
+def fold_target(plan: Plan, index: int) -> FoldTarget | None:
+    """Return the perfect fold after step `index`, and its creases, where the plan now expects the garment. None
+    after the steps that the claim does not need: all but the first, which shows the fabric, and the last."""
+    if 0 < index < len(plan.steps) - 1:
+        return None
+    mesh, lines = plan.mesh, plan.steps[index].lines
+    shape = PredictedShape(target_vertices(mesh, lines, plan.garment.material), mesh.triangles, mesh.rest)
+    return FoldTarget(shape, folded_creases(lines, plan.flat.contour))
 
 
 def make_claim(
