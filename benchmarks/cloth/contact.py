@@ -24,13 +24,14 @@ from benchmarks.cloth.scenes import (
     sides_folds,
     timed,
 )
-from benchmarks.cloth.strain import MOST_STRAIN, TURN, EdgeStrains, edge_strains, on_the_line, reach
+from benchmarks.cloth.strain import MOST_STRAIN, EdgeStrains, edge_strains, on_the_line
 from cell.config.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
+from skills.cloth.strain import TURN, reach
 from skills.vocabulary import Material
 
 FRAMES = SolverSettings().frame_rate

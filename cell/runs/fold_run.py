@@ -166,6 +166,7 @@ def _perform(
     # run_status comes before lines: an operator may answer as soon as the line with the question is shown
     observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *more_observers)
 
+    truth_recorder = None
     try:
         with (
             report_compilation(lines.note),
@@ -204,6 +205,8 @@ def _perform(
                 run_status.finish(end.state, failure, run.directory)
             score = _score(truth_recorder)
     finally:
+        if truth_recorder:
+            truth_recorder.close()
         summary, transcript_error = recorder.close(), port_recorder.close()
     errors = [f"recording: {error}" for error in summary.errors] + ([transcript_error] if transcript_error else [])
     live = {"live_dropped": summary.live_dropped, "live_errors": list(summary.live_errors)}

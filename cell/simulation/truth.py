@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.faults import Fault
+from cell.simulation.garment.cloth_body import BodyTraits
 from robots.ports import Intrinsics, Side
+from skills.cloth.mesh import ClothMesh
 from skills.vocabulary import Array, Material
 
 __all__ = ["GarmentTruth", "Truth"]
@@ -21,7 +23,8 @@ class GarmentTruth:
 
     vertices: (n, 3) present positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in
     which it was laid. keypoints: name -> (2,) true key points of that shape. pose: x, y [m], angle [rad]. fabric:
-    the true material.
+    the true material. mesh: its rest shape is in the garment's own frame. traits: further properties of the
+    cloth; solver: 'xpbd' or 'mujoco'.
     """
 
     name: str
@@ -32,6 +35,9 @@ class GarmentTruth:
     pose: tuple[float, float, float]
     fabric: Material
     layers: int
+    mesh: ClothMesh
+    traits: BodyTraits
+    solver: str
 
     @property
     def thickness(self) -> float:

@@ -81,7 +81,8 @@ def failed_figures(score: Mapping[str, Any]) -> list[str]:
     for all others a maximum."""
     limits = score.get("limits") or {}
     failed = [n for n, limit in limits.items() if _beyond(n, score.get(n), limit)]
-    return [name.removesuffix("_m").removesuffix("_rad") for name in failed]
+    flawed = ["ideal"] if score.get("ideal_flaw") else []
+    return [name.removesuffix("_m").removesuffix("_rad") for name in failed] + flawed
 
 
 def _beyond(name: str, value: float | None, limit: float | None) -> bool:

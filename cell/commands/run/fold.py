@@ -104,6 +104,7 @@ def _summary(figures: dict) -> None:
             f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
             f" correspondence {_mm(score.get('correspondence_m'))}, edges {_mm(score.get('edges_m'))},"
             f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
+            f" (of an ideal fold: {_mm(score.get('ideal_height_m'))})"
         )
     print(
         f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
@@ -143,6 +144,8 @@ def _missed(score: dict) -> str:
             missed.append(f"{word} {1e3 * value:.1f} mm, limit {1e3 * limit:.1f}")
         elif name.endswith("_rad") and value > limit:
             missed.append(f"turn {math.degrees(value):.1f} degrees, limit {math.degrees(limit):.1f}")
+    if score.get("ideal_flaw"):
+        missed.append(f"the heights are not judged, since the ideal fold is of no use: {score['ideal_flaw']}")
     return "; ".join(missed)
 
 

@@ -213,7 +213,9 @@ FIGURES = {
     "iou": "Overlap of the silhouettes (IoU)",
     "correspondence_m": "Mean distance of corresponding points",
     "edges_m": "Largest distance of edges that belong together",
-    "height_m": "Height of the stack, 95th percentile",
+    "keypoints_m": "Largest distance of a key point from its place",
+    "height_m": "Height of the stack away from creases, 95th percentile",
+    "crease_height_m": "Height beside creases, 95th percentile",
     "drift_m": "Drift",
     "drift_rad": "Turn",
 }

@@ -28,7 +28,8 @@ TrueFrame = tuple[float, Array, Mapping[Side, Array]]
 """(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment, for pictures only."""
 
 LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
-UNITS = {"correspondence_m": "m", "edges_m": "m", "height_m": "m", "drift_m": "m", "drift_rad": "rad", "iou": ""}
+UNITS = {"drift_rad": "rad", "iou": ""}
+"""Units of the figures of the score; all others are lengths."""
 KEY_FRAMES = 6
 BREAK_S = 3.0
 """If the time between two frames of the held garment is longer than this [s], the frames belong to different
@@ -208,7 +209,7 @@ def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]
 
 def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
     for name, limit in (score or {}).get("limits", {}).items():
-        yield ScoreRow(name, score[name], limit, at_least=name == "iou", unit=UNITS[name])  # type: ignore[index]
+        yield ScoreRow(name, score[name], limit, at_least=name == "iou", unit=UNITS.get(name, "m"))  # type: ignore[index]
 
 
 def _pictures(end: RunEnd) -> Iterator[Picture]:

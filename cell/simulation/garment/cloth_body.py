@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.settings import SolverSettings
+from skills.cloth.settings import CREASE_TIME, SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Array, Material
 
-__all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body"]
+__all__ = ["FRAME_RATE", "BodyTraits", "ClothBody", "build_body", "check_body", "solver_settings"]
 
 FRAME_RATE = 60
 """Rate of the cloth frames [Hz]."""
@@ -45,6 +45,9 @@ class ClothBody(Protocol):
         and rotation (frames + 1, 2, 3, 3). capsules: bodies that push the cloth, with both ends (frames + 1, k, 3)
         and radius (k,) [m]."""
 
+    def press(self, pressure: Array) -> None:
+        """Let bodies press on the vertices with `pressure` (n,) [Pa] until the next call. Creases take a set."""
+
     def grip(self, hand: int, position: Array, rotation: Array, force: float) -> PinchReport:
         """Close the pads of `hand` at a pose with `force` [N]. They hold the cloth between them along a line. The
         cloth follows the hand and can turn about that line."""
@@ -73,15 +76,17 @@ class BodyTraits:
     """Properties of one piece of cloth that are not in the garment file.
 
     anisotropy: stretch stiffness along material y divided by that along x. bending_ratio: the same of the
-    rigidities. damping: damping of stretch and
-    bending, divided by the default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's
-    shell is isotropic and has no bending friction.
+    rigidities. damping: damping of stretch and bending, divided by the default. residual_curvature [1/m]: bending
+    friction, crease_set, crease_time [s]: plastic set of pressed creases, all as in `SolverSettings`. MuJoCo's
+    shell is isotropic and keeps no bends.
     """
 
     anisotropy: float = 1.0
     damping: float = 1.0
     residual_curvature: float = 0.0
     bending_ratio: float = 1.0
+    crease_set: float = 0.0
+    crease_time: float = CREASE_TIME
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
@@ -115,18 +120,19 @@ def build_body(
         default = MujocoSettings()
         settings = MujocoSettings(damping=default.damping * traits.damping)
         return MujocoCloth(mesh, material, positions, settings, pads=pads)
+    return ClothSimulation(mesh, material, positions, solver_settings(traits), pads=pads)
+
+
+def solver_settings(traits: BodyTraits) -> SolverSettings:
+    """Return the settings of foldcell's own solver for a piece of cloth."""
     base = SolverSettings()
-    return ClothSimulation(
-        mesh,
-        material,
-        positions,
-        SolverSettings(
-            frame_rate=FRAME_RATE,
-            anisotropy=traits.anisotropy,
-            stretch_damping=base.stretch_damping * traits.damping,
-            bend_damping=base.bend_damping * traits.damping,
-            residual_curvature=traits.residual_curvature,
-            bending_ratio=traits.bending_ratio,
-        ),
-        pads=pads,
+    return SolverSettings(
+        frame_rate=FRAME_RATE,
+        anisotropy=traits.anisotropy,
+        stretch_damping=base.stretch_damping * traits.damping,
+        bend_damping=base.bend_damping * traits.damping,
+        residual_curvature=traits.residual_curvature,
+        bending_ratio=traits.bending_ratio,
+        crease_set=traits.crease_set,
+        crease_time=traits.crease_time,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.rerun import Recorder
+from cell.simulation.scoring.ideal import BackgroundIdeal
 from cell.simulation.scoring.score import score_plan
 from cell.simulation.simulated_cell import TruthSource
-from cell.simulation.truth import Truth
+from cell.simulation.truth import GarmentTruth, Truth
 from cell.states.fold_request import FoldRequest
 from robots.ports import Array, Side
+from skills.garments.garment import Garment
+from skills.planning.plan import ways_to_fold
 
 __all__ = ["GroundTruthRecorder"]
 
@@ -28,24 +32,47 @@ class GroundTruthRecorder:
         self.key_frames: list[tuple[float, Array, dict[Side, Array]]] = []
         """(cell time [s], vertices (n, 3), tool positions (3,)) while a hand holds cloth, for the report."""
         self.triangles: NDArray[np.int32] | None = None
+        self._ideal: BackgroundIdeal | None = None
         truth.watch(self._record)
 
     def score(self) -> dict[str, Any] | None:
-        """Score the final garment and return the figures; None if no garment was laid."""
+        """Score the final garment and return the figures; None if no garment was laid. The heights are judged only
+        if the shape passes, because the ideal fold takes time."""
         self._truth.watch(None)
         garment = self._truth.now().garment
         if garment is None:
             return None
-        named = garment.name if self._request.garment == "auto" else self._request.garment
-        nominal = load_garment(named, self._request.settings.surface)  # a user's file is judged by its own plan
-        figures = score_plan(
-            garment.vertices, garment.triangles, garment.material, garment.keypoints, nominal, garment.thickness
-        )
+        nominal = self._nominal(garment)
+        judge = partial(
+            score_plan, garment.vertices, garment.triangles, garment.material, garment.keypoints, nominal,
+            garment.thickness
+        )  # fmt: skip
+        figures = judge()
+        if garment.solver == "xpbd" and figures.shape:
+            ideal = self._ideal or self._begin(garment)
+            figures = judge(ideal=ideal.heights)
+        self.close()
         return {"simulated": True, **figures.to_json()}
+
+    def close(self) -> None:
+        """End the computation of the ideal fold."""
+        if self._ideal is not None:
+            self._ideal.cancel()
+
+    def _begin(self, garment: GarmentTruth) -> BackgroundIdeal:
+        """Begin to compute the ideal of the preferred way to fold."""
+        return BackgroundIdeal(garment, lambda: ways_to_fold(self._nominal(garment), garment.keypoints)[0])
+
+    def _nominal(self, garment: GarmentTruth) -> Garment:
+        """The garment's file. A user's own file is judged by its own plan."""
+        named = garment.name if self._request.garment == "auto" else self._request.garment
+        return load_garment(named, self._request.settings.surface)
 
     def _record(self, truth: Truth) -> None:
         if truth.garment is None:
             return
+        if self._ideal is None and truth.garment.solver == "xpbd":
+            self._ideal = self._begin(truth.garment)
         self.triangles = truth.garment.triangles
         self._recorder.garment_truth(truth.stamp, truth.garment.vertices, truth.garment.triangles)
         if any(truth.held.values()) and len(self.key_frames) < MAX_KEY_FRAMES:

@@ -8,14 +8,18 @@ triangle lies on one side of each line, and is folded as a perfect isometry. One
 (area-weighted least squares over corresponding triangles, no reflection, no scale: Kabsch 1976) moves the final
 shape onto the target. All shape figures are computed after this alignment. The alignment itself is the drift.
 
+There are two verdicts. `shape` concerns the figures seen from above, `flat` the heights. How high unpressed cloth
+stands depends on its fabric, so the heights are compared with those of an ideal fold of the same garment
+(`ideal.py`): nothing that does not press can be asked for more.
+
 Lengths in metres, angles in radians, table frame.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,9 +27,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from cell.simulation.scoring.folded_mesh import doubled_area, fold_mesh
-from cell.simulation.scoring.table_raster import TableRaster
 from robots.errors import InternalError
+from skills.fold_figures.fold_figures import CREASE_MARGIN, measure_cut_fold
+from skills.fold_figures.folded_mesh import doubled_area, fold_mesh
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_xy
 from skills.planning.plan import ways_to_fold
@@ -34,6 +38,7 @@ from skills.vocabulary import Array, FoldLine
 __all__ = [
     "Figure",
     "FinalGarment",
+    "IdealHeights",
     "Score",
     "ScoreLimits",
     "diagonal",
@@ -53,7 +58,8 @@ class FinalGarment:
     vertices: (n, 3) final positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in which
     it was laid. lines: the plan's fold lines in order, computed from the true key points of that rest shape.
     thickness: of one layer. edge_pairs: pairs of polylines (k, 2), (l, 2) in material coordinates. The
-    corresponding points of a pair should meet.
+    corresponding points of a pair should meet. keypoints: name -> (2,) true key points in material coordinates.
+    ideal: heights of the ideal fold; None if the heights are not judged.
     """
 
     vertices: Array
@@ -62,24 +68,43 @@ class FinalGarment:
     lines: tuple[FoldLine, ...]
     thickness: float
     edge_pairs: tuple[tuple[Array, Array], ...] = ()
+    keypoints: Mapping[str, Array] = field(default_factory=dict)
+    ideal: IdealHeights | None = None
+
+
+@dataclass(frozen=True)
+class IdealHeights:
+    """Heights of an ideal fold [m], measured as those of the garment. flaw: why this fold cannot serve as the
+    ideal, in words; None if it can."""
+
+    height: float
+    crease_height: float
+    flaw: str | None = None
 
 
 @dataclass(frozen=True)
 class ScoreLimits:
     """Limits of the figures for a pass. correspondence: fraction of the garment's diagonal; height: above the flat
-    stack [m]; edges, drift [m]; drift_angle [rad]."""
+    stack, ideal_height, ideal_crease_height: above those of the ideal fold [m]; edges, keypoints, drift [m];
+    drift_angle [rad]."""
 
     iou: float = 0.90
     correspondence: float = 0.025
     edges: float = 0.030
+    keypoints: float = 0.030
     height: float = 0.010
+    ideal_height: float = 0.003
+    ideal_crease_height: float = 0.010
     drift: float = 0.050
     drift_angle: float = math.radians(10.0)
-    crease_margin: float = 0.040
-    """The height is not measured within this distance of a fold line, where unpressed cloth bulges [m]."""
+    crease_margin: float = CREASE_MARGIN
+    """Distance from a fold line within which unpressed cloth bulges, so that its height is judged separately
+    [m]."""
 
 
 DEFAULT_LIMITS = ScoreLimits()
+HEIGHTS = ("height_m", "crease_height_m")
+"""Names of the figures of the verdict `flat`."""
 
 
 @dataclass(frozen=True)
@@ -97,19 +122,34 @@ class Figure:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures by name, and the verdict. layers: number of layers in the stack of the flat target."""
+    """The figures by name, and the verdicts. layers: number of layers in the stack of the flat target. ideal: None
+    if the heights are not judged."""
 
     figures: Mapping[str, Figure]
     layers: int
+    ideal: IdealHeights | None
+
+    @property
+    def shape(self) -> bool:
+        return all(f.passed for name, f in self.figures.items() if name not in HEIGHTS)
+
+    @property
+    def flat(self) -> bool | None:
+        """Whether the heights pass; None if they are not judged or if the ideal fold has a flaw."""
+        if self.ideal is None or self.ideal.flaw is not None:
+            return None
+        return all(self.figures[name].passed for name in HEIGHTS)
 
     @property
     def passed(self) -> bool:
-        return all(f.passed for f in self.figures.values())
+        """Shape and flat. A run whose ideal fold has a flaw has not passed."""
+        return self.shape and (self.ideal is None or self.flat is True)
 
     @property
     def failed(self) -> tuple[str, ...]:
         """Names of the figures that do not pass their limit."""
-        return tuple(name for name, f in self.figures.items() if not f.passed)
+        judged = self.ideal is not None
+        return tuple(n for n, f in self.figures.items() if not f.passed and (judged or n not in HEIGHTS))
 
     @property
     def iou(self) -> float:
@@ -136,11 +176,19 @@ class Score:
         return self.figures["drift_rad"].value
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values: `passed`, each figure, `limits` with the limit of each figure, and `layers`."""
+        """Plain values: the verdicts `passed`, `shape` and `flat`, each figure, `limits` with the limit of each
+        judged figure, the heights of the ideal fold with its flaw, and `layers`."""
+        judged = {n: f for n, f in self.figures.items() if self.ideal is not None or n not in HEIGHTS}
+        ideal = self.ideal
         return {
             "passed": self.passed,
+            "shape": self.shape,
+            "flat": self.flat,
             **{name: f.value for name, f in self.figures.items()},
-            "limits": {name: f.limit for name, f in self.figures.items()},
+            "ideal_height_m": None if ideal is None else ideal.height,
+            "ideal_crease_height_m": None if ideal is None else ideal.crease_height,
+            "ideal_flaw": None if ideal is None else ideal.flaw,
+            "limits": {name: f.limit for name, f in judged.items()},
             "layers": self.layers,
         }
 
@@ -155,24 +203,24 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     error = np.linalg.norm(align(centres) - target_centres, axis=1)
 
     aligned = np.column_stack([align(final[:, :2]), final[:, 2]])
-    grid = TableRaster.around(np.vstack([aligned[:, :2], folded.target]))
-    top, _ = grid.render(aligned, corners)
-    _, count = grid.render(np.column_stack([folded.target, np.zeros(len(aligned))]), corners)
-    silhouette, wanted = np.isfinite(top), count > 0
-    flat = grid.away_from(folded.creases, limits.crease_margin)
-    layers = _percentile(count, wanted, flat)
+    seen = measure_cut_fold(folded, aligned, limits.crease_margin)
+    ideal = garment.ideal or IdealHeights(0.0, 0.0)
 
     figures = {
-        "iou": Figure(float((silhouette & wanted).sum() / (silhouette | wanted).sum()), limits.iou, at_least=True),
+        "iou": Figure(seen.iou, limits.iou, at_least=True),
         "correspondence_m": Figure(
             float(np.average(error, weights=folded.area)), limits.correspondence * diagonal(garment.material)
         ),
         "edges_m": Figure(_largest_edge_distance(garment, align), limits.edges),
-        "height_m": Figure(_percentile(top, silhouette, flat), layers * garment.thickness + limits.height),
+        "keypoints_m": Figure(_largest_keypoint_distance(garment, align), limits.keypoints),
+        "height_m": Figure(
+            seen.height, max(seen.layers * garment.thickness + limits.height, ideal.height + limits.ideal_height)
+        ),
+        "crease_height_m": Figure(seen.crease_height, ideal.crease_height + limits.ideal_crease_height),
         "drift_m": Figure(float(np.linalg.norm(drift)), limits.drift),
         "drift_rad": Figure(abs(turn), limits.drift_angle),
     }
-    return Score(figures, round(layers))
+    return Score(figures, round(seen.layers), garment.ideal)
 
 
 def score_plan(
@@ -182,9 +230,11 @@ def score_plan(
     keypoints: Mapping[str, Array],
     garment: Garment,
     thickness: float,
+    ideal: Callable[[tuple[FoldLine, ...]], IdealHeights] | None = None,
     limits: ScoreLimits = DEFAULT_LIMITS,
 ) -> Score:
     """Score a folded garment against its plan. keypoints: the true key points, name -> (2,) material coordinates.
+    ideal: returns the heights of the ideal fold about the given lines; None: the heights are not judged.
 
     A step of a plan may have several variants (either half onto the other). The garment is scored against the
     combination of variants whose target is nearest to its final shape, measured without alignment. Raises
@@ -192,10 +242,11 @@ def score_plan(
     """
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     finals = [
-        FinalGarment(vertices, triangles, material, lines, thickness, pairs)
+        FinalGarment(vertices, triangles, material, lines, thickness, pairs, keypoints)
         for lines in ways_to_fold(garment, keypoints)
     ]
-    return score(min(finals, key=_mean_distance), limits)
+    nearest = min(finals, key=_mean_distance)
+    return score(nearest if ideal is None else replace(nearest, ideal=ideal(nearest.lines)), limits)
 
 
 def _mean_distance(garment: FinalGarment) -> float:
@@ -260,6 +311,14 @@ def _largest_edge_distance(garment: FinalGarment, align: _Align) -> float:
     return largest
 
 
+def _largest_keypoint_distance(garment: FinalGarment, align: _Align) -> float:
+    if not garment.keypoints:
+        return 0.0
+    points = np.array(list(garment.keypoints.values()), dtype=float)
+    now, wanted = align(_where_now(garment, points)), fold_xy(garment.lines, points)
+    return float(np.linalg.norm(now - wanted, axis=1).max())
+
+
 def _length(polyline: Array) -> float:
     return float(np.linalg.norm(np.diff(polyline, axis=0), axis=1).sum())
 
@@ -296,10 +355,3 @@ def _interpolate(garment: FinalGarment, p: Array) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-
-
-def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], flat: NDArray[np.bool_]) -> float:
-    """Return the 95th percentile over the silhouette away from the creases, or over all of it if all pixels are
-    near creases."""
-    where = silhouette & flat
-    return float(np.percentile(image[where if where.any() else silhouette], 95.0))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
-from benchmarks.turn_fold import turned_over
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
+from skills.planning.turned_fold import turned_over
 from skills.vocabulary import FoldLine, frozen
 
 FABRIC = load_garment("medium_towel", "bare_table").material

@@ -12,6 +12,7 @@ import yaml
 
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
 from cell.recording.rerun import Recorder
+from cell.simulation.garment.cloth_body import BodyTraits
 from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.truth import GarmentTruth
 from skills.cloth.mesh import mesh_from_contour
@@ -31,8 +32,9 @@ def test_a_user_garment_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> 
     mesh, (step,) = mesh_from_contour(state.contour, 0.03), plan_folds(state, garment).unwrap()
     folded = target_vertices(mesh, step.lines, garment.material)
     laid = GarmentTruth(
-        garment.name, folded, mesh.triangles, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1
-    )
+        garment.name, folded, mesh.triangles, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1,
+        mesh, BodyTraits(), "mujoco"
+    )  # fmt: skip
     truth: Any = SimpleNamespace(watch=lambda tell: None, now=lambda: SimpleNamespace(garment=laid))
     request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
     figures = GroundTruthRecorder(truth, Recorder.silent(), request).score()

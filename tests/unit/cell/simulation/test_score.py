@@ -14,18 +14,19 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.score import (
     FinalGarment,
+    IdealHeights,
     diagonal,
     named_edge_pairs,
     score,
     score_plan,
 )
-from cell.simulation.scoring.table_raster import PIXEL, rasterise
 from robots.errors import InternalError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.solver import ClothSimulation
+from skills.fold_figures.folded_mesh import fold_mesh
+from skills.fold_figures.table_raster import PIXEL, rasterise
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.planning.folding import fold_xy, target_vertices
 from skills.planning.plan import ways_to_fold
@@ -80,6 +81,8 @@ def garment(
         tuple(turned_line(line, *pose) for line in lines),
         THICKNESS,
         named_edge_pairs(PAIRS, keypoints),
+        keypoints,
+        IdealHeights(2 ** len(lines) * THICKNESS, 0.050),
     )
 
 
@@ -298,7 +301,14 @@ def test_the_order_of_vertices_and_triangles_does_not_matter() -> None:
     shuffled = rng.permutation(place[triangles][:, [2, 0, 1]].astype(np.int32))
     result = score(
         FinalGarment(
-            whole.vertices[order], shuffled, whole.material[order], whole.lines, whole.thickness, whole.edge_pairs
+            whole.vertices[order],
+            shuffled,
+            whole.material[order],
+            whole.lines,
+            whole.thickness,
+            whole.edge_pairs,
+            whole.keypoints,
+            whole.ideal,
         )
     )
     for name, figure in score(whole).figures.items():

@@ -9,6 +9,8 @@ released.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -33,6 +35,9 @@ bending lengths high. Results with values from 2 to 5 differ less than results o
 FLAT, CLEARANCE = 0.002, 0.02
 """Cloth counts as flat if its height differs from that of its layer by less than FLAT [m]. A point is guided only
 if it is further than CLEARANCE from cloth that is not flat [m]."""
+ESCORTED = 0.8
+"""Share of the turn up to which earlier creases in the moving part are turned with it. Limp cloth that moved
+freely from the start would fall back over the crease. From here on it falls on to its place."""
 KEPT = 0.9
 """Share of its velocity that the free cloth retains from one frame to the next, which damps its motion."""
 
@@ -43,21 +48,31 @@ def turned_over(
     material: Material,
     before: Array,
     settings: SolverSettings | None = None,
+    go_on: Callable[[], None] = lambda: None,
 ) -> Array:
     """Make the fold about the last of `lines`. Return the vertices (n, 3). before: (n, 3) vertices after the
-    earlier folds."""
+    earlier folds. go_on: called in each frame; it may raise an exception to end the computation."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)
     distance = lines[-1].signed_distance(fold_xy(lines[:-1], mesh.rest))
-    guided = _guided(before, ideal, goal, distance, LOOP * material.bending_length)
+    loop = LOOP * material.bending_length
+    guided = _guided(before, ideal, goal, distance, loop)
     path = _Page(lines[-1], before[guided], ideal[guided], goal[guided], distance[guided] > 0)
+    turns_with = np.setdiff1d(np.flatnonzero(_away(distance, loop) & (distance > 0.0)), guided)
+    escort = _Page(
+        lines[-1], before[turns_with], ideal[turns_with], goal[turns_with], np.ones(len(turns_with), bool)
+    )
 
     simulation = ClothSimulation(mesh, material, before, settings)
     turning, holding = (round(s * settings.frame_rate) for s in (TURN_S, HOLD_S))
     for share in [*(np.arange(1, turning + 1) / turning), *np.ones(holding)]:
+        go_on()
         x, v = simulation.positions, KEPT * simulation.velocities
-        v[guided] = (path.at(share * share * (3.0 - 2.0 * share)) - x[guided]) / settings.frame
+        eased = share * share * (3.0 - 2.0 * share)
+        v[guided] = (path.at(eased) - x[guided]) / settings.frame
+        if eased < ESCORTED:
+            v[turns_with] = (escort.rigid(eased) - x[turns_with]) / settings.frame
         simulation.set_positions(x, v)
         simulation.advance()
     return _untangled(mesh, material, simulation.positions, guided, settings)
@@ -87,12 +102,17 @@ def _untangled(
 def _guided(before: Array, ideal: Array, goal: Array, distance: Array, loop: float) -> NDArray[np.int64]:
     """Select the vertices to be guided (indices): those that lie flat, away from the line, and will lie neither on
     nor beneath a bulge after the fold."""
-    away = np.abs(distance) > min(loop, 0.5 * float(distance.max()))
+    away = _away(distance, loop)
     flat = np.abs(before[:, 2] - ideal[:, 2]) < FLAT
     if not flat.all():
         to_bulge, _ = cKDTree(goal[~flat, :2]).query(goal[:, :2])
         away &= to_bulge > CLEARANCE
     return np.flatnonzero(away & flat)
+
+
+def _away(distance: Array, loop: float) -> NDArray[np.bool_]:
+    """Whether points at these distances from the line are outside the strip that moves freely."""
+    return np.asarray(np.abs(distance) > min(loop, 0.5 * float(distance.max())))
 
 
 class _Page:
@@ -111,6 +131,10 @@ class _Page:
         """Return the positions (g, 3) at a share (0..1) of the turn. The initial deviation from the ideal shape is
         removed gradually."""
         return np.where(self._turned, self._about(np.pi * share), self._before) + share * self._left
+
+    def rigid(self, share: float) -> Array:
+        """Return the positions (g, 3) at a share (0..1) of the turn, without removing the deviation."""
+        return self._about(np.pi * share)
 
     def _about(self, angle: float) -> Array:
         """Turn all points by `angle` [rad] about the line: (g, 3). The height of a point's axis is midway between

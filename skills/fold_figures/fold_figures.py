@@ -1,0 +1,65 @@
+"""Measures a folded garment as it lies: overlap with its target, heights, and layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skills.fold_figures.folded_mesh import FoldedMesh, fold_mesh
+from skills.fold_figures.table_raster import TableRaster
+from skills.vocabulary import Array, FoldLine
+
+__all__ = ["CREASE_MARGIN", "FoldFigures", "measure_cut_fold", "measure_fold"]
+
+CREASE_MARGIN = 0.040
+"""Distance from a fold line within which cloth counts as beside the crease [m]."""
+
+
+@dataclass(frozen=True)
+class FoldFigures:
+    """Figures of a folded garment. iou: overlap with the target seen from above; height, crease_height: 95th
+    percentile of the height away from the creases and beside them [m]; layers: 95th percentile of the number of
+    layers of the target away from the creases."""
+
+    iou: float
+    height: float
+    crease_height: float
+    layers: float
+
+
+def measure_fold(
+    vertices: Array,
+    triangles: NDArray[np.int32],
+    material: Array,
+    lines: Sequence[FoldLine],
+    margin: float = CREASE_MARGIN,
+) -> FoldFigures:
+    """Measure a garment with the flat rest shape `material` (n, 2) that lies at `vertices` (n, 3), folded about
+    `lines` [m]."""
+    folded = fold_mesh(material, triangles, lines, vertices)
+    return measure_cut_fold(folded, folded.attributes, margin)
+
+
+def measure_cut_fold(folded: FoldedMesh, x: Array, margin: float = CREASE_MARGIN) -> FoldFigures:
+    """Measure a mesh that is cut at the fold lines, with its vertices at x (n, 3) [m]."""
+    grid = TableRaster.around(np.vstack([x[:, :2], folded.target]))
+    top, _ = grid.render(x, folded.triangles)
+    _, count = grid.render(np.column_stack([folded.target, np.zeros(len(x))]), folded.triangles)
+    silhouette, wanted = np.isfinite(top), count > 0
+    flat = grid.away_from(folded.creases, margin)
+    return FoldFigures(
+        iou=float((silhouette & wanted).sum() / (silhouette | wanted).sum()),
+        height=_percentile(top, silhouette, flat),
+        crease_height=_percentile(top, silhouette, ~flat),
+        layers=_percentile(count, wanted, flat),
+    )
+
+
+def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], part: NDArray[np.bool_]) -> float:
+    """Return the 95th percentile over a part of the silhouette, or over all of it if that part is empty."""
+    where = silhouette & part
+    return float(np.percentile(image[where if where.any() else silhouette], 95.0))
