@@ -25,12 +25,10 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
-from cell.simulation.scoring.ideal import flaw_of
+from cell.simulation.scoring.ideal import ideal_of
 from cell.simulation.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
 from skills.cloth.mesh import ClothMesh
-from skills.fold_figures.fold_figures import measure_fold
 from skills.planning.folding import fold_xy
-from skills.planning.ideal_fold import ideal_folds
 from skills.planning.plan import ways_to_fold
 from skills.vocabulary import Array, FoldLine
 
@@ -67,11 +65,9 @@ def ideal_garment(name: str, seed: int) -> IdealGarment:
     back = np.array([[c, -s], [s, c]])
     keypoints = {n: (p - (world.pose.x, world.pose.y)) @ back for n, p in world.keypoints.items()}
     lines = ways_to_fold(garment, keypoints)[0]
-    fold = ideal_folds(world.mesh, lines, world.material, solver_settings(world.traits), 1.5)[-1]
-    figures = measure_fold(fold.vertices, world.mesh.triangles, world.mesh.rest, lines)
-    heights = IdealHeights(figures.height, figures.crease_height, flaw_of(fold, figures.iou))
+    vertices, heights = ideal_of(world.mesh, lines, world.material, solver_settings(world.traits))
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
-    return IdealGarment(world.mesh, fold.vertices, lines, keypoints, pairs, world.material.thickness, heights)
+    return IdealGarment(world.mesh, vertices, lines, keypoints, pairs, world.material.thickness, heights)
 
 
 def judged(ideal: IdealGarment, vertices: Array) -> Score:

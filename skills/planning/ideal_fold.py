@@ -12,7 +12,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.strain import largest_strain
-from skills.planning.turned_fold import turned_over
+from skills.planning.turned_fold import TURN_S, turned_over
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
 __all__ = ["IdealFold", "ideal_fold", "ideal_folds", "settled"]
@@ -43,14 +43,15 @@ def ideal_folds(
     settings: SolverSettings | None = None,
     settle_s: float = 1.0,
     go_on: Callable[[], None] = lambda: None,
+    turn_s: float = TURN_S,
 ) -> tuple[IdealFold, ...]:
     """Make the folds about `lines` in order, starting from the flat garment. After each fold, the garment settles
     for at least `settle_s` [s], and then until it rests. Returns the garment after each fold. go_on: called often;
-    it may raise an exception to end the computation."""
+    it may raise an exception to end the computation. turn_s: duration of each half turn [s]."""
     settings = settings or SolverSettings()
     x, found = mesh.lay_flat(material.thickness), []
     for k in range(len(lines)):
-        turned = turned_over(mesh, tuple(lines[: k + 1]), material, x, settings, go_on)
+        turned = turned_over(mesh, tuple(lines[: k + 1]), material, x, settings, go_on, turn_s)
         fold = ideal_fold(mesh, material, turned, settings, settle_s, go_on)
         x = fold.vertices
         found.append(fold)

@@ -22,7 +22,7 @@ from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import Array, FoldLine, Material
 
-__all__ = ["turned_over"]
+__all__ = ["TURN_S", "turned_over"]
 
 TURN_S, HOLD_S = 1.2, 0.2
 """Duration of the half turn, which starts and ends gently, and time for which the guided cloth is then
@@ -49,9 +49,11 @@ def turned_over(
     before: Array,
     settings: SolverSettings | None = None,
     go_on: Callable[[], None] = lambda: None,
+    turn_s: float = TURN_S,
 ) -> Array:
     """Make the fold about the last of `lines`. Return the vertices (n, 3). before: (n, 3) vertices after the
-    earlier folds. go_on: called in each frame; it may raise an exception to end the computation."""
+    earlier folds. go_on: called in each frame; it may raise an exception to end the computation. turn_s: duration
+    of the half turn [s]."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)
@@ -65,7 +67,7 @@ def turned_over(
     )
 
     simulation = ClothSimulation(mesh, material, before, settings)
-    turning, holding = (round(s * settings.frame_rate) for s in (TURN_S, HOLD_S))
+    turning, holding = (round(s * settings.frame_rate) for s in (turn_s, HOLD_S))
     for share in [*(np.arange(1, turning + 1) / turning), *np.ones(holding)]:
         go_on()
         x, v = simulation.positions, KEPT * simulation.velocities

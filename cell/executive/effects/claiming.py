@@ -10,12 +10,12 @@ from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
 from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
-from skills.perception.inspection.height_expectation import IdealHeights, Normal, scaled_ideal_heights
+from skills.perception.inspection.height_expectation import IdealHeights, Normal, rising, scaled_ideal_heights
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.target_view import FoldTarget, TargetView
 from skills.perception.registration.alignment import align
-from skills.planning.folding import folded_creases, outline_of, target_vertices
-from skills.vocabulary import FoldStep, PredictedShape, frozen
+from skills.planning.folding import folded_creases, target_vertices
+from skills.vocabulary import PredictedShape, frozen
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]
 
@@ -25,12 +25,14 @@ HINTS = {
 }
 
 
-def fold_target(plan: Plan, step: FoldStep) -> FoldTarget:
-    """Return the perfect fold after this step, and its creases, where the plan now expects the garment."""
-    mesh = plan.mesh
-    vertices = target_vertices(mesh, step.lines, plan.garment.material)
-    shape = PredictedShape(vertices, mesh.triangles, mesh.rest)
-    return FoldTarget(shape, folded_creases(step.lines, outline_of(mesh)))
+def fold_target(plan: Plan, index: int) -> FoldTarget | None:
+    """Return the perfect fold after step `index`, and its creases, where the plan now expects the garment. None
+    after the steps that the claim does not need: all but the first, which shows the fabric, and the last."""
+    if 0 < index < len(plan.steps) - 1:
+        return None
+    mesh, lines = plan.mesh, plan.steps[index].lines
+    shape = PredictedShape(target_vertices(mesh, lines, plan.garment.material), mesh.triangles, mesh.rest)
+    return FoldTarget(shape, folded_creases(lines, plan.flat.contour))
 
 
 def make_claim(
@@ -84,13 +86,11 @@ def _ideal_heights(cell: Workcell, plan: Plan, last: TargetView, first: TargetVi
     with the library, or else scaled from the predictions of this run's folds."""
     computed = cell.ideal_heights(plan.nominal)
     if computed:
-        return IdealHeights(
-            frozen(np.array([h.bending_length for h in computed])),
-            *(
-                frozen(np.maximum.accumulate([getattr(h, name) for h in computed]))
-                for name in ("height", "crease_height", "first_crease")
-            ),
+        columns = (
+            np.array([getattr(h, name) for h in computed])
+            for name in ("bending_length", "height", "crease_height", "first_crease")
         )
+        return rising(IdealHeights(*map(frozen, columns)))
     first = first or last
     return scaled_ideal_heights(
         last.flat, last.predicted, first.flat.crease_height_m, first.predicted.crease_height_m,

@@ -45,7 +45,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
     if not cell.settings.inspection.enabled:
         return next_step(cell, context)
     step = plan.steps[context.fold.index]
-    target = fold_target(plan, step)
+    target = fold_target(plan, context.fold.index)
     outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before, target)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))

@@ -66,7 +66,8 @@ def plan_pressing(
 def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan) -> Result:
     """Move above the fold and dab it as planned. A push that is too hard ends the pressing: the hands stop, then
     rise."""
-    motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1)
+    # the claim was made about the fold as it was before
+    motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1, claim=None)
     context = context.with_attempt(attempt)
     for side in motion.postures:
         cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))

@@ -13,16 +13,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.score import IdealHeights
+from cell.simulation.scoring.score import FinalGarment, IdealHeights, score
 from cell.simulation.truth import GarmentTruth
+from skills.cloth.mesh import ClothMesh
+from skills.cloth.settings import SolverSettings
 from skills.fold_figures.fold_figures import measure_fold
 from skills.planning.ideal_fold import REST_MOTION, IdealFold, ideal_folds
-from skills.vocabulary import FoldLine
+from skills.planning.turned_fold import TURN_S
+from skills.vocabulary import Array, FoldLine, Material
 
-__all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights"]
+__all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 
 SETTLE_S = 1.5
 """Least simulated time for settling after each fold [s]. A run takes longer from the release to the next grasp."""
+SLOWER = (1.0, 2.0, 4.0)
+"""Durations of the turns of successive attempts, relative to the first one."""
 MOST_STRAIN = 0.05
 LEAST_IOU = 0.90
 """An ideal fold has to overlap with its target as a passed fold does."""
@@ -39,10 +44,26 @@ def ideal_heights(
     it may raise an exception."""
     x, y, angle = garment.pose
     own = tuple(_in_garment_frame(line, x, y, angle) for line in lines)
-    mesh = garment.mesh
-    folds = ideal_folds(mesh, own, garment.fabric, solver_settings(garment.traits), SETTLE_S, go_on)
-    figures = measure_fold(folds[-1].vertices, mesh.triangles, mesh.rest, own)
-    return IdealHeights(figures.height, figures.crease_height, flaw_of(folds[-1], figures.iou))
+    return ideal_of(garment.mesh, own, garment.fabric, solver_settings(garment.traits), go_on)[1]
+
+
+def ideal_of(
+    mesh: ClothMesh,
+    lines: Sequence[FoldLine],
+    material: Material,
+    settings: SolverSettings,
+    go_on: Callable[[], None] = lambda: None,
+) -> tuple[Array, IdealHeights]:
+    """Make the ideal fold about `lines` (in the frame of the mesh's rest shape). Returns its vertices (n, 3) and
+    its heights. A fold with a flaw is made again, with slower turns."""
+    for slower in SLOWER:
+        fold = ideal_folds(mesh, lines, material, settings, SETTLE_S, go_on, slower * TURN_S)[-1]
+        figures = measure_fold(fold.vertices, mesh.triangles, mesh.rest, lines)
+        shape = score(FinalGarment(fold.vertices, mesh.triangles, mesh.rest, tuple(lines), material.thickness))
+        flaw = flaw_of(fold, shape.iou)
+        if flaw is None:
+            break
+    return fold.vertices, IdealHeights(figures.height, figures.crease_height, flaw)
 
 
 def flaw_of(fold: IdealFold, iou: float) -> str | None:

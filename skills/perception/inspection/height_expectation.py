@@ -24,6 +24,7 @@ __all__ = [
     "estimate_bending",
     "expected_heights",
     "judge_flatness",
+    "rising",
     "scaled_ideal_heights",
 ]
 
@@ -48,6 +49,8 @@ class Normal:
 class IdealHeights:
     """Heights of the ideal fold for k bending lengths [m], each (k,). bending_lengths increases, and the heights
     do not decrease with it.
+
+    Tables that were computed fold by fold are made so by `rising`.
 
     height_m, crease_height_m: after the last step, away from and near the creases. first_crease_m: near the crease
     after the first step. All are of the middle of the upper layer, as in `StackHeights`.
@@ -76,6 +79,13 @@ class Flatness:
     probability: float
     height_limit_m: float
     crease_height_limit_m: float
+
+
+def rising(table: IdealHeights) -> IdealHeights:
+    """Return the table with each height at least that of the next softer fabric: a simulated fold can come to rest
+    a little lower than that of a softer fabric."""
+    running = (np.maximum.accumulate(h) for h in (table.height_m, table.crease_height_m, table.first_crease_m))
+    return IdealHeights(table.bending_lengths, *map(frozen, running))
 
 
 def scaled_ideal_heights(

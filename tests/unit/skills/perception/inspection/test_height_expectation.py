@@ -17,6 +17,7 @@ from skills.perception.inspection.height_expectation import (
     estimate_bending,
     expected_heights,
     judge_flatness,
+    rising,
     scaled_ideal_heights,
 )
 from skills.perception.inspection.stack_heights import StackHeights
@@ -70,6 +71,14 @@ def test_heights_above_the_stack_are_scaled_with_the_bending_length() -> None:
     np.testing.assert_allclose(table.height_m, [0.007, 0.010, 0.013])
     np.testing.assert_allclose(table.crease_height_m, [0.012, 0.020, 0.028])
     np.testing.assert_allclose(table.first_crease_m, [0.010, 0.018, 0.026])
+
+
+def test_a_table_is_made_to_rise_and_can_then_be_inverted() -> None:
+    table = rising(IdealHeights(C[:4], C[:4], C[:4], np.array([0.010, 0.014, 0.013, 0.016])))
+    np.testing.assert_allclose(table.first_crease_m, [0.010, 0.014, 0.014, 0.016])
+    found = [estimate_bending(table, Normal(h, 0.001)).mean for h in np.linspace(0.009, 0.017, 50)]
+    assert np.isfinite(found).all() and C[0] <= min(found) and max(found) <= C[3]
+    assert found[-1] > found[0]
 
 
 def test_the_limit_is_that_of_the_stack_or_of_the_ideal_fold_whichever_is_higher() -> None:
