@@ -38,6 +38,8 @@ class FoldContext:
     """For each hand in use: its tactile bias, measured above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
+    layer_thickness: float | None = None
+    """Thickness of a layer between the pads, if the hands hold the planned layers [m]."""
 
     @property
     def carried(self) -> bool:

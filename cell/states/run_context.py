@@ -57,6 +57,8 @@ class RunContext:
     """Every recovery so far: (step index, "failure kind -> event")."""
     done: tuple[StepNote, ...] = ()
     """The completed folds."""
+    layer_thickness: float | None = None
+    """Thickness of a layer between the pads, as an accepted fold has shown it [m]; None before the first one."""
     through: bool = False
     """Whether the run reached the end of the plan but folds were skipped. Such a run cannot be resumed."""
     waited_s: float = 0.0

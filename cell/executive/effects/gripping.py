@@ -23,6 +23,7 @@ from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, JointState, Side
+from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
 from skills.grasping.descend import Contact, DescentGoal, start_descent
@@ -48,6 +49,10 @@ DEEPER = 0.002
 """Additional depth for each adjustment LOWER [m]."""
 STRONGER = 1.4
 """Factor by which each adjustment STRONGER raises the grip force."""
+
+
+LEARNED_ERROR = 0.08
+"""Standard deviation of a layer's thickness that was measured in an earlier fold of the run, relative to it."""
 
 
 def grip_settings(cell: Workcell, fold: FoldContext) -> GraspSettings:
@@ -79,11 +84,15 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     }
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), record)
-    held = _close_and_confirm(cell, attempt, fold.biases, plan.garment.material.thickness, settings)
+    thickness, error = _layer_thickness(context, plan.garment, settings)
+    counting = replace(settings, thickness_error=error)
+    held = _close_and_confirm(cell, attempt, fold.biases, thickness, counting)
     if held.failure:
         return Result(Event.FAILED, context.with_failure(held.failure), record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
-    return Result(Event.DONE, replace(context, fold=replace(fold, held=held.unwrap())), record)
+    measured = _measured_thickness(attempt, held.unwrap(), settings)
+    fold = replace(fold, held=held.unwrap(), layer_thickness=measured)
+    return Result(Event.DONE, replace(context, fold=fold), {**record, "layer_thickness_m": measured})
 
 
 def lift(cell: Workcell, context: RunContext) -> Result:
@@ -214,6 +223,22 @@ def _close_and_confirm(
         s: start_confirm(settings, bias, _expected(attempt.grasp_of(s), thickness)) for s, bias in biases.items()
     }
     return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
+
+
+def _layer_thickness(context: RunContext, garment: Garment, settings: GraspSettings) -> tuple[float, float]:
+    """Return the thickness of a layer between the pads [m] and its relative error: as an earlier fold of this run
+    has shown it, or as the garment's file states it, with the spread of its class of fabrics."""
+    if context.layer_thickness is not None:
+        return context.layer_thickness, LEARNED_ERROR
+    stated = garment.material.thickness
+    return stated, max(settings.thickness_error, garment.thickness_sigma(settings.thickness_error) / stated)
+
+
+def _measured_thickness(attempt: Attempt, held: Mapping[Side, Held], settings: GraspSettings) -> float:
+    """Return the thickness of a layer between the pads [m], if each hand holds the planned layers."""
+    return float(
+        np.mean([(h.opening - settings.empty_opening) / attempt.grasp_of(s).layers for s, h in held.items()])
+    )
 
 
 def _expected(grasp: Grasp, thickness: float) -> Expectation:

@@ -103,6 +103,9 @@ def next_step(cell: Workcell, context: RunContext) -> Result:
     After the last fold, the run ends as folded, unless the operator skipped folds or the claim does not hold."""
     ending, index, steps = context.failure, context.fold.index, context.steps
     advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
+    note = context.fold.note()
+    if note is not None and note.accepted and context.fold.layer_thickness is not None:
+        advanced = replace(advanced, layer_thickness=context.fold.layer_thickness)
     if index + 1 < len(steps):
         return Result(Event.NEXT_FOLD, replace(advanced, fold=FoldContext(index + 1)))
     claim = context.claim()

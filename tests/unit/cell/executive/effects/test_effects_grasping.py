@@ -49,7 +49,7 @@ class Hand:
     max_opening = 0.0416
 
     def __init__(self, cell: FakeCell, side: Side, table: float = 0.0, between: float = STACK) -> None:
-        self._cell, self.side, self._table, self._between = cell, side, table, between
+        self._cell, self.side, self._table, self.between = cell, side, table, between
         self._opening, self._told, self._since = 0.035, 0.035, 0.0
         self.force = 0.0
         self.jammed = False
@@ -63,7 +63,7 @@ class Hand:
         self.heard.append((self._cell.now, opening))
 
     def _now(self) -> float:
-        goal, way = max(self._told, self._between), 0.1 * (self._cell.now - self._since)
+        goal, way = max(self._told, self.between), 0.1 * (self._cell.now - self._since)
         if self.jammed:
             return self._opening
         return self._opening + float(np.clip(goal - self._opening, -way, way))
@@ -75,8 +75,8 @@ class Hand:
         now = height(None, self.side, self._cell.q)
         self.lowest = min(self.lowest, now)
         tip = 2500.0 * max(0.0, self._table - now) + 0.2  # the tip has an offset
-        pressed = self._told < self._between and self._now() <= self._between + 1e-9
-        pads = self.force * pressed * (self._between > 0.0)
+        pressed = self._told < self.between and self._now() <= self.between + 1e-9
+        pads = self.force * pressed * (self.between > 0.0)
         return TactileReading(self._cell.now, self.side, np.full((2, 4, 3), pads / 12), np.array([tip, 0.5 * tip]))
 
 
@@ -86,7 +86,9 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     both: Any = {side: Hand(cell, side, **(left if side is Side.LEFT else {})) for side in Side}
     monkeypatch.setattr(Hands, "height", height)
     work = fake_workcell(cell, ports=replace(cell.ports(), grippers=both, tactile=both))
-    garment: Any = SimpleNamespace(material=SimpleNamespace(thickness=LAYER))
+    garment: Any = SimpleNamespace(
+        material=SimpleNamespace(thickness=LAYER), thickness_sigma=lambda spread: spread * LAYER
+    )
     grasps = {i: SimpleNamespace(height=STACK, layers=LAYERS) for i in GraspId}
     motion: Any = SimpleNamespace(
         descend=dict.fromkeys(Side, WAY),
@@ -142,6 +144,20 @@ def test_fewer_layers_than_planned_are_a_missed_grasp(
     result = EFFECTS[Effect.GRASP](work, context)
     assert result.event is Event.FAILED and result.context.failure.kind is K.MISSED_GRASP
     assert "left hand holds 1 layers, not 2" in result.context.failure.what
+
+
+@pytest.mark.parametrize(("known", "event"), [(None, Event.FAILED), (0.6 * LAYER, Event.DONE)])
+def test_layers_are_counted_by_the_thickness_that_an_earlier_fold_has_shown(
+    monkeypatch: pytest.MonkeyPatch, known: float | None, event: Event
+) -> None:
+    """Two layers of a fabric thinner than its file says look like one."""
+    _, work, context, both = over_cloth(monkeypatch)
+    for hand in both.values():
+        hand.between = 2 * 0.6 * LAYER
+    result = EFFECTS[Effect.GRASP](work, replace(context, layer_thickness=known))
+    assert result.event is event
+    if event is Event.DONE:
+        assert result.context.fold.layer_thickness == pytest.approx(0.6 * LAYER, rel=0.05)
 
 
 def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
