@@ -28,6 +28,7 @@ COMPUTES_CLOTH = (
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
     "cell/simulation/test_cloth_body.py",
+    "cell/simulation/test_ideal.py",
     "cell/simulation/test_score.py",
     "cell/simulation/test_world.py",
     "foldcell/test_api_optimise.py",

@@ -22,7 +22,7 @@ from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
 from skills.vocabulary import Array, FoldLine, Material
 
-__all__ = ["turned_over"]
+__all__ = ["TURN_S", "turned_over"]
 
 TURN_S, HOLD_S = 1.2, 0.2
 """Duration of the half turn, which starts and ends gently, and time for which the guided cloth is then
@@ -48,10 +48,12 @@ def turned_over(
     material: Material,
     before: Array,
     settings: SolverSettings | None = None,
+    turn_s: float = TURN_S,
     go_on: Callable[[], None] = lambda: None,
 ) -> Array:
     """Make the fold about the last of `lines`. Return the vertices (n, 3). before: (n, 3) vertices after the
-    earlier folds. go_on: called in each frame; it may raise an exception to end the computation."""
+    earlier folds. turn_s: duration of the half turn [s]. go_on: called in each frame; it may raise an exception to
+    end the computation."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)
@@ -65,7 +67,7 @@ def turned_over(
     )
 
     simulation = ClothSimulation(mesh, material, before, settings)
-    turning, holding = (round(s * settings.frame_rate) for s in (TURN_S, HOLD_S))
+    turning, holding = (round(s * settings.frame_rate) for s in (turn_s, HOLD_S))
     for share in [*(np.arange(1, turning + 1) / turning), *np.ones(holding)]:
         go_on()
         x, v = simulation.positions, KEPT * simulation.velocities
@@ -75,11 +77,16 @@ def turned_over(
             v[turns_with] = (escort.rigid(eased) - x[turns_with]) / settings.frame
         simulation.set_positions(x, v)
         simulation.advance()
-    return _untangled(mesh, material, simulation.positions, guided, settings)
+    return _untangled(mesh, material, simulation.positions, guided, settings, go_on)
 
 
 def _untangled(
-    mesh: ClothMesh, material: Material, x: Array, guided: NDArray[np.int64], settings: SolverSettings
+    mesh: ClothMesh,
+    material: Material,
+    x: Array,
+    guided: NDArray[np.int64],
+    settings: SolverSettings,
+    go_on: Callable[[], None],
 ) -> Array:
     """Resolve the crossings of x (n, 3) in at most UNTANGLING_S, while the guided points stay in place. Return the
     vertices (n, 3).
@@ -93,6 +100,7 @@ def _untangled(
     fixed[guided] = True
     simulation = ClothSimulation(mesh, material, x, settings, fixed=fixed)
     for _ in range(round(UNTANGLING_S * settings.frame_rate)):
+        go_on()
         simulation.advance()
         if not count_crossings(simulation.positions, mesh.triangles):
             break

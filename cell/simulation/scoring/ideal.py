@@ -1,12 +1,17 @@
 """The ideal fold of the simulated garment, with whose heights a run's heights are compared.
 
 The ideal is the same garment with the same fabric, folded without grippers from its flat rest shape without
-wrinkles, about the lines of the way that was taken. After each fold it settles until it rests, as a garment does
-while the arms move on. It is computed in a thread while the run goes on. It has no influence on the run.
+wrinkles, about the lines of the way that was taken. After each fold it settles as long as the garment did in the
+run. It is computed in a thread while the run goes on. It has no influence on the run.
+
+The thread cannot know how long the garment will lie after each fold. A garment whose vertices all sleep does not
+move any more, so a longer time changes nothing. The thread therefore lets each fold settle until the garment
+sleeps (SETTLE_S at most). Only if the run gave a fold less time than that, the ideal is computed again.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 
@@ -16,14 +21,13 @@ from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.scoring.fold_figures import measure_fold
 from cell.simulation.scoring.score import IdealHeights
 from cell.simulation.truth import GarmentTruth
-from skills.planning.ideal_fold import REST_MOTION, IdealFold, ideal_folds
+from robots.errors import CellError
+from skills.cloth.strain import MOST_STRAIN
+from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
 from skills.vocabulary import FoldLine
 
-__all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights"]
+__all__ = ["BackgroundIdeal", "flaw_of", "heights_of", "ideal_heights"]
 
-SETTLE_S = 1.5
-"""Least simulated time for settling after each fold [s]. A run takes longer from the release to the next grasp."""
-MOST_STRAIN = 0.05
 LEAST_IOU = 0.90
 """An ideal fold has to overlap with its target as a passed fold does."""
 
@@ -33,16 +37,28 @@ class Cancelled(Exception):
 
 
 def ideal_heights(
-    garment: GarmentTruth, lines: Sequence[FoldLine], go_on: Callable[[], None] = lambda: None
+    garment: GarmentTruth,
+    lines: Sequence[FoldLine],
+    settle_s: float | Sequence[float] = SETTLE_S,
+    made: Sequence[IdealFold] = (),
+    go_on: Callable[[], None] = lambda: None,
 ) -> IdealHeights:
-    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. go_on: called often;
-    it may raise an exception."""
-    x, y, angle = garment.pose
-    own = tuple(_in_garment_frame(line, x, y, angle) for line in lines)
+    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. settle_s, made, go_on:
+    as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
+    try:
+        return heights_of(garment, lines, _folds(garment, lines, settle_s, made, go_on)[-1])
+    except CellError as e:
+        return _impossible(e)
+
+
+def heights_of(garment: GarmentTruth, lines: Sequence[FoldLine], fold: IdealFold) -> IdealHeights:
+    """Measure the last ideal fold of a garment about `lines` (table frame)."""
     mesh = garment.mesh
-    folds = ideal_folds(mesh, own, garment.fabric, solver_settings(garment.traits), SETTLE_S, go_on)
-    figures = measure_fold(folds[-1].vertices, mesh.triangles, mesh.rest, own)
-    return IdealHeights(figures.height, figures.crease_height, flaw_of(folds[-1], figures.iou))
+    figures = measure_fold(fold.vertices, mesh.triangles, mesh.rest, _own(garment, lines))
+    return IdealHeights(
+        figures.height, figures.crease_height, flaw_of(fold, figures.iou),
+        fold.crossings, fold.strain, fold.motion, figures.iou,
+    )  # fmt: skip
 
 
 def flaw_of(fold: IdealFold, iou: float) -> str | None:
@@ -50,7 +66,7 @@ def flaw_of(fold: IdealFold, iou: float) -> str | None:
     if fold.crossings:
         return f"layers pass through each other at {fold.crossings} places"
     if fold.strain > MOST_STRAIN:
-        return f"an edge away from creases is stretched by {100.0 * fold.strain:.1f} %"
+        return f"an edge away from creases is strained by {100.0 * fold.strain:.1f} %"
     if fold.motion >= REST_MOTION:
         return f"it does not come to rest ({1e3 * fold.motion:.1f} mm in 0.1 s)"
     if iou < LEAST_IOU:
@@ -58,29 +74,53 @@ def flaw_of(fold: IdealFold, iou: float) -> str | None:
     return None
 
 
-def _in_garment_frame(line: FoldLine, x: float, y: float, angle: float) -> FoldLine:
+def _impossible(error: CellError) -> IdealHeights:
+    return IdealHeights(math.nan, math.nan, f"it cannot be simulated: {error.what}", 0, *3 * (math.nan,))
+
+
+def _folds(
+    garment: GarmentTruth,
+    lines: Sequence[FoldLine],
+    settle_s: float | Sequence[float],
+    made: Sequence[IdealFold],
+    go_on: Callable[[], None],
+) -> tuple[IdealFold, ...]:
+    settings = solver_settings(garment.traits)
+    return ideal_folds(garment.mesh, _own(garment, lines), garment.fabric, settings, settle_s, made, go_on)
+
+
+def _own(garment: GarmentTruth, lines: Sequence[FoldLine]) -> tuple[FoldLine, ...]:
+    """Return lines of the table frame in the garment's own frame."""
+    x, y, angle = garment.pose
     c, s = np.cos(angle), np.sin(angle)
     back = np.array([[c, -s], [s, c]])
-    return FoldLine((line.point - (x, y)) @ back, line.direction @ back)
+    return tuple(FoldLine((line.point - (x, y)) @ back, line.direction @ back) for line in lines)
 
 
 class BackgroundIdeal:
     """Computes an ideal in a thread, from the moment when the garment lies."""
 
     def __init__(self, garment: GarmentTruth, lines: Callable[[], Sequence[FoldLine]]) -> None:
-        """lines: returns the expected fold lines; called in the thread."""
+        """lines: returns the expected fold lines (table frame); called in the thread."""
         self._garment, self._lines = garment, lines
         self._cancelled = threading.Event()
-        self._found: tuple[tuple[FoldLine, ...], IdealHeights] | None = None
+        self._found: tuple[tuple[FoldLine, ...], tuple[IdealFold, ...], IdealHeights] | None = None
         self._thread = threading.Thread(target=self._compute, name="ideal fold", daemon=True)
         self._thread.start()
 
-    def heights(self, lines: tuple[FoldLine, ...]) -> IdealHeights:
-        """Return the heights for `lines`. If they are not the expected lines, they are computed now."""
+    def heights(self, lines: tuple[FoldLine, ...], dwell_s: Sequence[float] | None = None) -> IdealHeights:
+        """Return the heights for `lines`. dwell_s: time that the run gave each fold to settle [s]; None: not
+        known. What the thread has not computed is computed now."""
         self._thread.join()
+        times = [SETTLE_S] * len(lines) if dwell_s is None else [min(t, SETTLE_S) for t in dwell_s]
+        made: tuple[IdealFold, ...] = ()
         if self._found is not None and _same(self._found[0], lines):
-            return self._found[1]
-        return ideal_heights(self._garment, lines)
+            _, folds, heights = self._found
+            short = [k for k, fold in enumerate(folds) if times[k] < min(SETTLE_S, fold.rest_s)]
+            if not short:
+                return heights
+            made = folds[: short[0]]
+        return ideal_heights(self._garment, lines, times, made)
 
     def cancel(self) -> None:
         """End the computation, if it is not finished."""
@@ -90,7 +130,12 @@ class BackgroundIdeal:
     def _compute(self) -> None:
         try:
             lines = tuple(self._lines())
-            self._found = lines, ideal_heights(self._garment, lines, self._check)
+            try:
+                folds = _folds(self._garment, lines, SETTLE_S, (), self._check)
+            except CellError as e:
+                self._found = lines, (), _impossible(e)
+            else:
+                self._found = lines, folds, heights_of(self._garment, lines, folds[-1])
         except Exception:  # the computation is repeated, with its error, if its result is wanted
             self._found = None
 
