@@ -25,11 +25,11 @@ import argparse
 import numpy as np
 
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.score import FinalGarment, named_edge_pairs, score
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
+from skills.fold_figures.folded_mesh import fold_mesh
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_points, outline_of, target_vertices
 from skills.planning.ideal_fold import settled

@@ -27,12 +27,12 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
-from cell.simulation.scoring.fold_figures import CREASE_MARGIN
-from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.ideal import heights_of
 from cell.simulation.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
-from cell.simulation.scoring.table_raster import PIXEL, TableRaster
 from cell.simulation.truth import GarmentTruth
+from skills.fold_figures.fold_figures import CREASE_MARGIN
+from skills.fold_figures.folded_mesh import fold_mesh
+from skills.fold_figures.table_raster import PIXEL, TableRaster
 from skills.planning.folding import fold_xy
 from skills.planning.ideal_fold import ideal_folds
 from skills.planning.plan import ways_to_fold

@@ -96,6 +96,11 @@ class CameraCalibration:
 REFERENCE_DROP = 0.6
 """[m] length of the hanging strip for which a fabric's stretch is stated."""
 
+CREASE_SET = 0.55
+"""crease_set of a fabric without a crease test. With it the simulated test of unfinished cotton keeps the measured
+103 degrees (crease recovery of warp and weft together: 155 of 360; Fashion and Textiles 2017, s40691-017-0104-2,
+Table 13). Assumed for other fabrics; range 0.2 (finished against creases) to 0.7."""
+
 
 @dataclass(frozen=True)
 class Material:
@@ -104,7 +109,7 @@ class Material:
     areal_mass [kg/m2]; stretch_fraction: elongation of a strip, REFERENCE_DROP long, that hangs by its end (the
     paper's shear_frac is of the garment hung by a point: calibration/shear.py); bending_length: Peirce's
     cantilever bending length [m]; thickness of one layer [m]; friction coefficients with the table and between
-    layers (Coulomb).
+    layers (Coulomb); crease_set: share of a crease that a standard load sets (calibration/crease.py).
     """
 
     areal_mass: float
@@ -116,6 +121,7 @@ class Material:
     friction_layers: float
     assumed: tuple[str, ...] = ()
     """Names of the fields that were not measured for this garment."""
+    crease_set: float = CREASE_SET
 
     def with_friction(self, mu: float) -> Material:
         """The same fabric on a table with static coefficient `mu`, dynamic in the same proportion."""

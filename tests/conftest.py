@@ -19,6 +19,7 @@ UNIT = Path(__file__).parent / "unit"
 COMPUTES_CLOTH = (
     "benchmarks/test_bench_cloth.py",
     "benchmarks/test_ideal_folds.py",
+    "calibration/test_crease.py",
     "calibration/test_identify.py",
     "calibration/test_material_tests.py",
     "calibration/test_mujoco_peer.py",

@@ -9,25 +9,23 @@ compared between meshes. Each fold is made without grippers and settles for one 
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 from benchmarks.attainable_dissimilarity import ideal_fold
 from benchmarks.results_page import table
-from cell.simulation.scoring.table_raster import TableRaster
+from calibration.free_fold import elastica_height
 from skills.cloth.mesh import FineBands, mesh_from_contour
 from skills.cloth.settings import SolverSettings
+from skills.fold_figures.table_raster import TableRaster
 from skills.planning.folding import crease_segments
-from skills.vocabulary import Array, FoldLine, Material, frozen
+from skills.vocabulary import FoldLine, Material, frozen
 
-__all__ = ["crease_height", "elastica_height"]
+__all__ = ["crease_height"]
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "results" / "creases.md"
 SHEET = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2], [0.0, 0.2]])
@@ -36,7 +34,7 @@ LINES = (
     FoldLine(frozen(np.array([0.1, 0.1])), frozen(np.array([-1.0, 0.0]))),
 )
 """The first fold halves the sheet along x; the second one halves the result along y."""
-SHARES = (1.3, 0.87, 0.6, 0.5, 0.4, 0.32)
+SHARES = (1.3, 0.87, 0.6, 0.5, 0.4)
 """Edge lengths near the creases, in bending lengths. The cell uses 0.6."""
 TURNS = (0.07, 0.3, 0.7)
 """Turns of the mesh's grid [rad]. At 0.3, its rows are nearly parallel to the first crease."""
@@ -65,28 +63,6 @@ CASES = (
     Case("one layer, folded twice", 1, 2, 0.017, 0.0025),
     Case("two layers, folded twice", 2, 2, 0.0135, 0.0008),
 )
-
-
-def elastica_height() -> float:
-    """Compute the height of a free fold in bending lengths. With lengths in bending lengths and the strip's weight
-    per length as the unit of force, phi'' = -(shear + s) cos phi, where phi is the slope. The curvature phi' is
-    zero at both ends, where the strip is level (phi = 0 and -pi). The shear force is found by shooting."""
-
-    def shape(shear: float) -> object:
-        def turned(s: float, v: Array) -> float:
-            return float(v[1])
-
-        turned.terminal, turned.direction = True, 1.0  # type: ignore[attr-defined]
-        first = 1e-6
-        return solve_ivp(
-            lambda s, v: (v[1], -(shear + s) * math.cos(v[0]), math.sin(v[0])),
-            (first, 20.0), (0.0, -shear * first, 0.0), events=turned, rtol=1e-10, atol=1e-12,
-        )  # fmt: skip
-
-    def excess(shear: float) -> float:
-        return float(shape(shear).y_events[0][0][0]) + math.pi  # type: ignore[attr-defined]
-
-    return float(shape(brentq(excess, -0.99, -0.90, xtol=1e-13)).y[2].max())  # type: ignore[attr-defined]
 
 
 def crease_height(case: Case, share: float, turn: float) -> tuple[float, int]:

@@ -83,6 +83,7 @@ class TactileNoise:
     drift: float
     tip_noise: float
     tip_stiffness: float
+    tip_area: float
     cloth_stiffness: float
 
 
@@ -121,6 +122,8 @@ class GarmentNoise:
     damping: float
     residual_curvature: float
     residual_curvature_spread: float
+    crease_set: float
+    crease_time: Range
     wrinkle_height: float
     wrinkle_length: float
     relief: float

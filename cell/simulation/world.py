@@ -71,6 +71,8 @@ class _Hand:
     def __init__(self, gripper: SimulatedGripper, tactile: SimulatedTactile) -> None:
         self.gripper, self.tactile = gripper, tactile
         self.position, self.rotation = np.zeros(3), np.eye(3)
+        self.tip_force = np.zeros(2)
+        """Force on each fingertip [N]."""
         self.free = True
         """Whether the tips push cloth. False from a grasp until the cloth no longer touches the tips."""
         self.capsules: tuple[Array, Array] | None = None
@@ -248,7 +250,8 @@ class World:
 
     def _place_hand(self, side: Side) -> None:
         hand = self._hands[side]
-        hand.position, hand.rotation, _ = self._touch(side)
+        hand.position, hand.rotation, touch = self._touch(side)
+        hand.tip_force = touch.force
 
     def _caught(self, side: Side, stroke: float, force: float) -> float:
         """Hold the cloth between the closing pads from now on. Returns its thickness [m], 0 for nothing."""
@@ -279,6 +282,10 @@ class World:
             hand.capsules = self._hand_capsules(side)
             if self.garment.holds(HANDS[side]):
                 self.garment.squeeze(HANDS[side], hand.gripper.force)
+        tips = [contact.fingertips(hand.position, hand.rotation, hand.gripper.opening) for hand in hands]
+        self.garment.press(
+            np.vstack(tips), np.hstack([hand.tip_force for hand in hands]), self._noise.tactile.tip_area
+        )
         position = np.array([p, [hand.position for hand in hands]])
         rotation = np.array([r, [hand.rotation for hand in hands]])
         self.garment.frame(position, rotation, self._capsule_path(before))

@@ -51,6 +51,7 @@ __all__ = [
     "build_elastic",
     "colour_batches",
     "flexural_rigidity",
+    "hinge_extents",
     "membrane_modulus",
     "shuffled",
     "stretch_excess",
@@ -65,7 +66,7 @@ FLOOR = 0.02  # lower bound of the corrected compliance, in the same unit
 STIFFER = 4.0
 TOGETHER = 4.0  # factor on sum(w grad^2), since all twelve hinges of a vertex may slip together (stable if >= 3)
 MOST_EVENED = (0.5, 2.0)  # limits of the factor by which an edge's stiffness is changed for its direction
-SHARPEST = 0.7  # limit of sin^2(angle / 2) up to which hinges stiffen, here at 114 degrees
+SHARPEST = 0.7  # largest limit of sin^2(angle / 2) up to which hinges stiffen, here at 114 degrees
 SHARE_LIMITS = (0.1, 4.0)  # limits of the factor on a hinge's rigidity
 LOST = 1e-18  # [m2] squared length below which an edge has no direction
 FLAT = 1e-12  # [m2] a smaller triangle has no normal
@@ -145,11 +146,17 @@ def build_elastic(
 
 
 def build_bending_friction(
-    mesh: ClothMesh, material: Material, step: float, residual_curvature: float, bending_ratio: float = 1.0
+    mesh: ClothMesh,
+    material: Material,
+    step: float,
+    residual_curvature: float,
+    bending_ratio: float = 1.0,
+    measured: bool = False,
 ) -> BendingFriction:
     """Build the bending friction for a substep of `step` [s]. Released cloth keeps a curvature of up to
-    `residual_curvature` [1/m], which is HB / B, in all directions. bending_ratio: as in `build_elastic`."""
-    if residual_curvature == 0.0:
+    `residual_curvature` [1/m], which is HB / B, in all directions. bending_ratio: as in `build_elastic`. measured:
+    build it even without friction, because the set of creases (crease_set.py) needs the measured turns."""
+    if residual_curvature == 0.0 and not measured:
         return BendingFriction(np.zeros((0, 4), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
     order = shuffled(len(mesh.hinges))
     a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
@@ -162,6 +169,15 @@ def build_bending_friction(
         _hinges_near(mesh.hinge_triangles[order], len(mesh.triangles)), soft, soft**2 * length2 / areas,
         (residual_curvature / STIFFER) ** 2 * areas,
     )  # fmt: skip
+
+
+def hinge_extents(mesh: ClothMesh) -> tuple[Array, Array]:
+    """Return (h,) lengths of the edges, and (h,) widths of the cloth that each hinge bends, which are (A0 + A1) /
+    length [m]; in the order of the hinges."""
+    order = shuffled(len(mesh.hinges))
+    a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
+    length = np.linalg.norm(mesh.rest[b] - mesh.rest[a], axis=1)
+    return length, _stencils(mesh)[1][order] / length
 
 
 def _hinges_near(triangles: NDArray[np.int32], count: int) -> NDArray[np.int32]:
@@ -368,7 +384,7 @@ def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def measure_bends(n, hinge, weight, stiffen, x, ratio):
+def measure_bends(n, hinge, weight, stiffen, sharpest, x, ratio):
     """Compute the factor on the correction of each of the first n packed hinges, 1 / (1 - g sin^2(a / 2)) for a
     hinge bent by the angle a (`bend_stiffening`). It comes from the positions, not from the extrapolated positions
     of the damped sweep: in these, fast cloth would seem more bent than it is, and would be thrown about."""
@@ -376,7 +392,7 @@ def measure_bends(n, hinge, weight, stiffen, x, ratio):
         pa, pb, pc, pd = load(x, hinge[k, 0]), load(x, hinge[k, 1]), load(x, hinge[k, 2]), load(x, hinge[k, 3])
         ka, kb, kc, kd = spread(load(weight, k))
         r = ka * pa + kb * pb + kc * pc + kd * pd
-        ratio[k] = 1.0 / (1.0 - min(stiffen[k] * dot(r, r), SHARPEST))
+        ratio[k] = 1.0 / (1.0 - min(stiffen[k] * dot(r, r), sharpest))
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -475,11 +491,12 @@ def bending_friction_moments(
 
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment, grow, w, x):
-    """Do the sweep of `solve_hinges` with friction. Each hinge is first bent by `grow` times its friction moment
-    and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps, friction
-    would react to the displacements that elasticity causes and vice versa, and the bending damping would treat
-    these displacements as motion."""
+def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment, grow, w, target, x):
+    """Do the sweep of `solve_hinges` with friction and set. Each hinge is first bent by `grow` times its friction
+    moment and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps,
+    friction would react to the displacements that elasticity causes and vice versa, and the bending damping would
+    treat these displacements as motion. target: (n, 3) K x of each hinge at rest (crease_set.py), or empty."""
+    creased = len(target) > 0
     for k in range(n):
         a, b, c, d = hinge[k, 0], hinge[k, 1], hinge[k, 2], hinge[k, 3]
         ka, kb, kc, kd = weight[k, 0], weight[k, 1], weight[k, 2], weight[k, 3]
@@ -488,7 +505,10 @@ def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment
         at_b = s * p + t * q
         xa, xb = load(x, a) - w[a] * (p + q - at_b), load(x, b) - w[b] * at_b
         xc, xd = load(x, c) + w[c] * p, load(x, d) + w[d] * q
-        r = ratio[k] * (ka * xa + kb * xb + kc * xc + kd * xd)
+        r = ka * xa + kb * xb + kc * xc + kd * xd
+        if creased:
+            r = r - vector(target[k, 0], target[k, 1], target[k, 2])
+        r = ratio[k] * r
         store(x, a, xa - part[k, 0] * r)
         store(x, b, xb - part[k, 1] * r)
         store(x, c, xc - part[k, 2] * r)

@@ -42,6 +42,7 @@ from skills.cloth.contact.contacts import (
 from skills.cloth.contact.edge_edge import narrow_edge_edge
 from skills.cloth.contact.table import find_low, press_on_table
 from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
+from skills.cloth.crease_set import advance_set, aim_hinges
 from skills.cloth.elasticity import (
     bending_friction_moments,
     damp_edges,
@@ -79,9 +80,9 @@ COMPILED = (
     "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
     "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
     "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
-    "contact/vertex_triangle.py", "elasticity.py", "held_cloth.py", "integrate.py", "intersections/crossings.py",
-    "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py", "simd/f64x8.py", "simd/i32x16.py",
-    "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
+    "contact/vertex_triangle.py", "crease_set.py", "elasticity.py", "held_cloth.py", "integrate.py",
+    "intersections/crossings.py", "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py",
+    "simd/f64x8.py", "simd/i32x16.py", "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
 """Files that are compiled into the loop."""
 
@@ -120,6 +121,7 @@ def _compile(sources: str) -> Callable[..., int]:
         stiffen, bend_ratio = state.stiffen, state.bend_ratio
         which, axis, foot, turn = state.which, state.axis, state.foot, state.turn
         friction_inverse, slip, held, moment = state.friction_inverse, state.slip, state.held, state.moment
+        set_rest, side_of_turn, target = state.set_rest, state.side, state.target
         low, floor, table_friction, press = state.low, state.floor, state.table_friction, state.press
         contact_vertices, contact_weights, contact_mobilities, contact_normals = (
             pairs.contact_vertices,
@@ -199,7 +201,7 @@ def _compile(sources: str) -> Callable[..., int]:
                     solve_edges(batch_start, edge, inverse_square, wi, wj, x)
                     if s % parameters.phase == 0:
                         measure_bends(
-                            count[HINGES], hinge, weight, stiffen, x, bend_ratio
+                            count[HINGES], hinge, weight, stiffen, parameters.sharpest, x, bend_ratio
                         )  # fmt: skip
                     extrapolate(count[MOVABLE], awake, parameters.bend_gamma, x, xp, u)
                     if len(limit):
@@ -208,6 +210,11 @@ def _compile(sources: str) -> Callable[..., int]:
                                 count[HINGES], which, hinge, soft, body.w, x, axis,
                                 foot, turn, friction_inverse
                             )  # fmt: skip
+                            if len(target):
+                                aim_hinges(
+                                    count[HINGES], which, hinge, weight, axis, turn, set_rest, side_of_turn, x,
+                                    target
+                                )  # fmt: skip
                         bending_friction_moments(
                             count[HINGES], which, hinge, near, share, limit, axis,
                             foot, turn, friction_inverse, slip, held, x,
@@ -215,7 +222,7 @@ def _compile(sources: str) -> Callable[..., int]:
                         )  # fmt: skip
                         solve_hinges_with_friction(
                             count[HINGES], hinge, weight, part, bend_ratio, axis, foot,
-                            moment, 1.0 + parameters.bend_gamma, free, u
+                            moment, 1.0 + parameters.bend_gamma, free, target, u
                         )  # fmt: skip
                     else:
                         solve_hinges(
@@ -281,6 +288,10 @@ def _compile(sources: str) -> Callable[..., int]:
                     resolve_intersections(body, pairs, intersections, count[VT], count[EE], soon, x, wa, thick)
             else:
                 count[PACE] = parameters.phase
+            if len(set_rest):
+                advance_set(
+                    body.crease_law, body.hinge, x, state.pressure, frame, side_of_turn, state.set_parts, set_rest
+                )  # fmt: skip
             count[SUBSTEP] = count[NEXT] = count[BEGUN] = 0
             for side in range(2):
                 age[side] += frame

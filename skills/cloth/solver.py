@@ -16,13 +16,16 @@ from skills.cloth import kernel
 from skills.cloth.broad_phase.pairs import CALM_SLACK, SLACK
 from skills.cloth.contact.contacts import phase_length
 from skills.cloth.contact.ridges import flat_cosine
+from skills.cloth.crease_set import advance_set, build_crease_law
 from skills.cloth.elasticity import (
     SHARPEST,
     bend_stiffening,
     build_bending_friction,
     build_elastic,
     flexural_rigidity,
+    hinge_extents,
     membrane_modulus,
+    shuffled,
     turns,
 )
 from skills.cloth.intersections.resolve import Intersections, no_intersections
@@ -88,10 +91,14 @@ SLEEP_SHARE = 1.0 / 12.0
 """Upper bound of the sleep distance, as a share of the edge length of the finest part of the mesh."""
 FINE_SHARE = 0.1
 """Quantile of the edge lengths that is taken as the edge length of the finest part of the mesh."""
+DAMPED = 4.0
+"""Factor by which damping may multiply the bending stiffness before bent hinges may stiffen: where both would be
+unstable, as on meshes much finer than the bends, damping comes first."""
 IN_PLANE = 0.2
-"""Largest bending damping, as a share of the stiffness of the edges. Quadratic hinges also resist in-plane
-gradients of strain, and damping multiplies this resistance. If this share exceeds about 0.4, the alternating
-sweeps over edges and hinges amplify each other (measured on edges of 4 to 15 mm)."""
+"""Largest bending stiffness with its damping, as a share of the stiffness of the edges. Hinges also resist
+in-plane gradients of strain. Damping multiplies this resistance, and so does the stiffening of bent hinges. If
+this share exceeds about 0.4, the alternating sweeps over edges and hinges amplify each other (measured on edges
+of 4 to 15 mm)."""
 
 
 class ClothSimulation:
@@ -129,10 +136,11 @@ class ClothSimulation:
         )
         self._body = _body(mesh, material, self.settings, self._solver_parameters, fixed)
         n = len(mesh.rest)
-        friction_hinges = len(self._body.bending_friction.limit)
+        friction_hinges, set_hinges = len(self._body.bending_friction.limit), len(self._body.crease_law.length)
         self._state = new_state(
-            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges, self._body.clusters
-        )
+            n, len(mesh.edges), len(self._body.batch_start), len(mesh.hinges), friction_hinges,
+            self._body.clusters, set_hinges,
+        )  # fmt: skip
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
         self._intersections = no_intersections(n)
@@ -161,6 +169,31 @@ class ClothSimulation:
     def inverse_mass(self) -> Array:
         """(n,) inverse masses of the vertices [1/kg] (a copy)."""
         return self._body.w.copy()
+
+    @property
+    def crease_angles(self) -> Array:
+        """(h,) the set of each hinge [rad], in the order of the mesh's hinges; zeros if creases take no set."""
+        angles = np.zeros(len(self.mesh.hinges))
+        if len(self._state.set_parts):
+            angles[shuffled(len(angles))] = self._state.set_parts.sum(axis=1)
+        return angles
+
+    def press(self, pressure: Array | float) -> None:
+        """Let bodies press on the cloth with `pressure` [Pa], (n,) or equal for all vertices, until the next call.
+        Creases take a set meanwhile (`SolverSettings.crease_set`). The pressure moves nothing: capsules do."""
+        if len(self._state.pressure):
+            self._state.pressure[:] = pressure
+
+    def dwell(self, seconds: float) -> None:
+        """Let creases take set for `seconds` while nothing moves; `time` advances. This is exact if the cloth is
+        held in its present shape for that time, as under a weight."""
+        s = self._state
+        if len(s.set_rest):
+            advance_set(
+                self._body.crease_law, self._body.hinge, s.x, s.pressure, float(seconds), s.side, s.set_parts,
+                s.set_rest,
+            )  # fmt: skip
+        self.time += seconds
 
     def set_positions(self, positions: Array, velocities: Array | None = None) -> None:
         """Put the cloth at positions (n, 3), at rest or with `velocities` (n, 3), and release held points.
@@ -385,7 +418,10 @@ def _body(
         e.weight,
         grow / (own + e.bend / h**2),
         bend_stiffening(e, own, h),
-        build_bending_friction(mesh, material, h, settings.residual_curvature, settings.bending_ratio),
+        build_bending_friction(
+            mesh, material, h, settings.residual_curvature, settings.bending_ratio, settings.crease_set > 0.0
+        ),
+        build_crease_law(*hinge_extents(mesh), settings.crease_set, settings.crease_time),
         mesh.triangles.copy(),
         topology.tri_edge,
         topology.ring_start,
@@ -402,14 +438,16 @@ def _solver_parameters(
     edge = float(np.quantile(mesh.edge_length, FINE_SHARE))
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # stiffness factor of the softer direction
     modulus = softer * membrane_modulus(material, settings.reference_drop)
-    stiffest = flexural_rigidity(material) / (1.0 - SHARPEST)
-    most = max(0.0, IN_PLANE * modulus * edge**2 / stiffest - 1.0)
+    room = IN_PLANE * modulus * edge**2 / flexural_rigidity(material)
+    sharpest = min(SHARPEST, max(0.0, 1.0 - DAMPED / room))
+    most = max(0.0, room * (1.0 - sharpest) - 1.0)
     gx, gy, gz = settings.gravity
     return SolverParameters(
         h=h,
         substeps=substeps,
         phase=phase_length(h, substeps),
         flat=flat_cosine(material.thickness, edge),
+        sharpest=sharpest,
         gx=gx,
         gy=gy,
         gz=gz,

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.clusters import Clusters
+from skills.cloth.crease_set import MODES, CreaseLaw
 from skills.cloth.elasticity import BendingFriction
 from skills.cloth.simd.aligned_arrays import LINE_BYTES, aligned_zeros
 from skills.cloth.simd.vec3 import rows
@@ -57,6 +58,7 @@ class Body(NamedTuple):
     hinge_inverse: Array
     stiffen: Array
     bending_friction: BendingFriction
+    crease_law: CreaseLaw
     tri: NDArray[np.int32]
     tri_edge: NDArray[np.int32]
     ring_start: NDArray[np.int32]
@@ -67,12 +69,14 @@ class Body(NamedTuple):
 
 class SolverParameters(NamedTuple):
     """Numbers that stay the same during a run. h: substep [s]; phase: substeps from one narrow phase to the next
-    (contacts.py); flat: cosine of the angle from which an edge is a ridge (ridges.py)."""
+    (contacts.py); flat: cosine of the angle from which an edge is a ridge (ridges.py); sharpest: limit of
+    sin^2(angle / 2) up to which hinges stiffen (elasticity.py)."""
 
     h: float
     substeps: int
     phase: int
     flat: float
+    sharpest: float
     gx: float
     gy: float
     gz: float
@@ -122,6 +126,10 @@ class State(NamedTuple):
     Only with bending friction, else empty: slip: (h,) the turn towards which friction pulls each hinge; held: (h +
     1,) latest load of each friction spring, then a 0; axis, foot, turn, friction_inverse, moment: last measurement
     of the packed hinges (`measure_turns`) and their friction moments.
+
+    Only with a set of creases (crease_set.py), else empty: pressure: (n,) of bodies that press [Pa]; set_parts:
+    (h, MODES) the parts of each hinge's set [rad]; set_rest: (h,) signed length of K x at rest [m]; side: (h,)
+    sign of each turn before it was folded over; target: (h, 3) K x of the packed hinges at rest.
     """
 
     x: Array
@@ -173,6 +181,11 @@ class State(NamedTuple):
     turn: Array
     friction_inverse: Array
     moment: Array
+    pressure: Array
+    set_parts: Array
+    set_rest: Array
+    side: Array
+    target: Array
 
 
 class Pairs(NamedTuple):
@@ -249,8 +262,11 @@ class Holds(NamedTuple):
     points: NDArray[np.int64]
 
 
-def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters) -> State:
-    """Make the state of n vertices, all awake; the positions are not yet set. bounds: length of batch_start."""
+def new_state(
+    n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters, set_hinges: int = 0
+) -> State:
+    """Make the state of n vertices, all awake; the positions are not yet set. bounds: length of batch_start.
+    friction_hinges, set_hinges: number of hinges with friction and with a set, 0 or all."""
     m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:
@@ -306,6 +322,11 @@ def new_state(n: int, edges: int, bounds: int, hinges: int, friction_hinges: int
         turn=f(friction_hinges),
         friction_inverse=f(friction_hinges),
         moment=f(friction_hinges),
+        pressure=f(n if set_hinges else 0),
+        set_parts=f(set_hinges, MODES),
+        set_rest=f(set_hinges),
+        side=f(set_hinges),
+        target=f(set_hinges, 3),
     )
 
 

@@ -239,7 +239,10 @@ def _entry(row: object) -> LibraryEntry:
     if row.get("sha256") != _digest(body):
         raise _Refused("its content does not match its hash: it was edited or damaged")
     try:
-        material = Material(**{**body.pop("material"), "assumed": tuple(row["material"]["assumed"])})
+        fabric = body.pop("material")
+        # entries of earlier versions have no crease_set, on which no prediction depends
+        assumed = (*fabric["assumed"], *(() if "crease_set" in fabric else ("crease_set",)))
+        material = Material(**{**fabric, "assumed": assumed})
         inner = {GraspId(s): frozen(np.array(p, dtype=float)) for s, p in body.pop("inner").items()}
         size = body.pop("size_m")
         entry = LibraryEntry(**body, material=material, inner=inner, size_m=(float(size[0]), float(size[1])))

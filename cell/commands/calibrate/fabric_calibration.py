@@ -1,4 +1,4 @@
-"""Common parts of the calibrations of a fabric (shear, friction, bending): flags, the test, the garment file."""
+"""Common parts of the calibrations of a fabric (shear, friction, bending, crease): flags, test, garment file."""
 
 from __future__ import annotations
 
@@ -73,16 +73,20 @@ def add_garment_action(
     measure: Measure,
     lengths: Mapping[str, str],
     any_surface: bool,
+    others: Mapping[str, tuple[str, str]] | None = None,
 ) -> argparse.ArgumentParser:
     """Add a command that calibrates the fabric of one garment.
 
-    lengths: flag and help text of each length that the operator measures. any_surface: whether the garment file
+    lengths: flag and help text of each length that the operator measures. others: flag, and
+    placeholder and help text, of each other quantity. any_surface: whether the garment file
     may lack the table's surface.
     """
     action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
     action.add_argument("garment", metavar="GARMENT", help="name or file")
     for option, help_text in lengths.items():
         action.add_argument(option, type=float, required=True, metavar="M", help=f"metres {help_text}")
+    for option, (metavar, help_text) in (others or {}).items():
+        action.add_argument(option, type=float, required=True, metavar=metavar, help=help_text)
     return action
 
 

@@ -40,7 +40,8 @@ def _run(options: argparse.Namespace) -> int:
         f" bending length {1e3 * m.bending_length:.0f} mm"
     )
     print(f"  stretch {100 * m.stretch_fraction:.1f} % (strip of 0.6 m), friction {m.friction_static:.2f} static, "
-          f"{m.friction_dynamic:.2f} dynamic, {m.friction_layers:.2f} between layers")  # fmt: skip
+          f"{m.friction_dynamic:.2f} dynamic, {m.friction_layers:.2f} between layers,"
+          f" {100 * m.crease_set:.0f} % of a pressed crease set")  # fmt: skip
     print("folds:")
     for step in garment.plan:
         variants = "; ".join(f"{v.name} ({len(v.grasps)} grasps)" for v in step.variants)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +16,12 @@ from cell.commands.options import Commands, add_command, cell_option, count, jso
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
+from cell.config.library.ideal_heights_file import ideal_heights_of, put_ideal_heights, user_heights_path
 from cell.config.library.library_file import put_garments, user_library_path
 from cell.operator.progress.bar import ProgressBar
 from cell.support.files.paths import logs_directory, prepare_logs
+from skills.garments.garment import Garment
+from skills.planning.ideal_heights import bending_lengths, ideal_fold_heights
 from skills.trajectory.library import LibraryEntry
 
 __all__ = ["add_options"]
@@ -73,8 +78,9 @@ def _run(options: argparse.Namespace) -> int:
             at_once=workers.count, finished=unfinished.library, progress=progress,
             lift_height=settings.grasp.lift_height,
         )  # fmt: skip
-    bar.clear()
-    put_garments(path, library, [g.name for g in garments])
+        bar.clear()
+        put_garments(path, library, [g.name for g in garments])
+        _store_heights(path, garments, workers.executor, bar)
     unfinished.end()
     print(f"{len(library.entries)} folds  {path}", file=out)
     if options.json:
@@ -84,6 +90,24 @@ def _run(options: argparse.Namespace) -> int:
             "failed": [{"garment": b.garment, "step": b.step, "failure": b.failure} for b in failures],
         })  # fmt: skip
     return 2 if failures else 0
+
+
+def _store_heights(library: Path, garments: Sequence[Garment], executor: Executor, bar: ProgressBar) -> None:
+    """Compute and store the heights of ideal folds of the garments that have none."""
+    wanted = [g for g in garments if not ideal_heights_of(g, library)]
+    jobs = {g.name: [executor.submit(ideal_fold_heights, g, c) for c in bending_lengths(g)] for g in wanted}
+    total = sum(map(len, jobs.values()))
+    done = 0
+    for garment in wanted:
+        heights = []
+        for job in jobs[garment.name]:
+            bar.update(done, total, f"ideal folds  {garment.name}")
+            heights.append(job.result())
+            done += 1
+        put_ideal_heights(user_heights_path(library), garment, heights)
+        low, high = heights[0].height, heights[-1].height
+        bar.line(f"{garment.name}: an ideal fold is {1e3 * low:.0f} to {1e3 * high:.0f} mm high, by its fabric")
+    bar.clear()
 
 
 def _gain(entry: LibraryEntry) -> str:

@@ -27,7 +27,7 @@ from cell.config.garments.plan_check import check_lines_and_grasps
 from cell.config.yaml_file import Document, Key, dotted, read_yaml, shown
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.vocabulary import REFERENCE_DROP, GraspId, Material, frozen
+from skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
 
 __all__ = [
     "AVERAGE",
@@ -49,6 +49,7 @@ AVERAGE = {
     "thickness": 0.002,
     "friction_dynamic_ratio": 0.85,
     "friction_layers": 0.6,
+    "crease_set": CREASE_SET,
 }
 """Material of a garment without measurements: the first two values are the paper's averages, the others are
 assumed."""
@@ -169,7 +170,7 @@ class _Step(_Strict):
 
 FabricField = Literal[
     "areal_mass", "stretch_fraction", "bending_length", "thickness", "friction_static", "friction_dynamic",
-    "friction_layers",
+    "friction_layers", "crease_set",
 ]  # fmt: skip
 FABRIC_FIELDS: tuple[str, ...] = get_args(FabricField)
 """Names of the properties of a fabric. Each property may be assumed instead of measured."""
@@ -185,6 +186,7 @@ class _MaterialFile(_Strict):
     thickness: float | None = _number(0.0001, 0.01, None)
     friction_dynamic_ratio: float | None = _number(0.3, 1.0, None)
     friction_layers: float | None = _number(0.05, 2.0, None)
+    crease_set: float | None = _number(0.0, 0.8, None)
     measured: dict[Name, str] = {}
     assumed: list[FabricField] = []
 
@@ -369,6 +371,7 @@ def _material(document: Document, file: _MaterialFile, surface: str) -> Material
         friction_static=mu,
         friction_dynamic=mu * given("friction_dynamic_ratio", "friction_dynamic"),
         friction_layers=given("friction_layers"),
+        crease_set=given("crease_set"),
         assumed=tuple(dict.fromkeys(assumed)),
     )
 

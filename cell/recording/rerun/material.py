@@ -1,4 +1,4 @@
-"""Rerun recordings of the simulated tests of a fabric: hang test, tilt test and cantilever test."""
+"""Rerun recordings of the simulated tests of a fabric: hang, tilt, cantilever and crease test."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from calibration.bending import BendingCalibration
+from calibration.crease import CreaseCalibration
+from calibration.free_fold import FreeFold
 from calibration.friction import FrictionCalibration, tilted
 from calibration.shear import ShearCalibration
 from cell.recording.rerun import style
@@ -20,7 +22,7 @@ from cell.recording.rerun.streams import begin_stream
 from robots.errors import StorageError
 from skills.vocabulary import Array
 
-__all__ = ["record_bending", "record_friction", "record_shear"]
+__all__ = ["record_bending", "record_crease", "record_free_fold", "record_friction", "record_shear"]
 
 GARMENT = "test/garment"
 HALF_TABLE = 0.75
@@ -73,6 +75,28 @@ def record_bending(path: Path, test: BendingCalibration) -> None:
         stream.set_time(TIMELINE, duration=float(t))
         _cloth(stream, x, test.mesh.triangles, first=k == 0)
         stream.log("angle/of_tip_deg", rr.Scalars(math.degrees(test.tip_angle(x))))
+    _end(stream, path)
+
+
+def record_free_fold(path: Path, test: FreeFold) -> None:
+    """Record the flat strip, the settled free fold, and the height of its crease. Raises StorageError."""
+    stream = _begin(path, "free fold", "height")
+    for k, x in enumerate(test.pictures):
+        stream.set_time(TIMELINE, duration=float(k))
+        _cloth(stream, x, test.mesh.triangles, first=k == 0)
+        stream.log("height/of_crease_mm", rr.Scalars(1e3 * float(x[:, 2].max())))
+    _end(stream, path)
+
+
+def record_crease(path: Path, test: CreaseCalibration) -> None:
+    """Record the coupon under the weight and after it, and its kept angle. Raises StorageError."""
+    stream = _begin(path, "crease recovery test", "angle")
+    coupon = test.coupon
+    for k, (t, x) in enumerate(zip(coupon.times, coupon.pictures, strict=True)):
+        stream.set_time(TIMELINE, duration=float(t))
+        _cloth(stream, x, coupon.mesh.triangles, first=k == 0)
+        stream.log("angle/kept_deg", rr.Scalars(math.degrees(coupon.kept_angle(x))))
+        stream.log("angle/measured_deg", rr.Scalars(math.degrees(test.kept)))
     _end(stream, path)
 
 

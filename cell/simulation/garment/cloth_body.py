@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
-from skills.cloth.settings import SolverSettings
+from skills.cloth.settings import CREASE_TIME, SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Array, Material
 
@@ -45,6 +45,9 @@ class ClothBody(Protocol):
         and rotation (frames + 1, 2, 3, 3). capsules: bodies that push the cloth, with both ends (frames + 1, k, 3)
         and radius (k,) [m]."""
 
+    def press(self, pressure: Array) -> None:
+        """Let bodies press on the vertices with `pressure` (n,) [Pa] until the next call. Creases take a set."""
+
     def grip(self, hand: int, position: Array, rotation: Array, force: float) -> PinchReport:
         """Close the pads of `hand` at a pose with `force` [N]. They hold the cloth between them along a line. The
         cloth follows the hand and can turn about that line."""
@@ -73,15 +76,17 @@ class BodyTraits:
     """Properties of one piece of cloth that are not in the garment file.
 
     anisotropy: stretch stiffness along material y divided by that along x. bending_ratio: the same of the
-    rigidities. damping: damping of stretch and
-    bending, divided by the default. residual_curvature [1/m]: bending friction as in `SolverSettings`. MuJoCo's
-    shell is isotropic and has no bending friction.
+    rigidities. damping: damping of stretch and bending, divided by the default. residual_curvature [1/m]: bending
+    friction, crease_set, crease_time [s]: plastic set of pressed creases, all as in `SolverSettings`. MuJoCo's
+    shell is isotropic and keeps no bends.
     """
 
     anisotropy: float = 1.0
     damping: float = 1.0
     residual_curvature: float = 0.0
     bending_ratio: float = 1.0
+    crease_set: float = 0.0
+    crease_time: float = CREASE_TIME
 
 
 def check_body(world: str, garment: str, layers: int) -> None:
@@ -128,4 +133,6 @@ def solver_settings(traits: BodyTraits) -> SolverSettings:
         bend_damping=base.bend_damping * traits.damping,
         residual_curvature=traits.residual_curvature,
         bending_ratio=traits.bending_ratio,
+        crease_set=traits.crease_set,
+        crease_time=traits.crease_time,
     )

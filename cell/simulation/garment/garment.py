@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body
 from cell.simulation.garment.outline import draw_outline
+from cell.simulation.garment.pressing import draw_crease, tip_pressure
 from cell.simulation.noise import GarmentNoise
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
@@ -70,9 +71,14 @@ class WorldGarment:
         # a separate generator, so that the other random numbers of a seed stay the same as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
         ratio = 1.0 if ideal or garment.fabric is None else _log_uniform(garment.fabric.bending_ratio, rng)
-        self.traits = BodyTraits(anisotropy, damping, share * noise.residual_curvature * (1.0 + spread), ratio)
+        crease_set, crease_time = draw_crease(
+            share * self.material.crease_set, noise, np.random.default_rng((self._wrinkles, 2))
+        )
+        residual = share * noise.residual_curvature * (1.0 + spread)
+        self.traits = BodyTraits(anisotropy, damping, residual, ratio, crease_set, crease_time)
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
+        self._pressed = False
 
     # position
 
@@ -84,6 +90,11 @@ class WorldGarment:
     def residual_curvature(self) -> float:
         """Curvature that bending friction can hold [1/m]."""
         return self.traits.residual_curvature
+
+    @property
+    def crease(self) -> tuple[float, float]:
+        """crease_set and crease_time [s] of the fabric, as in `SolverSettings`."""
+        return self.traits.crease_set, self.traits.crease_time
 
     @property
     def flat(self) -> Array:
@@ -166,6 +177,14 @@ class WorldGarment:
         """Return the force (3,) [N] of the cloth on the hand."""
         return self._cloth.pinch_force(hand)
 
+    def press(self, tips: Array, force: Array, area: float) -> None:
+        """Let fingertips at `tips` (k, 3) [m] press with `force` (k,) [N], each on a contact of `area` [m2], until
+        the next call."""
+        if self.laid and (self._pressed or force.any()):
+            self._pressed = bool(force.any())
+            x = self._cloth.positions
+            self._cloth.press(tip_pressure(x, tips, force, area, self._edge))
+
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
         """Advance by one frame. position (2, 2, 3), rotation (2, 2, 3, 3): of both hands at the start and the end
         of the frame. capsules: both ends (2, k, 3) and radius (k,) [m]."""
@@ -215,6 +234,7 @@ class WorldGarment:
         if self._body is None:
             self._body = self._build(self.mesh.lay_flat(self.material.thickness))
         self._cloth.restore(saved)
+        self._pressed = True  # perhaps: the next frame sets the pressure anew
 
 
 def _vary(garment: Garment, noise: GarmentNoise, rng: np.random.Generator) -> Material:

@@ -177,6 +177,9 @@ class MujocoCloth:
     def held(self, hand: int) -> bool:
         return len(self._holds[hand].vertex) > 0
 
+    def press(self, pressure: Array) -> None:
+        """Nothing: this cloth keeps no creases."""
+
     def pinch_force(self, hand: int) -> Array:
         return self._holds[hand].force.copy()
 

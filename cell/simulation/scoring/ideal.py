@@ -18,11 +18,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.fold_figures import measure_fold
 from cell.simulation.scoring.score import IdealHeights
 from cell.simulation.truth import GarmentTruth
 from robots.errors import CellError
 from skills.cloth.strain import MOST_STRAIN
+from skills.fold_figures.fold_figures import measure_fold
 from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
 from skills.vocabulary import FoldLine
 

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.distance import pdist
 
-from cell.simulation.scoring.fold_figures import CREASE_MARGIN, measure_cut_fold
-from cell.simulation.scoring.folded_mesh import doubled_area, fold_mesh
 from robots.errors import InternalError
+from skills.fold_figures.fold_figures import CREASE_MARGIN, measure_cut_fold
+from skills.fold_figures.folded_mesh import doubled_area, fold_mesh
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_xy
 from skills.planning.plan import ways_to_fold

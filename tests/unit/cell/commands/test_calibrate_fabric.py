@@ -1,4 +1,4 @@
-"""`foldcell calibrate shear|friction|bending`: the written garment file, and refused input."""
+"""`foldcell calibrate shear|friction|bending|crease`: the written garment file, and refused input."""
 
 import json
 import math
@@ -52,6 +52,25 @@ def test_a_measured_bending_length_is_not_marked_as_assumed(call, tmp_path):
     assert "thickness" in fabric.assumed
 
 
+def test_a_free_fold_gives_the_bending_length(call):
+    thickness = load_garment("small_towel").material.thickness
+    code, told = call("bending", "small_towel", "--fold-height", 0.907 * 0.016 + 1.5 * thickness, "--mass", 0.38)
+    assert code == 0 and told["agrees"]
+    fabric = load_garment(told["file"]).material
+    assert fabric.bending_length == pytest.approx(0.016, rel=2e-3) and fabric.areal_mass == 0.38
+    assert not {"bending_length", "areal_mass"} & set(fabric.assumed)
+
+
+def test_a_crease_test_writes_the_set_of_the_fabric(call):
+    code, told = call("crease", "vest", "--angle", 80, "--load", 0.5, "--time", 300)
+    assert code == 0 and told["agrees"] and told["pressure_pa"] == pytest.approx(18.17e3, rel=1e-3)
+    assert told["simulated_kept_angle_deg"] == pytest.approx(80.0, abs=3.0)
+    fabric, before = load_garment(told["file"]).material, load_garment("vest").material
+    assert 0.2 < fabric.crease_set < before.crease_set
+    assert fabric.crease_set == pytest.approx(told["crease_set"], abs=1e-4)
+    assert "crease_set" in before.assumed and "crease_set" not in fabric.assumed
+
+
 def test_calibrate_shear_writes_the_stretch_of_the_reference_strip(call):
     code, told = call("shear", "small_towel", "--l1", 0.5275, "--l2", 0.516)
     assert code == 0 and told["agrees"]
@@ -70,6 +89,10 @@ def test_calibrate_shear_writes_the_stretch_of_the_reference_strip(call):
         ("shear", "small_towel", "--l1", 0.5275, "--l2", 0.516, "--held", "collar"),
         ("friction", "small_towel", "--height", 1, "--length", 0.8),
         ("bending", "small_towel", "--overhang", "nan"),
+        ("bending", "small_towel", "--fold-height", 0.9),
+        ("bending", "small_towel", "--fold-height", 0.018, "--mass", 5.0),
+        ("bending", "small_towel", "--overhang", 0.04, "--mass", 0.4),
+        ("crease", "vest", "--angle", 200, "--load", 0.5, "--time", 300),
         ("bending", "no_such_garment", "--overhang", 0.04),
         ("bending", "small_towel", "--overhang", 0.04, "--output", shipped_garment_path("small_towel")),
         ("bending", "small_towel", "--overhang", 0.04, "--output", "/no/such/folder/x.yaml"),

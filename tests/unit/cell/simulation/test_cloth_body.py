@@ -14,6 +14,7 @@ from cell.config.garments.garment_file import load_garment
 from cell.simulation import SimulationSettings, check_settings
 from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody, build_body, check_body
 from cell.simulation.garment.garment import WorldGarment
+from cell.simulation.garment.pressing import tip_pressure
 from cell.simulation.noise import load_noise
 from robots.errors import ConfigurationError
 from robots.ports import Array
@@ -186,3 +187,43 @@ def test_each_garment_has_its_own_bending_friction_and_an_ideal_one_has_none() -
     assert max(abs(r / noise.residual_curvature - 1.0) for r in drawn) <= noise.residual_curvature_spread
     ideal = WorldGarment(load_garment("small_towel"), noise, np.random.default_rng(0), ideal=True)
     assert ideal.residual_curvature == 0.0
+
+
+def test_each_garment_takes_a_set_of_its_own_and_an_ideal_one_takes_none() -> None:
+    noise, towel = load_noise().garment, load_garment("small_towel")
+    drawn = [WorldGarment(towel, noise, np.random.default_rng(seed), ideal=False).crease for seed in range(20)]
+    sets, times = np.array(drawn).T
+    assert len(set(sets)) == len(set(times)) == 20
+    assert np.abs(sets / towel.material.crease_set - 1.0).max() <= noise.crease_set
+    assert noise.crease_time.low <= times.min() < 1.0 < times.max() <= noise.crease_time.high
+    assert WorldGarment(towel, noise, np.random.default_rng(0), ideal=True).crease[0] == 0.0
+
+
+@pytest.mark.parametrize("edge", [0.008, 0.015, 0.022])
+def test_the_pressure_of_a_fingertip_adds_up_to_its_force_on_any_mesh(edge: float) -> None:
+    mesh = mesh_from_contour(np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]), edge)
+    x = np.column_stack([mesh.rest, np.full(len(mesh.rest), 0.001)])
+    rng = np.random.default_rng(1)
+    forces = []
+    for at in rng.uniform(-0.04, 0.04, (40, 2)):
+        pressure = tip_pressure(x, np.array([[*at, 0.002]]), np.array([10.0]), 1e-4, edge)
+        forces.append(pressure @ mesh.vertex_area)
+    assert np.mean(forces) == pytest.approx(10.0, rel=0.1) and min(forces) > 5.0
+    assert not tip_pressure(x, np.array([[0.0, 0.0, -0.05]]), np.array([10.0]), 1e-4, edge).any()
+
+
+def test_a_fingertip_sets_the_crease_that_it_presses_and_a_longer_one_more() -> None:
+    fold = MESH.lay_flat(0.003)
+    fold[:, 0] = np.where(fold[:, 0] > 0.0, -fold[:, 0], fold[:, 0])
+    fold[:, 2] += np.where(MESH.rest[:, 0] > 0.0, 0.003, 0.0)
+    kept = []
+    for frames in (0, 15, 60):
+        cloth = build_body(
+            "xpbd", MESH, MATERIAL, fold, BodyTraits(residual_curvature=44.0, crease_set=0.55), PadGeometry()
+        )
+        tips = np.array([[-0.004, 0.0, 0.003]])
+        cloth.press(tip_pressure(cloth.positions, tips, np.array([20.0]), 1e-4, 0.012))
+        for _ in range(frames):
+            cloth.advance()
+        kept.append(float(np.abs(cloth.checkpoint()["state.set_parts"]).sum()))
+    assert kept[0] == 0.0 < 1.5 * kept[1] < kept[2]

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from cell.simulation.scoring.folded_mesh import fold_mesh
 from cell.simulation.scoring.score import (
     FinalGarment,
     IdealHeights,
@@ -23,10 +22,11 @@ from cell.simulation.scoring.score import (
     score,
     score_plan,
 )
-from cell.simulation.scoring.table_raster import PIXEL, rasterise
 from robots.errors import InternalError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.solver import ClothSimulation
+from skills.fold_figures.folded_mesh import fold_mesh
+from skills.fold_figures.table_raster import PIXEL, rasterise
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.planning.folding import fold_xy, target_vertices
 from skills.planning.plan import ways_to_fold

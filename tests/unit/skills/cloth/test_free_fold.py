@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.cloth.free_fold import Case, crease_height, elastica_height
+from benchmarks.cloth.free_fold import Case, crease_height
+from calibration.free_fold import elastica_height
 from skills.planning.crease_mesh import EDGE_SHARE
 
 

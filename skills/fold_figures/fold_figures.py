@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.scoring.folded_mesh import FoldedMesh, fold_mesh
-from cell.simulation.scoring.table_raster import TableRaster
+from skills.fold_figures.folded_mesh import FoldedMesh, fold_mesh
+from skills.fold_figures.table_raster import TableRaster
 from skills.vocabulary import Array, FoldLine
 
 __all__ = ["CREASE_MARGIN", "FoldFigures", "measure_cut_fold", "measure_fold"]
