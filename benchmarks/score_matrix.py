@@ -24,17 +24,15 @@ import numpy as np
 
 from benchmarks.results_page import table
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
-from cell.simulation.scoring.ideal import heights_of
+from cell.simulation.scoring.ideal import ideal_of
 from cell.simulation.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
 from cell.simulation.truth import GarmentTruth
 from skills.fold_figures.fold_figures import CREASE_MARGIN
 from skills.fold_figures.folded_mesh import fold_mesh
 from skills.fold_figures.table_raster import PIXEL, TableRaster
 from skills.planning.folding import fold_xy
-from skills.planning.ideal_fold import ideal_folds
 from skills.planning.plan import ways_to_fold
 from skills.vocabulary import Array, FoldLine
 
@@ -94,9 +92,9 @@ def ideal_garment(name: str, seed: int) -> IdealGarment:
     """Make the ideal fold of a garment with the fabric and the outline that are drawn for `seed`."""
     garment, plan = drawn_garment(name, seed), load_garment(name)
     lines = ways_to_fold(plan, garment.keypoints)[0]
-    fold = ideal_folds(garment.mesh, lines, garment.fabric, solver_settings(garment.traits))[-1]
+    folds, heights = ideal_of(garment, lines)
     pairs = named_edge_pairs(plan.edge_pairs, garment.keypoints)
-    return IdealGarment(garment, fold.vertices, lines, pairs, heights_of(garment, lines, fold))
+    return IdealGarment(garment, folds[-1].vertices, lines, pairs, heights)
 
 
 def judged(ideal: IdealGarment, vertices: Array) -> Score:

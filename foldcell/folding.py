@@ -35,10 +35,10 @@ def fold(
     report in the run's folder. quiet: print no progress lines on standard output.
 
     The result has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
-    'not_folded' or 'fault'; `failure` is the reason; `score` holds the scorer's figures (None on hardware);
-    `steps` has one mapping per fold; `run_dir` is the folder for `load_run`. If the function is called on the main
-    thread, SIGINT and SIGTERM stop the cell during the run, and `signal` of the result is the number of that
-    signal.
+    'not_folded' or 'fault'; `failure` is the reason; `claim` is what the camera shows of the last fold; `score`
+    holds the scorer's figures (None on hardware); `steps` has one mapping per fold; `run_dir` is the folder for
+    `load_run`. If the function is called on the main thread, SIGINT and SIGTERM stop the cell during the run, and
+    `signal` of the result is the number of that signal.
 
     Raises ConfigurationError and StorageError before anything moves.
     """

@@ -51,9 +51,10 @@ class FailureKind(StrEnum):
     SLIPPED = "slipped"
     STUCK_ON_FINGER = "stuck_on_finger"
     GRIPPER_FAULT = "gripper_fault"
-    # judging a fold (the paper's failure kinds)
+    # judging a fold (the paper's failure kinds, and the height)
     DRIFT = "drift"
     PILING = "piling"
+    TOO_HIGH = "too_high"
     SAG = "sag"
     MISSED_LAYER = "missed_layer"
     DROPPED_CORNER = "dropped_corner"

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.result import Inspection
 
-__all__ = ["inspection"]
+__all__ = ["a_claim", "inspection"]
 
 
 def inspection(**changes: Any) -> Inspection:
@@ -20,3 +21,14 @@ def inspection(**changes: Any) -> Inspection:
         "view": None, "rgb": None,
     }  # fmt: skip
     return Inspection(**{**good, **changes})
+
+
+def a_claim(**changes: Any) -> Claim:
+    """A claim that holds, with the changes that a test names."""
+    good: dict[str, Any] = {
+        "shape": True, "flat": True, "reliability": 0.98, "height_m": 0.012, "height_limit_m": 0.020,
+        "crease_height_m": 0.022, "crease_height_limit_m": 0.032, "camera_bias_m": 0.0025,
+        "bending_length_m": 0.015, "target_iou": 0.97, "drift_m": 0.004, "drift_rad": 0.01,
+        "says": "folded as planned, 12 mm high (at most 20 mm)",
+    }  # fmt: skip
+    return Claim(**{**good, **changes})

@@ -57,6 +57,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "perception": settings.perception.settings(),
         "inspection": settings.inspection.settings(settings.perception),
         "library": Library,
+        "ideal_heights": lambda garment: (),
         "keep": lambda *_: None,
         "recorder": Recorder.silent(),
         "commands": CommandQueue(),

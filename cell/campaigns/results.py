@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from cell.campaigns.statistics.comparison import compare_trials
-from cell.campaigns.statistics.summary import claims, summarise
+from cell.campaigns.statistics.summary import Claims, claims, part_claims, summarise
 from cell.campaigns.trials.campaign import Campaign
 from cell.campaigns.trials.trial import Trial
 from cell.support.json_values import to_json
@@ -20,8 +20,9 @@ SCHEMA = 1
 
 
 def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Return the results so far. garments: one row per variant and garment; claims: one 2 x 2 table per variant;
-    comparisons: each variant against the first; not_performed: the planned runs that have no figures yet."""
+    """Return the results so far. garments: one row per variant and garment; claims: one 2 x 2 table per variant,
+    and in `parts` one per part of the claim; comparisons: each variant against the first; not_performed: the
+    planned runs that have no figures yet."""
     performed = sorted((t for t in trials if t.performed), key=lambda t: t.request.key)
     done = {t.request.key for t in performed}
     by_variant = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}
@@ -31,7 +32,10 @@ def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, A
         "about": campaign.about,
         "garments": [asdict(row) for group in by_variant.values() for row in summarise(group)],
         "claims": {
-            name: {**asdict(table := claims(group)), "precision": table.precision, "recall": table.recall}
+            name: {
+                **_table(claims(group)),
+                "parts": {part: _table(table) for part, table in part_claims(group).items()},
+            }
             for name, group in by_variant.items()
         },
         "comparisons": [
@@ -49,6 +53,10 @@ def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, A
 
 def results_text(results: dict[str, Any]) -> str:
     return json.dumps(to_json(results), indent=1) + "\n"
+
+
+def _table(table: Claims) -> dict[str, Any]:
+    return {**asdict(table), "precision": table.precision, "recall": table.recall}
 
 
 def _run(trial: Trial) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from skills.vocabulary import Table
 if TYPE_CHECKING:
     from robots.baxter.ros.connection import RosSettings
     from skills.grasping.settings import GraspSettings
+    from skills.perception.inspection.claim_settings import ClaimSettings
     from skills.perception.inspection.inspect import InspectionSettings
     from skills.perception.perceive import PerceptionSettings
 
@@ -197,14 +198,54 @@ class InspectionConfig(_Group):
     drift_deg: float = _number(0.5, 45.0, "degrees", "largest rotation from the prediction")
     extra_height: float = _number(0.002, 0.1, "m", "largest height above the predicted one")
     deviation: float = _number(0.002, 0.2, "m", "largest distance of an edge from its prediction")
+    claim_iou: float = _number(0.3, 1.0, "", "minimum overlap of the folded garment with the plan, for the claim")
+    claim_drift: float = _number(0.002, 0.5, "m", "largest displacement since the garment was first seen")
+    claim_drift_deg: float = _number(0.5, 90.0, "degrees", "largest rotation since then")
+    stack_margin: float = _number(0.0, 0.1, "m", "height allowed above the flat stack, away from creases")
+    ideal_margin: float = _number(0.0, 0.1, "m", "height allowed above the ideal fold, away from creases")
+    crease_margin: float = _number(0.0, 0.1, "m", "height allowed above the ideal fold, near creases")
+    height_sigma: float = _number(0.0, 0.05, "m", "error of an observed height away from creases (1 sigma)")
+    crease_sigma: float = _number(0.0, 0.05, "m", "error of an observed height near creases (1 sigma)")
+    first_crease_sigma: float = _number(
+        0.0, 0.05, "m", "error with which the first crease's height shows the bending length (1 sigma)"
+    )
+    ideal_sigma: float = _number(0.0, 0.05, "m", "error of the ideal fold's expected heights (1 sigma)")
+    thickness_spread: float = _number(
+        0.0, 0.5, "", "error of the thickness of a garment without a class of fabrics, as a share of it (1 sigma)"
+    )
+    camera_bias: float = _number(-0.02, 0.02, "m", "height by which the camera sees cloth too high")
+    camera_bias_sigma: float = _number(0.0001, 0.02, "m", "spread of that bias between runs (1 sigma)")
 
     def settings(self, perception: PerceptionConfig) -> InspectionSettings:
         """The skill's settings. Thresholds without a key keep the skill's defaults."""
         from skills.perception.inspection.inspect import InspectionSettings
 
-        values = self.model_dump(exclude={"drift_deg", "enabled"})
+        values = self.model_dump(include={"iou", "drift", "extra_height", "deviation"})
         return InspectionSettings(
-            **values, drift_angle=math.radians(self.drift_deg), perception=perception.settings()
+            **values,
+            drift_angle=math.radians(self.drift_deg),
+            perception=perception.settings(),
+            claim=self.claim_settings(),
+        )
+
+    def claim_settings(self) -> ClaimSettings:
+        """Limits and errors of the claim that the garment is folded."""
+        from skills.perception.inspection.claim_settings import ClaimSettings
+
+        return ClaimSettings(
+            iou=self.claim_iou,
+            drift=self.claim_drift,
+            drift_angle=math.radians(self.claim_drift_deg),
+            stack_margin=self.stack_margin,
+            ideal_margin=self.ideal_margin,
+            crease_margin=self.crease_margin,
+            height_sigma=self.height_sigma,
+            crease_sigma=self.crease_sigma,
+            first_crease_sigma=self.first_crease_sigma,
+            ideal_sigma=self.ideal_sigma,
+            thickness_spread=self.thickness_spread,
+            camera_bias=self.camera_bias,
+            camera_bias_sigma=self.camera_bias_sigma,
         )
 
 

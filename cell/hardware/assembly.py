@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 
 from cell.config.cell_settings import CellSettings
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.library.library_file import add_entry, entry_of, load_library
+from cell.config.library.ideal_heights_file import ideal_heights_of
+from cell.config.library.library_file import add_entry, entry_of, load_library, user_library_path
 from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
@@ -80,6 +82,7 @@ def assemble(
         inspection=settings.inspection.settings(settings.perception),
         library=library.current,
         keep=library.keep,
+        ideal_heights=partial(ideal_heights_of, library=user_library_path(request.logs)),
         recorder=recorder,
         commands=commands,
         workers=workers,

@@ -24,6 +24,7 @@ from skills.grasping.settings import GraspSettings
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.inspection.inspect import InspectionSettings
 from skills.perception.perceive import PerceptionSettings
+from skills.planning.ideal_heights import IdealFoldHeights
 from skills.trajectory.library import Library
 from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
 
@@ -56,6 +57,8 @@ class Workcell:
     library: Callable[[], Library]
     keep: Callable[[GraspTrajectory, FoldStep, Garment, Mapping[str, float | int | str]], None]
     """Adds an optimised trajectory to the user's library."""
+    ideal_heights: Callable[[Garment], tuple[IdealFoldHeights, ...]]
+    """Returns the heights of a garment's ideal folds; empty if they were not computed."""
     recorder: Recorder
     commands: CommandQueue
     workers: ThreadPoolExecutor

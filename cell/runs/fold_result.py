@@ -15,6 +15,7 @@ from cell.states.run_end import RunEnd
 from cell.states.step_note import StepNote
 from cell.states.transition_table import State
 from robots.errors import Failure
+from skills.perception.inspection.claim import claim_to_dict
 
 __all__ = ["failure_to_dict", "fold_result"]
 
@@ -38,7 +39,7 @@ def fold_result(
 ) -> FoldResult:
     """Build the result. began: time.monotonic() at the request [s]; score: None if the run was not scored;
     received: numbers of the signals received."""
-    context = end.context
+    context, claim = end.context, end.context.claim()
     failure = context.failure if end.state is not State.FOLDED else None
     return FoldResult(
         garment=request.garment,
@@ -49,6 +50,7 @@ def fold_result(
         result=RESULTS[end.state],
         state=end.state.value,
         failure=None if failure is None else failure_to_dict(failure),
+        claim=None if claim is None else claim_to_dict(claim),
         score=score,
         steps=tuple(_steps(context)),
         robot_time_s=end.ended - end.started - context.waited_s,

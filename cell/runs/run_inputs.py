@@ -11,6 +11,7 @@ from pathlib import Path
 
 import yaml
 
+from cell.config.library.ideal_heights_file import user_heights_path
 from cell.config.library.library_file import user_library_path
 from cell.config.yaml_file import read_yaml
 from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
@@ -74,10 +75,11 @@ def initial_checkpoint(folder: Path) -> RunContext | None:
 
 
 def _copy_library(source: Path, target: Path) -> None:
-    """Copy the user's library from one folder to another. An unreadable library is skipped, as in the run
-    itself."""
-    try:
-        content = user_library_path(source).read_bytes()
-    except OSError:
-        return
-    write_whole(user_library_path(target), content)
+    """Copy the user's library and its heights of ideal folds from one folder to another. An unreadable file is
+    skipped, as in the run itself."""
+    for path in (user_library_path, lambda logs: user_heights_path(user_library_path(logs))):
+        try:
+            content = path(source).read_bytes()
+        except OSError:
+            continue
+        write_whole(path(target), content)

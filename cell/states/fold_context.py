@@ -53,10 +53,11 @@ class FoldContext:
         attempt = self.attempt
         if attempt is None:
             return None
-        inspection = attempt.inspection
+        inspection, claim = attempt.inspection, attempt.claim
+        held = inspection is not None and inspection.diagnosis is None and (claim is None or claim.holds)
         return StepNote(
             name=attempt.step.name,
-            accepted=inspection is not None and inspection.diagnosis is None,
+            accepted=held,
             source=attempt.trajectory.source,
             dissimilarity_m=attempt.dissimilarity_m,
             aligned_iou=inspection.iou_aligned if inspection else math.nan,
@@ -71,5 +72,6 @@ class FoldContext:
             trajectory=attempt.trajectory,
             plan_frames=attempt.plan_frames,
             pictures=attempt.pictures,
+            claim=claim,
             carrying_s=attempt.motion.fold.duration,
         )

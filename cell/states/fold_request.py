@@ -74,6 +74,9 @@ class FoldResult:
     the times are of this run only."""
     unwritten: tuple[str, ...] = ()
     """Messages about results that could not be written after the run's end."""
+    claim: Mapping[str, Any] | None = None
+    """What the executive says of the fold, from the camera alone: `shape`, `flat`, `reliability` and the figures
+    that decided. None if the last fold was not inspected."""
 
     @property
     def exit_code(self) -> int:

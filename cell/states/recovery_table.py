@@ -91,6 +91,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.DRIFT: (Recovery(Event.CARRY_ON),),  # the shape is right but displaced: the plan is moved to it
     K.OFF_TARGET: _GOOD_ENOUGH,
     K.PILING: _GOOD_ENOUGH,
+    K.TOO_HIGH: _GOOD_ENOUGH,
     K.SAG: _GOOD_ENOUGH,
     K.DROPPED_CORNER: _GOOD_ENOUGH,
     K.MISSED_LAYER: _GOOD_ENOUGH,

@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from cell.states.fold_context import FoldContext
-from cell.states.stages import Attempt, Plan, Recognition
+from cell.states.stages import Attempt, FirstLook, Plan, Recognition
 from cell.states.step_note import StepNote
 from cell.states.transition_table import Event
 from robots.errors import Failure
 from robots.ports import CameraFrame
+from skills.perception.inspection.claim import Claim
 from skills.vocabulary import CameraCalibration, FoldStep
 
 __all__ = ["Result", "RunContext", "Sight"]
@@ -45,6 +46,8 @@ class RunContext:
 
     sight: Sight = field(default_factory=Sight)
     recognition: Recognition | None = None
+    first_look: FirstLook | None = None
+    """What the first look at the garment showed, since it was laid."""
     plan: Plan | None = None
     fold: FoldContext = field(default_factory=FoldContext)
     failure: Failure | None = None
@@ -74,6 +77,11 @@ class RunContext:
         """Return fold name -> note for the completed folds and the present fold. Skipped folds have no note."""
         notes, present = {note.name: note for note in self.done}, self.fold.note()
         return notes if present is None or present.name in notes else {**notes, present.name: present}
+
+    def claim(self) -> Claim | None:
+        """Return the claim about the last fold, or None before the last fold was inspected."""
+        note = self.notes().get(self.steps[-1].name) if self.steps else None
+        return note.claim if note else None
 
     def with_attempt(self, attempt: Attempt) -> RunContext:
         return replace(self, fold=replace(self.fold, attempt=attempt))

@@ -12,11 +12,22 @@ from robots.ports import Array, CameraFrame, Side
 from skills.cloth.mesh import ClothMesh
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
+from skills.perception.inspection.camera_bias import CameraBias
+from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
-__all__ = ["Attempt", "Plan", "PressPlan", "Recognition"]
+__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition"]
+
+
+@dataclass(frozen=True, eq=False)
+class FirstLook:
+    """What the first look at the flat garment showed. contour: (n, 2) its outline [m]; bias: of the camera's
+    heights."""
+
+    contour: Array
+    bias: CameraBias
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +93,8 @@ class Attempt:
     carried: bool = False
     """Whether the hands completed the fold."""
     inspection: Inspection | None = None
+    claim: Claim | None = None
+    """The claim that the garment is folded, made by the inspection of the last fold."""
     pressed: tuple[Inspection, ...] = ()
     """The inspection before each pressing."""
     press_tries: int = 0

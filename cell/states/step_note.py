@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robots.ports import Array, CameraFrame
+from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.inspect import Inspection
 from skills.vocabulary import GraspTrajectory, PredictedShape
 
@@ -18,7 +19,7 @@ class StepNote:
 
     name: str
     accepted: bool
-    """Whether the inspection found nothing wrong."""
+    """Whether the inspection found nothing wrong, and the claim holds if one was made."""
     source: str
     dissimilarity_m: float
     aligned_iou: float
@@ -39,6 +40,8 @@ class StepNote:
     trajectory: GraspTrajectory
     plan_frames: Array
     pictures: tuple[CameraFrame, ...]
+    claim: Claim | None = None
+    """The claim about the last fold, else None."""
     carrying_s: float = float("nan")
     """Duration of the arms' last motion with the garment, from the lift to the release, without pauses [s] (NaN:
     none was planned)."""

@@ -142,6 +142,14 @@ class Garment:
         low, high = self.fabric.bending_length
         return low / self.material.bending_length, high / self.material.bending_length
 
+    def thickness_sigma(self, spread: float) -> float:
+        """Standard deviation of one layer's thickness about the stated one [m]: of a uniform distribution over the
+        garment's class of fabrics, or without a class the share `spread` of the stated thickness."""
+        if self.fabric is None:
+            return spread * self.material.thickness
+        low, high = self.fabric.thickness
+        return (high - low) / 12.0**0.5
+
     def place(self, x: float, y: float, angle: float = 0.0, scale: float = 1.0) -> Array:
         """Return the positions (k, 2) of the key points at a pose, table frame [m]."""
         c, s = np.cos(angle), np.sin(angle)

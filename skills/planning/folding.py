@@ -22,6 +22,7 @@ __all__ = [
     "crease_segments",
     "fold_points",
     "fold_xy",
+    "folded_creases",
     "layers_at",
     "layers_under",
     "outline_of",
@@ -140,6 +141,18 @@ def crease_segments(lines: Sequence[FoldLine], outline: Array) -> Array:
                     ends = shapely.get_coordinates(part)[[0, -1]]
                     found.append(_unfolded(lines[:i], history, ends))
     return np.array(found).reshape(-1, 2, 2)
+
+
+def folded_creases(lines: Sequence[FoldLine], outline: Array, spacing: float = 0.004) -> Array:
+    """Return (k, 2): points of all creases in the folded garment, at most `spacing` apart along each crease [m].
+
+    A later fold can fold an earlier crease, so a crease is sampled in the flat garment and its points are folded.
+    outline: (n, 2) of the flat garment."""
+    points = [np.zeros((0, 2))]
+    for a, b in crease_segments(lines, outline):
+        share = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(b - a) / spacing))[:, None]
+        points.append((1.0 - share) * a + share * b)
+    return fold_xy(lines, np.concatenate(points))
 
 
 def _unfolded(lines: Sequence[FoldLine], moved: Sequence[bool], xy: Array) -> Array:

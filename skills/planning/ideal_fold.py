@@ -15,7 +15,7 @@ from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
-from skills.cloth.strain import MOST_STRAIN, largest_strain
+from skills.cloth.strain import largest_strain
 from skills.planning.turned_fold import TURN_S, turned_over
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
@@ -28,9 +28,6 @@ SETTLE_S = 10.0
 """Default time for settling after each fold [s]."""
 MORE_S = 6.0
 """Maximum additional time for a fold that still moves after its time for settling [s]."""
-SLOWER = (1.0, 2.0, 4.0)
-"""If layers pass through each other after a turn, or cloth is stretched, the turn is made again, this many times
-slower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +43,6 @@ class IdealFold:
     strain: float
     rest_s: float = math.inf
 
-    @property
-    def sound(self) -> bool:
-        """Whether no layer passes through another and no edge away from creases has more than MOST_STRAIN."""
-        return self.crossings == 0 and self.strain <= MOST_STRAIN
-
 
 def ideal_folds(
     mesh: ClothMesh,
@@ -58,42 +50,26 @@ def ideal_folds(
     material: Material,
     settings: SolverSettings | None = None,
     settle_s: float | Sequence[float] = SETTLE_S,
-    made: Sequence[IdealFold] = (),
     go_on: Callable[[], None] = lambda: None,
+    turn_s: float = TURN_S,
+    made: Sequence[IdealFold] = (),
 ) -> tuple[IdealFold, ...]:
     """Make the folds about `lines` in order, starting from the flat garment. Return the garment after each fold.
 
     lines: in the coordinates of the mesh's rest shape [m]. settle_s: time for settling after each fold, or one
-    time for all [s]; a fold that still moves then settles for at most MORE_S longer. made: the first folds, if
-    they are known already. go_on: called often; it may raise an exception to end the computation. Raises
-    ConfigurationError for a material that cannot be simulated, InternalError if the simulation becomes unstable.
+    time for all [s]; a fold that still moves then settles for at most MORE_S longer. go_on: called often; it may
+    raise an exception to end the computation. turn_s: duration of each half turn [s]. made: the first folds, if
+    they are known already. Raises ConfigurationError for a material that cannot be simulated, InternalError if the
+    simulation becomes unstable.
     """
     settings = settings or SolverSettings()
     times = [settle_s] * len(lines) if isinstance(settle_s, int | float) else list(settle_s)
     folds = list(made)
     for k in range(len(folds), len(lines)):
         before = folds[-1].vertices if folds else mesh.lay_flat(material.thickness)
-        folds.append(_fold(mesh, tuple(lines[: k + 1]), material, before, settings, times[k], go_on))
+        turned = turned_over(mesh, tuple(lines[: k + 1]), material, before, settings, go_on, turn_s)
+        folds.append(settled_fold(mesh, material, turned, settings, times[k], go_on))
     return tuple(folds)
-
-
-def _fold(
-    mesh: ClothMesh,
-    lines: tuple[FoldLine, ...],
-    material: Material,
-    before: Array,
-    settings: SolverSettings,
-    settle_s: float,
-    go_on: Callable[[], None],
-) -> IdealFold:
-    """Make the fold about the last of `lines`, more slowly if the result is not sound."""
-    tries: list[IdealFold] = []
-    for slower in SLOWER:
-        turned = turned_over(mesh, lines, material, before, settings, slower * TURN_S, go_on)
-        tries.append(settled_fold(mesh, material, turned, settings, settle_s, go_on))
-        if tries[-1].sound:
-            return tries[-1]
-    return min(tries, key=lambda fold: (fold.crossings, fold.strain))
 
 
 def settled_fold(

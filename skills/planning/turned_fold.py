@@ -48,12 +48,12 @@ def turned_over(
     material: Material,
     before: Array,
     settings: SolverSettings | None = None,
-    turn_s: float = TURN_S,
     go_on: Callable[[], None] = lambda: None,
+    turn_s: float = TURN_S,
 ) -> Array:
     """Make the fold about the last of `lines`. Return the vertices (n, 3). before: (n, 3) vertices after the
-    earlier folds. turn_s: duration of the half turn [s]. go_on: called in each frame; it may raise an exception to
-    end the computation."""
+    earlier folds. go_on: called in each frame; it may raise an exception to end the computation. turn_s: duration
+    of the half turn [s]."""
     settings = settings or SolverSettings()
     ideal = target_vertices(mesh, lines[:-1], material)
     goal = target_vertices(mesh, lines, material)

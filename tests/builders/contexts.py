@@ -17,8 +17,8 @@ from skills.vocabulary import GarmentState
 __all__ = ["context_with"]
 
 _NOTHING_PLANNED: dict[str, Any] = {
-    "garment": SimpleNamespace(plan=[SimpleNamespace(variants=())] * 9),
-    "flat": GarmentState("towel", np.zeros((0, 2)), {}, 1.0),
+    "garment": SimpleNamespace(plan=[SimpleNamespace(variants=())] * 9, material=SimpleNamespace(thickness=0.002)),
+    "flat": GarmentState("towel", np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]), {}, 1.0),
     "steps": (),
     "mesh": mesh_from_contour(np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]), 0.04),
     "vertices": np.zeros((0, 3)),

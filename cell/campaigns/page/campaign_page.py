@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +21,7 @@ import jinja2
 
 from cell.campaigns.page.charts import rate_chart, strip_chart
 from cell.campaigns.statistics.comparison import Comparison, compare_trials
-from cell.campaigns.statistics.summary import ALL, Claims, Row, claims, summarise
+from cell.campaigns.statistics.summary import ALL, Claims, Row, claims, part_claims, summarise
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 
@@ -64,6 +64,7 @@ class VariantPart:
     about: str
     rows: Sequence[Row]
     claims: Claims
+    part_claims: Mapping[str, Claims]
 
 
 def campaign_page(folder: CampaignFolder, trials: Sequence[Trial]) -> str:
@@ -73,7 +74,7 @@ def campaign_page(folder: CampaignFolder, trials: Sequence[Trial]) -> str:
     by_variant = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}
     several = len(by_variant) > 1
     parts = [
-        VariantPart(name, campaign.variants[name], summarise(group), claims(group))
+        VariantPart(name, campaign.variants[name], summarise(group), claims(group), part_claims(group))
         for name, group in by_variant.items()
     ]
     first, *others = by_variant

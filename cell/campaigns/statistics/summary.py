@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from cell.campaigns.statistics.proportions import bootstrap_median, wilson_interval
 from cell.campaigns.trials.trial import Trial
 
-__all__ = ["ALL", "Claims", "Row", "claims", "summarise"]
+__all__ = ["ALL", "PARTS", "Claims", "Row", "claims", "part_claims", "summarise"]
 
 ALL = "all"
+PARTS = ("shape", "flat")
+"""Parts of a claim and of the scorer's verdict."""
 HOUR_S = 3600.0
 
 
@@ -85,6 +87,18 @@ def claims(trials: Iterable[Trial]) -> Claims:
     """Count claims against verdicts, over the scored runs."""
     count = Counter((t.claimed, t.passed) for t in trials if t.passed is not None)
     return Claims(count[True, True], count[True, False], count[False, True], count[False, False])
+
+
+def part_claims(trials: Iterable[Trial]) -> dict[str, Claims]:
+    """Count each part of the claims against the same part of the verdict: part -> numbers of the runs in which
+    both are known. Parts that no run has are left out."""
+    found = {}
+    all_trials = list(trials)
+    for name in PARTS:
+        count = Counter(pair for t in all_trials if (pair := t.part(name)) is not None)
+        if count:
+            found[name] = Claims(count[True, True], count[True, False], count[False, True], count[False, False])
+    return found
 
 
 def _row(variant: str, name: str, trials: Sequence[Trial]) -> Row:

@@ -48,6 +48,13 @@ class Trial:
         score = (self.figures or {}).get("score")
         return bool(score.get("passed")) if score else None
 
+    def part(self, name: str) -> tuple[bool, bool] | None:
+        """Return a part of the claim ('shape', 'flat') and the scorer's verdict on it. None if the last fold was
+        not inspected, or if the score does not judge this part."""
+        figures = self.figures or {}
+        claimed, judged = ((figures.get(key) or {}).get(name) for key in ("claim", "score"))
+        return (claimed, judged) if isinstance(claimed, bool) and isinstance(judged, bool) else None
+
     @property
     def success(self) -> bool:
         """Whether the run was claimed and passed. If the run was not scored, the claim alone counts."""

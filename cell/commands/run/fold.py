@@ -92,6 +92,9 @@ def _summary(figures: dict) -> None:
             made = "not accepted" if step.get("accepted") is False else "not finished"
             made = made if step.get("attempts") else "not made"
         print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
+    claim = figures.get("claim")
+    if claim:
+        print(f"  claim (camera): {_claimed(claim)}")
     score = figures.get("score")
     if score:
         verdict = "passed" if score.get("passed") else "not passed"
@@ -120,6 +123,15 @@ def _summary(figures: dict) -> None:
         if not lost or Path(folder, "run.rrd").exists():
             replay = command_for("replay last", Path(folder).parent)
             print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})")
+
+
+def _claimed(claim: dict) -> str:
+    parts = ", ".join(f"{part} {'yes' if claim.get(part) else 'no'}" for part in ("shape", "flat"))
+    return (
+        f"{parts}, reliability {100 * claim.get('reliability', 0.0):.0f} %,"
+        f" height {_mm(claim.get('height_m'))} (at most {_mm(claim.get('height_limit_m'))}),"
+        f" creases {_mm(claim.get('crease_height_m'))} (at most {_mm(claim.get('crease_height_limit_m'))})"
+    )
 
 
 def _missed(score: dict) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 from cell.campaigns.executors import RUNS_EACH, chosen_workers
 from cell.campaigns.perform_campaign import perform_campaign
 from cell.campaigns.results import campaign_results
-from cell.campaigns.statistics.summary import Row, claims
+from cell.campaigns.statistics.summary import Row, claims, part_claims
 from cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
 from cell.campaigns.trials.progress import CampaignProgress
 from cell.campaigns.trials.store import CampaignFolder
@@ -187,8 +187,10 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
         print(
             f"{name + ': ' if several else ''}claimed and passed {table.claimed_passed}, "
             f"claimed in error {table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, "
-            f"neither {table.unclaimed_failed}"
+            f"neither {table.unclaimed_failed}; precision {_share(table.precision)}, recall {_share(table.recall)}"
         )
+        for part, found in part_claims(t for t in trials if t.request.variant == name).items():
+            print(f"  {part} alone: precision {_share(found.precision)}, recall {_share(found.recall)}")
     for c in results["comparisons"]:
         print(
             f"{c['second']} against {c['first']}: {c['pairs']} pairs, better in {len(c['only_second'])}, worse in "
@@ -202,6 +204,10 @@ def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial
     if results["not_performed"]:
         print(f"{len(results['not_performed'])} runs were not performed: see the messages above")
     print(f"details  {campaign.path / 'campaign.html'}")
+
+
+def _share(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.1f} %"
 
 
 def _causes(rows: Sequence[Row]) -> list[tuple[str, int]]:

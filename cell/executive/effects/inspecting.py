@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.executive.effects.adapting import adapt
+from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
 from cell.executive.effects.drift import apply_drift
 from cell.executive.effects.pressing import plan_pressing
 from cell.hardware.workcell import Workcell
@@ -16,8 +17,10 @@ from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
+from skills.perception.inspection.claim import Claim, claim_to_dict
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height, outline_matches
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
+from skills.perception.inspection.target_view import FoldTarget
 from skills.perception.registration.alignment import edge_deviation
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
@@ -42,33 +45,44 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
     if not cell.settings.inspection.enabled:
         return next_step(cell, context)
     step = plan.steps[context.fold.index]
-    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before)
+    target = fold_target(plan, context.fold.index)
+    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before, target)
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure))
     inspection = outcome.unwrap()
     if attempt.pressed:
         inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
-    attempt = replace(attempt, inspection=inspection)
+    claim = make_claim(cell, context, plan, attempt, inspection)
+    attempt = replace(attempt, inspection=inspection, claim=claim)
     context = context.with_attempt(attempt)
+    record = _record(inspection, claim)
     cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
-    if inspection.diagnosis is None or diagnosed_by_height(inspection, cell.inspection):
+    too_high = claim is not None and claim.shape and not claim.flat
+    if inspection.diagnosis is None or too_high or diagnosed_by_height(inspection, cell.inspection):
         press_plan = plan_pressing(cell, context.fold.index, plan, attempt, inspection)
         if press_plan is not None:
             event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
             context = context.with_attempt(replace(attempt, press_plan=press_plan))
-            return Result(event, context, {**figures(inspection), "dabs": press_plan.dabs})
+            return Result(event, context, {**record, "dabs": press_plan.dabs})
+    if inspection.diagnosis is None and claim is not None and not claim.holds:
+        failure = claim_failure(claim)
+        return Result(
+            Event.FAILED,
+            context.with_failure(replace(failure, values={**figures(inspection), **failure.values})),
+            record,
+        )
     if inspection.diagnosis is None:
         garment, learned = adapt(cell, context.fold.index, plan, attempt, inspection)
         context = replace(context, plan=replace(plan, garment=garment))
         advanced = next_step(cell, context)
-        return replace(advanced, record={**figures(inspection), **learned, **advanced.record})
+        return replace(advanced, record={**record, **learned, **advanced.record})
     failure = Failure(
         inspection.diagnosis,
         f"fold {step.name}: {', '.join(beyond_limits(inspection, cell.inspection))}",
         HINTS.get(inspection.diagnosis, "compare the observed with the predicted shape in the recording"),
         figures(inspection),
     )
-    return Result(Event.FAILED, context.with_failure(failure), figures(inspection))
+    return Result(Event.FAILED, context.with_failure(failure), record)
 
 
 def judged_as_before(
@@ -86,18 +100,21 @@ def judged_as_before(
 
 def next_step(cell: Workcell, context: RunContext) -> Result:
     """Advance to the next fold. The predicted shape, moved by the observed drift, becomes the believed shape.
-    After the last fold, the run ends as folded, unless the operator skipped folds."""
+    After the last fold, the run ends as folded, unless the operator skipped folds or the claim does not hold."""
     ending, index, steps = context.failure, context.fold.index, context.steps
     advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
     if index + 1 < len(steps):
         return Result(Event.NEXT_FOLD, replace(advanced, fold=FoldContext(index + 1)))
+    claim = context.claim()
     advanced = replace(advanced, fold=FoldContext(index))
     done = {note.name for note in advanced.done}
     skipped = [step.name for step in steps if step.name not in done]
-    if steps and not skipped:
+    if steps and not skipped and (claim is None or claim.holds):
         return Result(Event.ALL_FOLDED, advanced)
     if skipped:
         ending = Failure(FailureKind.ABORTED, f"left out by the operator: {', '.join(skipped)}")
+    elif claim is not None:
+        ending = claim_failure(claim)
     return Result(Event.GIVE_UP, replace(advanced, failure=ending, through=bool(steps)))
 
 
@@ -120,12 +137,25 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
     return Result(Event.DONE, replace(context, plan=apply_drift(plan, inspection)), figures(inspection))
 
 
+def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:
+    """Return the figures for the journal."""
+    return {**figures(inspection)} if claim is None else {**figures(inspection), "claim": claim_to_dict(claim)}
+
+
 def figures(inspection: Inspection) -> dict[str, float]:
     """Return the figures of an inspection as plain numbers, without the values that could not be measured."""
-    edge = inspection.edge
+    edge, target = inspection.edge, inspection.target
     measured = {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
     if edge is not None:
         measured |= {"edge_corner_m": edge.corner, "edge_sag_m": edge.sag}
+    if target is not None:
+        measured |= {
+            "target_iou": target.iou,
+            "stack_height_m": target.observed.height_m,
+            "crease_height_m": target.observed.crease_height_m,
+            "predicted_height_m": target.predicted.height_m,
+            "predicted_crease_height_m": target.predicted.crease_height_m,
+        }
     return {
         "iou": inspection.iou,
         "iou_aligned": inspection.iou_aligned,
@@ -145,16 +175,17 @@ def _compare(
     shape: PredictedShape,
     step: FoldStep | None,
     before: CameraFrame | None,
+    target: FoldTarget | None = None,
 ) -> Outcome[Inspection]:
     """Compare the picture with a shape. step: the fold that was just made, or None; before: the picture taken
-    before that fold."""
+    before that fold. target: the perfect fold, for the claim."""
     sight = context.sight
     flat_top = context.recognition.perception.top if context.recognition else None
     return cell.compute(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
-            step, cell.inspection, sight.previous, flat_top, before,
+            step, cell.inspection, sight.previous, flat_top, before, target,
         ),
     )  # fmt: skip
 

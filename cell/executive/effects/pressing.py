@@ -66,7 +66,8 @@ def plan_pressing(
 def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan) -> Result:
     """Move above the fold and dab it as planned. A push that is too hard ends the pressing: the hands stop, then
     rise."""
-    motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1)
+    # the claim was made about the fold as it was before
+    motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1, claim=None)
     context = context.with_attempt(attempt)
     for side in motion.postures:
         cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))
@@ -102,13 +103,17 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
 
 
 def _should_press(cell: Workcell, step: FoldStep, plan: Plan, attempt: Attempt, inspection: Inspection) -> bool:
-    """Whether to press: the fold was observed to be higher than its flat layers, and pressing may help."""
+    """Whether to press: the last fold is too high for the claim, or the height hides whether a fold is good, and
+    pressing may help. An unpressed crease that is as high as its fabric makes it is not pressed."""
     settings, before = cell.settings.pressing, attempt.pressed
     in_vain = bool(before) and before[-1].height_m - inspection.height_m < GAIN
     if attempt.unpressed or attempt.press_tries >= settings.max_attempts or in_vain:
         return False
+    too_high = attempt.claim is not None and not attempt.claim.flat
+    if not np.isfinite(inspection.height_m) or not (too_high or inspection.diagnosis is not None):
+        return False
     flat_height = float(_flat(step, plan).vertices[:, 2].max()) + 0.5 * plan.garment.material.thickness
-    return bool(inspection.height_m > flat_height + settings.min_excess_height)
+    return too_high or bool(inspection.height_m > flat_height + settings.min_excess_height)
 
 
 def _flat(step: FoldStep, plan: Plan) -> PredictedShape:

@@ -8,12 +8,13 @@ from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
-from cell.states.stages import Recognition
+from cell.states.stages import FirstLook, Recognition
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
+from skills.perception.inspection.camera_bias import estimate_camera_bias
 from skills.perception.overlay import draw_on_camera
-from skills.perception.perceive import camera_fault, perceive
+from skills.perception.perceive import Perception, camera_fault, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.vocabulary import CameraCalibration, Outcome
 
@@ -83,6 +84,7 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
     """Wait until a person has laid the garment on the table."""
     began = cell.ports.clock.now()
     cell.ports.attendant.lay_garment()
+    context = replace(context, first_look=None)
     if cell.ports.simulated:  # the simulated attendant's time counts as robot time
         return Result(Event.DONE, context)
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
@@ -123,11 +125,27 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
     state = perception.state
     overlay = draw_on_camera(perception, frame.rgb)
     cell.recorder.perception(cell.ports.clock.now(), perception, overlay)
-    record = {
+    record: dict[str, object] = {
         "garment": perception.garment,
         "category": state.category,
         "confidence": state.confidence,
         "keypoints_m": {k: [round(float(c), 4) for c in p] for k, p in state.keypoints.items()},
         "wall": dict(outcome.notes),
     }
-    return Result(Event.DONE, replace(context, recognition=Recognition(perception, overlay)), record)
+    first_look = context.first_look
+    if first_look is None:
+        first_look = _first_look(cell, perception)
+        record |= {"camera_bias_m": first_look.bias.value, "camera_bias_measured": first_look.bias.measured}
+    recognition = Recognition(perception, overlay)
+    return Result(Event.DONE, replace(context, recognition=recognition, first_look=first_look), record)
+
+
+def _first_look(cell: Workcell, perception: Perception) -> FirstLook:
+    """Return what later judgements need of the flat garment: its place, and the bias of the camera's heights."""
+    garment = cell.expected or next(g for g in cell.garments if g.name == perception.garment)
+    errors = cell.inspection.claim
+    bias = estimate_camera_bias(
+        perception.height, perception.mask, garment.layers, garment.material.thickness,
+        garment.thickness_sigma(errors.thickness_spread), errors,
+    )  # fmt: skip
+    return FirstLook(perception.state.contour, bias)

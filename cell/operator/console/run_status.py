@@ -22,6 +22,7 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
 from robots.errors import Failure
+from skills.perception.inspection.claim import Claim
 
 __all__ = ["ORDER", "RunStatus"]
 
@@ -103,6 +104,7 @@ class RunStatus:
             self._end = {
                 "result": state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",
+                "claim": _claimed(self._context.claim()),
                 "go_on": command_for(f"resume {folder.name}", folder.parent) if resumable else "",
             }  # fmt: skip
             self.version += 1
@@ -178,6 +180,10 @@ class RunStatus:
             {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.fold.index}
             for k, step in enumerate(context.steps)
         ]
+
+
+def _claimed(claim: Claim | None) -> str:
+    return f"{claim.says} (reliability {100 * claim.reliability:.0f} %)" if claim else ""
 
 
 def _sentences(*parts: str) -> str:

@@ -26,12 +26,16 @@ from cell.recording.checkpoint.checkpoint_file import CONTEXT
 from cell.recording.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
 from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, Plan, PressPlan, Recognition
+from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition
 from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
+from skills.perception.inspection.camera_bias import CameraBias
+from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.result import Inspection
+from skills.perception.inspection.stack_heights import StackHeights
+from skills.perception.inspection.target_view import TargetView
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
@@ -99,7 +103,10 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
 def _schema() -> str:
     """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
     where the fields can change while the version stays the same."""
-    kinds = (RunContext, Sight, Recognition, Plan, FoldContext, Attempt, PressPlan, StepNote, Inspection)
+    kinds = (
+        RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, Attempt, PressPlan, StepNote,
+        Inspection, TargetView, StackHeights, Claim,
+    )  # fmt: skip
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
 

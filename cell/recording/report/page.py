@@ -119,6 +119,8 @@ class RunRecord:
     reason: str = ""
     """Why the garment was not folded; empty if it was."""
     hint: str = ""
+    claim: str = ""
+    """What the executive says of the finished fold, from the camera alone; empty if it was not inspected."""
     started: str = ""
     robot_time_s: float | None = None
     wall_time_s: float | None = None

@@ -71,6 +71,7 @@ def report(
         title=context.plan.garment.title if context.plan else result.garment,
         reason=str(failure.get("what", "")),
         hint=str(failure.get("hint", "")),
+        claim=_claim(result.claim),
         robot_time_s=result.robot_time_s,
         wall_time_s=result.wall_time_s,
         steps=tuple(steps),
@@ -90,6 +91,11 @@ def report(
     if context.sight.frame is not None:
         cv2.imwrite(str(folder / "last.jpg"), context.sight.frame.rgb[..., ::-1])
     return write_report(folder / "report.html", record)
+
+
+def _claim(claim: Mapping[str, Any] | None) -> str:
+    """Return the claim as a sentence with its reliability; empty if there is none."""
+    return f"{claim['says']} (reliability {100 * claim['reliability']:.0f} %)" if claim else ""
 
 
 def _timeline(end: RunEnd, result: FoldResult, events: Sequence[RunEvent]) -> Iterator[TimelineItem]:

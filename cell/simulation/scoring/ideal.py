@@ -18,16 +18,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.score import IdealHeights
+from cell.simulation.scoring.score import FinalGarment, IdealHeights, score
 from cell.simulation.truth import GarmentTruth
 from robots.errors import CellError
 from skills.cloth.strain import MOST_STRAIN
-from skills.fold_figures.fold_figures import measure_fold
 from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
+from skills.planning.turned_fold import TURN_S
 from skills.vocabulary import FoldLine
 
-__all__ = ["BackgroundIdeal", "flaw_of", "heights_of", "ideal_heights"]
+__all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 
+SLOWER = (1.0, 2.0, 4.0)
+"""Durations of the turns of successive attempts, relative to the first one."""
 LEAST_IOU = 0.90
 """An ideal fold has to overlap with its target as a passed fold does."""
 
@@ -40,25 +42,37 @@ def ideal_heights(
     garment: GarmentTruth,
     lines: Sequence[FoldLine],
     settle_s: float | Sequence[float] = SETTLE_S,
-    made: Sequence[IdealFold] = (),
     go_on: Callable[[], None] = lambda: None,
+    made: Sequence[IdealFold] = (),
 ) -> IdealHeights:
-    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. settle_s, made, go_on:
+    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. settle_s, go_on, made:
     as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
     try:
-        return heights_of(garment, lines, _folds(garment, lines, settle_s, made, go_on)[-1])
+        return ideal_of(garment, lines, settle_s, go_on, made)[1]
     except CellError as e:
         return _impossible(e)
 
 
-def heights_of(garment: GarmentTruth, lines: Sequence[FoldLine], fold: IdealFold) -> IdealHeights:
-    """Measure the last ideal fold of a garment about `lines` (table frame)."""
-    mesh = garment.mesh
-    figures = measure_fold(fold.vertices, mesh.triangles, mesh.rest, _own(garment, lines))
-    return IdealHeights(
-        figures.height, figures.crease_height, flaw_of(fold, figures.iou),
-        fold.crossings, fold.strain, fold.motion, figures.iou,
-    )  # fmt: skip
+def ideal_of(
+    garment: GarmentTruth,
+    lines: Sequence[FoldLine],
+    settle_s: float | Sequence[float] = SETTLE_S,
+    go_on: Callable[[], None] = lambda: None,
+    made: Sequence[IdealFold] = (),
+) -> tuple[tuple[IdealFold, ...], IdealHeights]:
+    """Make the ideal fold like `ideal_heights`. Return all folds, in the garment's own frame, and the heights of
+    the last one. A fold with a flaw is made again, with slower turns. Raises the errors of `ideal_folds`."""
+    mesh, fabric, settings = garment.mesh, garment.fabric, solver_settings(garment.traits)
+    own = _own(garment, lines)
+    for slower in SLOWER:
+        folds = ideal_folds(mesh, own, fabric, settings, settle_s, go_on, slower * TURN_S, made)
+        last = folds[-1]
+        shape = score(FinalGarment(last.vertices, mesh.triangles, mesh.rest, own, garment.thickness))
+        flaw = flaw_of(last, shape.iou)
+        if flaw is None:
+            break
+    height, crease_height = (shape.figures[name].value for name in ("height_m", "crease_height_m"))
+    return folds, IdealHeights(height, crease_height, flaw, last.crossings, last.strain, last.motion, shape.iou)
 
 
 def flaw_of(fold: IdealFold, iou: float) -> str | None:
@@ -76,17 +90,6 @@ def flaw_of(fold: IdealFold, iou: float) -> str | None:
 
 def _impossible(error: CellError) -> IdealHeights:
     return IdealHeights(math.nan, math.nan, f"it cannot be simulated: {error.what}", 0, *3 * (math.nan,))
-
-
-def _folds(
-    garment: GarmentTruth,
-    lines: Sequence[FoldLine],
-    settle_s: float | Sequence[float],
-    made: Sequence[IdealFold],
-    go_on: Callable[[], None],
-) -> tuple[IdealFold, ...]:
-    settings = solver_settings(garment.traits)
-    return ideal_folds(garment.mesh, _own(garment, lines), garment.fabric, settings, settle_s, made, go_on)
 
 
 def _own(garment: GarmentTruth, lines: Sequence[FoldLine]) -> tuple[FoldLine, ...]:
@@ -120,7 +123,7 @@ class BackgroundIdeal:
             if not short:
                 return heights
             made = folds[: short[0]]
-        return ideal_heights(self._garment, lines, times, made)
+        return ideal_heights(self._garment, lines, times, made=made)
 
     def cancel(self) -> None:
         """End the computation, if it is not finished."""
@@ -131,11 +134,9 @@ class BackgroundIdeal:
         try:
             lines = tuple(self._lines())
             try:
-                folds = _folds(self._garment, lines, SETTLE_S, (), self._check)
+                self._found = lines, *ideal_of(self._garment, lines, go_on=self._check)
             except CellError as e:
                 self._found = lines, (), _impossible(e)
-            else:
-                self._found = lines, folds, heights_of(self._garment, lines, folds[-1])
         except Exception:  # the computation is repeated, with its error, if its result is wanted
             self._found = None
 

@@ -20,6 +20,7 @@ from skills.perception.inspection.left_behind import left_behind
 from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
 from skills.perception.inspection.result import Inspection, InspectionSettings
+from skills.perception.inspection.target_view import FoldTarget, view_target
 from skills.perception.perceive import (
     PerceptionSettings,
     camera_fault,
@@ -57,6 +58,7 @@ def inspect(
     previous: CameraFrame | None = None,
     flat_top: float | None = None,
     before: CameraFrame | None = None,
+    target: FoldTarget | None = None,
 ) -> Outcome[Inspection]:
     """Compare one picture with the predicted mesh and diagnose the fold.
 
@@ -64,7 +66,8 @@ def inspect(
     silhouette and height are judged. reference: picture of the empty table. previous: the last picture, to detect
     a frozen camera. before: the picture before the fold (previous if None), to detect the cloth that the fold laid
     on top. flat_top: mean height of the flat garment as the camera saw it, `Perception.top` [m]. Creases and pile
-    make it higher than the mesh's middle surface; the prediction is raised by the difference.
+    make it higher than the mesh's middle surface; the prediction is raised by the difference. target: the perfect
+    fold, with which the observation is compared as well.
 
     Failures: CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW if nothing can be judged. A bad fold is not a failure: the
     value's `diagnosis` describes it.
@@ -93,6 +96,11 @@ def inspect(
         height_before = height_above(view.rectify(before), empty)
         edge = moved_edge(height, height_before, predicted, step, view, figures.R, figures.t)
     inspection = figures.inspection(seen.rgb, edge)
+    if target is not None:
+        compared = view_target(
+            view, found.mask, inspection.contour, height, predicted, target, settings.fold_margin
+        )
+        inspection = replace(inspection, target=compared)
     kind, confidence = diagnose(inspection, step, settings)
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)
     notes: dict[str, float | int | str] = {

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.perception.inspection.moved_edge import MovedEdge
+from skills.perception.inspection.target_view import TargetView
 from skills.perception.perceive import PerceptionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FailureKind
@@ -56,6 +58,7 @@ class InspectionSettings:
     two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good folds lag by up to
     15 mm, nearly all by less than 8 mm."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
+    claim: ClaimSettings = field(default_factory=ClaimSettings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +101,8 @@ class Inspection:
     height: NDArray[np.float32]
     view: TableView
     rgb: NDArray[np.uint8]
+    target: TargetView | None = None
+    """Comparison with the plan's target; None if no target was given."""
 
     @property
     def accepted(self) -> bool:

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from cell.campaigns.statistics.comparison import compare_trials
 from cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact, wilson_interval
-from cell.campaigns.statistics.summary import claims, summarise
+from cell.campaigns.statistics.summary import claims, part_claims, summarise
 from cell.campaigns.trials.trial import Trial
-from tests.builders.campaigns import request, trial
+from tests.builders.campaigns import figures, request, trial
 
 
 def test_the_interval_of_the_papers_result() -> None:
@@ -94,6 +94,32 @@ def test_claims_and_verdicts_make_a_table_of_two_by_two() -> None:
     assert (table.claimed_passed, table.claimed_failed) == (6, 2)
     assert (table.unclaimed_passed, table.unclaimed_failed) == (1, 1)
     assert table.precision == pytest.approx(6 / 8) and table.recall == pytest.approx(6 / 7)
+
+
+def test_the_parts_of_a_claim_are_counted_apart() -> None:
+    """Runs without a claim, and scores without the part, do not count."""
+
+    def judged(claim: dict[str, bool] | None, score: dict[str, bool | None] | None) -> Trial:
+        known = figures()
+        return Trial(request(), {**known, "claim": claim, "score": score and {**known["score"], **score}})
+
+    good, high = {"shape": True, "flat": True}, {"shape": True, "flat": False}
+    found = part_claims(
+        [
+            *(judged(good, {**good}) for _ in range(4)),
+            judged(good, {**high}),
+            judged(high, {**high}),
+            judged(high, {**good}),
+            judged(good, {"shape": True, "flat": None}),
+            judged(None, {**good}),
+            judged(good, None),
+            trial(),
+        ]
+    )
+    flat = found["flat"]
+    assert (flat.claimed_passed, flat.claimed_failed, flat.unclaimed_passed, flat.unclaimed_failed) == (4, 1, 1, 1)
+    assert found["shape"].claimed_passed == 8 and found["shape"].recall == 1.0
+    assert part_claims([trial()]) == {}
 
 
 def test_runs_are_compared_on_the_same_garment_and_seed() -> None:

@@ -251,6 +251,17 @@ def test_the_summary_says_why_the_heights_are_not_judged(
     assert "the ideal fold is not valid: it does not come to rest" in text and "ideal fold: 13 mm" in text
 
 
+def test_the_summary_shows_both_parts_of_the_claim(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
+    claim = {
+        "shape": True, "flat": False, "reliability": 0.93, "height_m": 0.031, "height_limit_m": 0.025,
+        "crease_height_m": None, "crease_height_limit_m": 0.035, "says": "folded, but stands 31 mm high",
+    }  # fmt: skip
+    fake.answer = Result({**FIGURES, "claim": claim})
+    main(["fold", "vest"])
+    text = capsys.readouterr().out
+    assert "claim (camera): shape yes, flat no, reliability 93 %, height 31 mm (at most 25 mm), creases -" in text
+
+
 def test_the_summary_names_the_reason_why_a_run_is_not_folded(
     fake: FakeRun, capsys: pytest.CaptureFixture[str]
 ) -> None:

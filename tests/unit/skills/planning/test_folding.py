@@ -16,6 +16,7 @@ from skills.planning.folding import (
     crease_segments,
     fold_points,
     fold_xy,
+    folded_creases,
     layers_at,
     layers_under,
     outline_of,
@@ -49,6 +50,26 @@ def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], 
     together = (moved[:, None] == moved).all(axis=-1)
     assert np.allclose(after[together], before[together], atol=1e-12)
     assert (after <= before + 1e-12).all()
+
+
+def test_a_later_fold_folds_the_creases_of_earlier_ones() -> None:
+    """A rectangle folded in half and in half again: the first crease is now half as long."""
+    points = folded_creases([HALF, QUARTER], RECT, 0.005)
+    on_first, on_second = (np.abs(points[:, k]) < 1e-9 for k in (0, 1))
+    assert (on_first | on_second).all()
+    assert (points[on_first, 1].min(), points[on_first, 1].max()) == pytest.approx((-0.3, 0.0), abs=0.005)
+    assert (points[on_second, 0].min(), points[on_second, 0].max()) == pytest.approx((-0.2, 0.0), abs=0.005)
+    gaps = np.diff(np.sort(points[on_first, 1]))
+    assert gaps.max() <= 0.005
+
+
+@given(lines)
+@settings(max_examples=60)
+def test_the_points_of_creases_lie_within_the_folded_garment(folds: list[FoldLine]) -> None:
+    points = folded_creases(folds, RECT)
+    garment = shapely.Polygon(silhouette(folds, RECT)).buffer(1e-3)
+    region = shapely.union_all([p.buffer(1e-4) for p in folding._pieces(folds, shapely.Polygon(RECT)).values()])
+    assert shapely.intersects_xy(region.union(garment), *points.T).all()
 
 
 @given(lines)

@@ -14,14 +14,18 @@ from cell.executive.effects.inspecting import figures, next_step
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
+from cell.states.stages import FirstLook
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
+from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.result import Inspection
-from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
+from skills.perception.inspection.stack_heights import StackHeights
+from skills.perception.inspection.target_view import TargetView
+from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
-from tests.inspections import inspection
+from tests.inspections import a_claim, inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
@@ -81,6 +85,90 @@ def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     assert result.context.fold.attempt.inspection is not None and not result.context.done
 
 
+BIAS = 0.0025
+SQUARE = np.array([[0.5, 0.0], [0.7, 0.0], [0.7, 0.2], [0.5, 0.2]])
+
+
+def as_seen(height: float, crease: float = 0.020, iou: float = 0.97) -> TargetView:
+    """The view of a fold of these true heights [m] in two layers of 2 mm, predicted 10 and 20 mm high."""
+    observed = StackHeights(height + BIAS, crease + BIAS)
+    flat = StackHeights(0.003, 0.003)
+    return TargetView(iou, np.array([0.6, 0.1]), np.zeros(2), 0.0, observed, StackHeights(0.010, 0.020), flat)
+
+
+def last_fold(**changes: Any) -> RunContext:
+    """The last of two folds was carried; the first one was accepted."""
+    flat = GarmentState("towel", SQUARE, {}, 1.0)
+    before: Any = SimpleNamespace(name="half", claim=None, accepted=False)
+    garment: Any = SimpleNamespace(
+        plan=[SimpleNamespace(variants=())] * 2,
+        material=SimpleNamespace(thickness=0.002, bending_length=0.015),
+        bending_factors=(0.8, 1.2),
+        thickness_sigma=lambda spread: spread * 0.002,
+    )
+    first_look = FirstLook(SQUARE, CameraBias(BIAS, 0.0001, True))
+    return made(index=1, done=(before,), garment=garment, flat=flat, first_look=first_look, **changes)
+
+
+def test_a_last_fold_within_its_limits_is_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    look(monkeypatch, seen(target=as_seen(0.011)))
+    result = inspect_fold(fake_workcell(FakeCell()), last_fold())
+    claim = result.context.claim()
+    assert result.event is Event.ALL_FOLDED and claim is not None and claim.holds
+    assert claim.height_m == pytest.approx(0.011) and claim.height_limit_m == pytest.approx(0.014)
+    assert result.record["claim"]["says"] == claim.says
+
+
+@pytest.mark.parametrize(
+    ("view", "kind", "words"),
+    [
+        (as_seen(0.031), K.TOO_HIGH, "folded, but stands 31 mm high, 17 mm more than it should"),
+        (as_seen(0.011, 0.041), K.TOO_HIGH, "folded, but a crease stands 41 mm high, 11 mm more than it should"),
+        (as_seen(0.011, iou=0.85), K.OFF_TARGET, "overlap with the plan is 0.85"),
+    ],
+)
+def test_a_last_fold_whose_claim_does_not_hold_is_not_folded(
+    view: TargetView, kind: FailureKind, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look(monkeypatch, seen(target=view))
+    workcell = fake_workcell(FakeCell())
+    result = inspect_fold(workcell, last_fold())
+    failure = result.context.failure
+    assert result.event is Event.FAILED and failure is not None
+    assert failure.kind is kind and words in failure.what and failure.hint
+    assert EFFECTS[Effect.CHOOSE_RECOVERY](workcell, result.context).event is Event.GIVE_UP
+    note = result.context.notes()["quarter"]
+    assert not note.accepted and note.claim is not None and not note.claim.holds
+
+
+def test_only_the_last_fold_is_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    look(monkeypatch, seen(target=as_seen(0.031)))
+    result = inspect_fold(fake_workcell(FakeCell()), made())
+    assert result.event is Event.NEXT_FOLD and result.context.claim() is None
+
+
+def test_a_fold_that_is_too_high_is_pressed_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also if it has drifted from its prediction, which is accepted otherwise."""
+    for diagnosis in (None, K.DRIFT):
+        look(monkeypatch, seen(diagnosis, target=as_seen(0.031)))
+        plan: Any = SimpleNamespace(dabs=4)
+        monkeypatch.setattr(inspecting, "plan_pressing", lambda *_, plan=plan: plan)
+        assert inspect_fold(fake_workcell(FakeCell()), last_fold()).event is Event.PRESS
+
+
+def test_a_claim_that_does_not_hold_ends_the_run_as_not_folded_whatever_leads_to_the_end() -> None:
+    """A drifted fold is accepted by its recovery, and an operator may skip a refused one."""
+    says = "folded, but stands 31 mm high, 6 mm more than it should"
+    high = last_fold(inspection=seen(K.DRIFT), claim=a_claim(flat=False, says=says))
+    result = next_step(fake_workcell(FakeCell()), high)
+    assert result.event is Event.GIVE_UP and result.context.through
+    assert result.context.failure is not None and result.context.failure.what == says
+    good = next_step(fake_workcell(FakeCell()), last_fold(inspection=seen(K.DRIFT), claim=a_claim()))
+    assert good.event is Event.ALL_FOLDED and good.context.failure is None
+    claim = good.context.claim()
+    assert claim is not None and claim.holds, "the claim stays after the run's end"
+
+
 def test_the_next_fold_starts_with_a_new_context() -> None:
     """Otherwise values of the previous fold would affect recoveries, pressing and inspection."""
     before = made(
@@ -109,7 +197,7 @@ def test_a_fold_neither_carried_nor_seen_leaves_the_assumed_shape_unchanged() ->
     ("left", "why"), [((), None), (("half",), "half"), (("half", "quarter"), "half, quarter")]
 )
 def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why: str | None) -> None:
-    notes: Any = tuple(SimpleNamespace(name=s.name) for s in STEPS if s.name not in left)
+    notes: Any = tuple(SimpleNamespace(name=s.name, claim=None) for s in STEPS if s.name not in left)
     after = context_with(steps=STEPS, index=1, done=notes, failure=Failure(K.SLIPPED, "lost"))
     result = next_step(fake_workcell(FakeCell()), after)
     assert result.event is (Event.GIVE_UP if left else Event.ALL_FOLDED)

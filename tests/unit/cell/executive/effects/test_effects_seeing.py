@@ -159,6 +159,33 @@ def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch
     assert expected == [None, "medium_towel", "small_towel"], "the garment named on the command line has priority"
 
 
+def test_the_first_look_at_the_garment_is_kept_until_it_is_laid_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A later look shows the garment where a fold has dragged it, and perhaps crumpled."""
+    garment = load_garment("small_towel")
+    tops = iter((0.004, 0.006, 0.005))
+
+    def perceiving(*_: Any) -> Outcome[Any]:
+        mask = np.ones((100, 100), bool)
+        height = np.full(mask.shape, next(tops), np.float32)
+        state = garment.flat_state(0.6, 0.0)
+        return Outcome(SimpleNamespace(garment="small_towel", state=state, height=height, mask=mask))
+
+    seeing_module = "cell.executive.effects.seeing."
+    monkeypatch.setattr(seeing_module + "perceive", perceiving)
+    monkeypatch.setattr(seeing_module + "draw_on_camera", lambda *_: np.zeros((1, 1, 3), np.uint8))
+    workcell, _ = seeing(garments=(garment,))
+    recorder: Any = SimpleNamespace(perception=lambda *_: None, camera=lambda *_: None)
+    workcell = replace(workcell, recorder=recorder)
+    first = recognise(workcell, look(workcell, RunContext()).context)
+    stack = 0.5 * garment.material.thickness
+    assert first.record["camera_bias_m"] == pytest.approx(0.004 - stack, abs=1e-6)
+    again = recognise(workcell, first.context)
+    assert again.context.first_look is first.context.first_look and "camera_bias_m" not in again.record
+    laid = await_garment(workcell, again.context).context
+    assert laid.first_look is None
+    assert recognise(workcell, laid).record["camera_bias_m"] == pytest.approx(0.005 - stack, abs=1e-6)
+
+
 @pytest.mark.parametrize("index", [1, 2])
 def test_between_two_folds_the_folded_garment_is_located_and_not_recognised_again(
     index: int, monkeypatch: pytest.MonkeyPatch

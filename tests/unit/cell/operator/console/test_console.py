@@ -24,6 +24,7 @@ from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
+from tests.inspections import a_claim, inspection
 
 ALL = frozenset(Event)
 
@@ -283,6 +284,15 @@ def test_the_page_receives_the_end_before_it_closes(
     assert shown["allowed"] == []
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=2.0)
+
+
+def test_the_page_says_what_the_camera_saw_of_the_last_fold(board: RunStatus, tmp_path: Path) -> None:
+    step = Step(State.LOOKING_AFTER, Event.DONE, State.INSPECTING, Effect.INSPECT)
+    last: Any = (SimpleNamespace(name="half"),)
+    seen = context_with(steps=last, inspection=inspection(), claim=a_claim(says="folded as planned"))
+    board.performed(2.0, step, Result(Event.ALL_FOLDED, seen))
+    board.finish(State.FOLDED, None, tmp_path)
+    assert board.snapshot()["end"]["claim"] == "folded as planned (reliability 98 %)"
 
 
 def test_the_page_explains_how_to_resume_after_a_stop(board: RunStatus, tmp_path: Path) -> None:

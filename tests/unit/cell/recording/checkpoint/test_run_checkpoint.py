@@ -18,11 +18,13 @@ from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_chec
 from cell.recording.frame_store import FrameStore
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
+from cell.states.stages import FirstLook
 from cell.states.transition_table import Event
 from robots.errors import CellError, ConfigurationError, Failure, FailureKind, StorageError
 from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.grasping.tare import TactileBias
+from skills.perception.inspection.camera_bias import CameraBias
 from skills.vocabulary import GraspId
 from tests.builders.contexts import context_with
 
@@ -53,6 +55,7 @@ def context() -> RunContext:
         biases={Side.LEFT: TactileBias(0.5, np.ones((2, 4, 3)), np.zeros(2), 0.01)},
         failure=Failure(FailureKind.DRIFT, "it moved", "look", {"drift_m": 0.03}),
         reentry=Event.LOOK_AGAIN,
+        first_look=FirstLook(SQUARE, CameraBias(0.002, 0.0001, True)),
     )
 
 

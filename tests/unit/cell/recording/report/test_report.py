@@ -295,6 +295,12 @@ def test_the_page_names_gaps_of_the_recording(tmp_path: Path) -> None:
     assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
 
 
+def test_the_page_says_what_the_camera_saw(run: RunRecord) -> None:
+    says = "folded, but stands 31 mm high, 6 mm more than it should (reliability 93 %)"
+    assert says in Page(render(replace(run, claim=says))).text
+    assert "Seen by the camera" not in Page(render(run)).text
+
+
 def test_the_overlap_after_alignment_is_labelled_as_aligned(run: RunRecord) -> None:
     """The aligned overlap is a figure of the observed outline, not of the prediction."""
     step = replace(run.steps[0], aligned_iou=0.987, observed_iou=0.912)

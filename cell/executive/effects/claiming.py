@@ -1,0 +1,98 @@
+"""Makes the claim about the last fold: whether the garment is folded, from the camera alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cell.hardware.workcell import Workcell
+from cell.states.run_context import RunContext
+from cell.states.stages import Attempt, Plan
+from robots.errors import Failure, FailureKind
+from skills.perception.inspection.camera_bias import CameraBias
+from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
+from skills.perception.inspection.height_expectation import IdealHeights, Normal, rising, scaled_ideal_heights
+from skills.perception.inspection.inspect import Inspection
+from skills.perception.inspection.target_view import FoldTarget, TargetView
+from skills.perception.registration.alignment import align
+from skills.planning.folding import folded_creases, target_vertices
+from skills.vocabulary import PredictedShape, frozen
+
+__all__ = ["claim_failure", "fold_target", "make_claim"]
+
+HINTS = {
+    FailureKind.TOO_HIGH: "press its creases by hand, or allow more pressing (pressing.max_attempts in cell.yaml)",
+    FailureKind.OFF_TARGET: "lay the garment flat in the middle of the table and start a new run",
+}
+
+
+def fold_target(plan: Plan, index: int) -> FoldTarget | None:
+    """Return the perfect fold after step `index`, and its creases, where the plan now expects the garment. None
+    after the steps that the claim does not need: all but the first, which shows the fabric, and the last."""
+    if 0 < index < len(plan.steps) - 1:
+        return None
+    mesh, lines = plan.mesh, plan.steps[index].lines
+    shape = PredictedShape(target_vertices(mesh, lines, plan.garment.material), mesh.triangles, mesh.rest)
+    return FoldTarget(shape, folded_creases(lines, plan.flat.contour))
+
+
+def make_claim(
+    cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, inspection: Inspection
+) -> Claim | None:
+    """Make the claim about the last fold. None after other folds."""
+    target, errors = inspection.target, cell.inspection.claim
+    if target is None or context.fold.index < len(plan.steps) - 1:
+        return None
+    first = _first_crease(context, plan)
+    look = context.first_look
+    R, t = align(look.contour, plan.flat.contour) if look else (np.eye(2), np.zeros(2))
+    bias = look.bias if look else CameraBias(errors.camera_bias, errors.camera_bias_sigma, measured=False)
+    return claim_fold(
+        inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first),
+        None if first is None else first.observed.crease_height_m,
+        Normal(plan.nominal.material.thickness, plan.nominal.thickness_sigma(errors.thickness_spread)),
+        cell.inspection,
+    )  # fmt: skip
+
+
+def claim_failure(claim: Claim) -> Failure:
+    """Return the failure of a claim that does not hold."""
+    kind = FailureKind.TOO_HIGH if claim.shape else FailureKind.OFF_TARGET
+    values = {
+        "height_m": claim.height_m,
+        "height_limit_m": claim.height_limit_m,
+        "crease_height_m": claim.crease_height_m,
+        "crease_height_limit_m": claim.crease_height_limit_m,
+        "target_iou": claim.target_iou,
+        "drift_m": claim.drift_m,
+    }
+    known = {name: value for name, value in values.items() if np.isfinite(value)}
+    return Failure(kind, claim.says, HINTS[kind], known)
+
+
+def _first_crease(context: RunContext, plan: Plan) -> TargetView | None:
+    """Return the view of the first fold before it was pressed, if it was accepted. None if there is none, or if
+    the first fold is the last one: a fold is not judged by its own height."""
+    if len(plan.steps) < 2 or not context.done:
+        return None
+    note = context.done[0]
+    if note.name != plan.steps[0].name or not note.accepted:
+        return None
+    looks = (*note.pressed, note.inspected)
+    return None if looks[0] is None else looks[0].target
+
+
+def _ideal_heights(cell: Workcell, plan: Plan, last: TargetView, first: TargetView | None) -> IdealHeights:
+    """Return the heights of the ideal fold over the fabric's range of bending lengths: those that were computed
+    with the library, or else scaled from the predictions of this run's folds."""
+    computed = cell.ideal_heights(plan.nominal)
+    if computed:
+        columns = (
+            np.array([getattr(h, name) for h in computed])
+            for name in ("bending_length", "height", "crease_height", "first_crease")
+        )
+        return rising(IdealHeights(*map(frozen, columns)))
+    first = first or last
+    return scaled_ideal_heights(
+        last.flat, last.predicted, first.flat.crease_height_m, first.predicted.crease_height_m,
+        plan.nominal.material.bending_length, plan.nominal.bending_factors,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""Compares an observed fold with the plan's target: overlap, drift and heights, as the score defines them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array, frozen
+from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from skills.perception.inspection.stack_heights import StackHeights, stack_heights
+from skills.perception.rectification.table_view import TableView
+from skills.perception.registration.alignment import align
+from skills.vocabulary import PredictedShape
+
+__all__ = ["FoldTarget", "TargetView", "view_target"]
+
+MOST_LIFT = 0.030
+"""Largest height by which the target is raised to the height of the observed garment [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoldTarget:
+    """The perfect fold. shape: its mesh, whose creases are as flat as its layers. creases: (k, 2) points of the
+    creases of all folds so far [m]."""
+
+    shape: PredictedShape
+    creases: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TargetView:
+    """Comparison of the observed fold with the plan's target, the perfectly flat fold.
+
+    iou: overlap of the two silhouettes after the rigid motion that aligns the target with the observation. This
+    motion is p -> turned(p - about) + about + drift. about: (2,) centre of the target [m]; drift: (2,) its
+    displacement [m]; drift_rad: angle of the motion [rad]. Heights of the observed garment, of the prediction, and
+    of the target, all above the table; those of meshes are of the middle of the upper layer.
+    """
+
+    iou: float
+    about: Array
+    drift: Array
+    drift_rad: float
+    observed: StackHeights
+    predicted: StackHeights
+    flat: StackHeights
+
+
+def view_target(
+    view: TableView,
+    mask: NDArray[np.bool_],
+    contour: Array,
+    height: NDArray[np.float32],
+    predicted: PredictedShape,
+    target: FoldTarget,
+    margin: float,
+) -> TargetView:
+    """Compare the observed fold with the target.
+
+    mask: (H, W) observed silhouette, height: (H, W) above the table [m], NaN where unknown, both in `view`;
+    contour: (n, 2) boundary of the silhouette [m]. margin: distance from a crease within which cloth counts as
+    near it [m].
+
+    The camera looks at an angle, so a high garment appears displaced. The target is therefore drawn at the
+    observed garment's mean height. Raises ValueError if the target lies outside the view.
+    """
+    known = mask & np.isfinite(height)
+    mean = float(height[known].mean()) if known.any() else 0.0
+    shape, creases = target.shape, target.creases
+    flat, expected = draw_shape(view, shape), draw_shape(view, predicted)
+    lift = float(np.clip(mean - np.nanmean(flat), 0.0, MOST_LIFT))
+    raised = PredictedShape(shape.vertices + np.array([0.0, 0.0, lift]), shape.triangles, shape.material)
+    drawn = draw_shape(view, raised)
+    outline = outline_of(view, np.isfinite(drawn))
+    R, t = align(outline, contour)
+    fitted = np.isfinite(move_view(view, drawn, R, t))
+    union = np.count_nonzero(mask | fitted)
+    about = shape.vertices[:, :2].mean(axis=0)
+
+    def heights(image: NDArray[np.float32], where: NDArray[np.bool_], at: Array) -> StackHeights:
+        return stack_heights(image, where, view, at, margin)
+
+    return TargetView(
+        iou=float(np.count_nonzero(mask & fitted) / union) if union else 0.0,
+        about=frozen(about),
+        drift=frozen(R @ about + t - about),
+        drift_rad=float(np.arctan2(R[1, 0], R[0, 0])),
+        observed=heights(height, mask, creases @ R.T + t),
+        predicted=heights(expected, np.isfinite(expected), creases),
+        flat=heights(flat, np.isfinite(flat), creases),
+    )

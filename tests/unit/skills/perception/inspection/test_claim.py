@@ -1,0 +1,120 @@
+"""The claim about a fold: its two parts, its sentence and its reliability."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skills.perception.inspection.camera_bias import CameraBias
+from skills.perception.inspection.claim import Claim, Displacement, claim_fold, claim_to_dict, displacement_of
+from skills.perception.inspection.height_expectation import IdealHeights, Normal
+from skills.perception.inspection.result import InspectionSettings
+from skills.perception.inspection.stack_heights import StackHeights
+from skills.perception.inspection.target_view import TargetView
+from skills.vocabulary import FailureKind
+from tests.inspections import inspection
+
+S, BIAS = InspectionSettings(), 0.0025
+C = np.linspace(0.010, 0.020, 5)
+IDEAL = IdealHeights(C, 0.002 + C, 0.010 + C, C)
+"""A fabric of 15 mm has an ideal height of 17 mm, 25 mm near the creases."""
+THICK = Normal(0.001, 0.0)
+STILL = Displacement(0.0, 0.0)
+
+
+def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Claim:
+    """The claim about a fold of these true heights [m], seen too high by BIAS."""
+    given: dict[str, Any] = {
+        "iou": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "bias": CameraBias(BIAS, 0.0, True),
+    } | changes  # fmt: skip
+    seen = StackHeights(height + BIAS, crease + BIAS)
+    flat = StackHeights(0.0035, 0.0035)
+    target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, seen, seen, flat)
+    view = inspection(diagnosis=given["diagnosis"], target=target, piled_area_m2=0.0)
+    return claim_fold(view, target, given["moved"], given["bias"], IDEAL, given["first_crease"], THICK, S)
+
+
+def test_a_good_fold_is_claimed() -> None:
+    claim = claimed()
+    assert claim.holds and claim.reliability > 0.9 and claim.says.startswith("folded as planned")
+    assert (claim.height_m, claim.crease_height_m) == pytest.approx((0.015, 0.025))
+    assert claim.height_limit_m == pytest.approx(0.020) and claim.crease_height_limit_m == pytest.approx(0.035)
+
+
+def test_a_fold_that_is_too_high_says_by_how_much() -> None:
+    claim = claimed(height=0.031)
+    assert claim.shape and not claim.flat and claim.reliability > 0.9
+    assert claim.says == "folded, but stands 31 mm high, 11 mm more than it should"
+
+
+def test_a_crease_that_is_too_high_says_so() -> None:
+    claim = claimed(crease=0.041)
+    assert claim.shape and not claim.flat
+    assert claim.says == "folded, but a crease stands 41 mm high, 6 mm more than it should"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"iou": 0.86}, "overlap with the plan is 0.86 (at least 0.90)"),
+        ({"moved": Displacement(0.062, 0.0)}, "62 mm from where it was laid (at most 50 mm)"),
+        ({"moved": Displacement(0.0, math.radians(13))}, "turned by 13 degrees (at most 10 degrees)"),
+        ({"diagnosis": FailureKind.SAG}, "sag"),
+    ],
+)
+def test_a_wrong_shape_is_named(changes: dict[str, Any], words: str) -> None:
+    claim = claimed(**changes)
+    assert not claim.shape and claim.flat and words in claim.says
+
+
+def test_a_drift_from_the_prediction_alone_leaves_the_shape_right() -> None:
+    assert claimed(diagnosis=FailureKind.DRIFT).holds
+
+
+def test_piled_cloth_is_not_flat() -> None:
+    claim = claimed(diagnosis=FailureKind.PILING)
+    assert claim.shape and not claim.flat and "heaped up" in claim.says
+
+
+def test_a_fold_whose_height_is_not_visible_is_not_claimed() -> None:
+    claim = claimed(height=math.nan, crease=math.nan)
+    assert claim.shape and not claim.flat and "cannot be seen" in claim.says
+    told = claim_to_dict(claim)
+    assert told["height_m"] is None and json.loads(json.dumps(told, allow_nan=False)) == told
+
+
+def test_a_stiffer_fabric_may_stand_higher() -> None:
+    soft, stiff = (claimed(height=0.0215, first_crease=c + BIAS).flat for c in (0.010, 0.030))
+    assert not soft and stiff
+
+
+@given(st.floats(0.0, 0.05), st.floats(0.0, 0.05), st.sampled_from([0.97, 0.88]))
+def test_the_reliability_is_a_probability(height: float, crease: float, iou: float) -> None:
+    claim = claimed(height, crease, iou=iou)
+    assert 0.0 <= claim.reliability <= 1.0
+    near = replace(claim, says="")
+    assert near.holds == (claim.shape and claim.flat)
+
+
+def test_a_claim_at_its_limit_is_as_good_as_a_throw_of_a_coin() -> None:
+    """Only the height away from the creases is in doubt; for it the ideal fold decides."""
+    assert claimed(height=0.020, crease=0.010).reliability == pytest.approx(0.5, abs=0.05)
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-0.1, 0.1))
+def test_displacements_before_and_after_the_last_plan_add_up(dx: float, dy: float, turn: float, a: float) -> None:
+    """A target at `start` moves with the plan by a rotation about the origin and a shift, then by its drift."""
+    start, t = np.array([0.6, 0.1]), np.array([0.02, -0.01])
+    R = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    about = R @ start + t
+    seen = StackHeights(0.0, 0.0)
+    found = displacement_of(TargetView(1.0, about, np.array([dx, dy]), a, seen, seen, seen), R, t)
+    assert found.drift_m == pytest.approx(float(np.linalg.norm(about + np.array([dx, dy]) - start)))
+    assert found.drift_rad == pytest.approx(abs(turn + a))
