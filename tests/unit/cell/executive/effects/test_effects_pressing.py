@@ -30,7 +30,7 @@ from skills.planning.pressing import OPENING, Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
-from tests.inspections import inspection
+from tests.inspections import a_claim, inspection
 from tests.scenes import TABLE, camera
 from tests.workcells import fake_workcell
 
@@ -97,6 +97,7 @@ def seen(
         "predicted": PredictedShape(folded, plan.mesh.triangles, plan.mesh.rest),
         "pressed": tuple(inspection(height_m=before) for before in pressed),
         "press_tries": len(pressed),
+        "claim": a_claim(flat=False),
         "frame": FakeCell().ports().camera.capture(),
     }
     return replace(context_with(**{**known, **changes}), plan=plan)
@@ -119,9 +120,16 @@ def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
     workcell = cell_with(tmp_path, max_attempts=1, min_excess_height=0.007)
     planned = plan_pressing(workcell, seen(0.030))
     assert planned is not None and planned.dabs > 2
-    assert plan_pressing(workcell, seen(FLAT + 0.0071)) is not None
-    assert plan_pressing(workcell, seen(FLAT + 0.0069)) is None
+    heap = {"diagnosis": FailureKind.PILING, "claim": None}
+    assert plan_pressing(workcell, seen(FLAT + 0.0071, **heap)) is not None
+    assert plan_pressing(workcell, seen(FLAT + 0.0069, **heap)) is None
     assert plan_pressing(workcell, seen(float("nan"))) is None, "an unknown height is not pressed"
+
+
+@pytest.mark.parametrize("claim", [a_claim(flat=True), None])
+def test_a_crease_as_high_as_its_fabric_makes_it_is_not_pressed(tmp_path: Path, claim: Any) -> None:
+    """The last fold if it is flat enough for the claim, and earlier folds."""
+    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.030, claim=claim)) is None
 
 
 def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
@@ -169,13 +177,13 @@ def test_a_fold_out_of_reach_is_left_unpressed_and_reported(
 @pytest.mark.parametrize(
     ("diagnosis", "event"),
     [
-        (None, Event.PRESS),
+        (None, Event.ALL_FOLDED),
         (FailureKind.PILING, Event.PRESS),
         (FailureKind.OFF_TARGET, Event.FAILED),
         (FailureKind.MISSED_LAYER, Event.FAILED),
     ],
 )
-def test_good_folds_and_heaps_are_pressed_and_bad_outlines_are_not(
+def test_heaps_are_pressed_and_bad_outlines_are_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, diagnosis: FailureKind | None, event: Event
 ) -> None:
     context, workcell = high(tmp_path, monkeypatch, diagnosis, outline_off=0.0)
