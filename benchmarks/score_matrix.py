@@ -92,7 +92,7 @@ def ideal_garment(name: str, seed: int) -> IdealGarment:
     """Make the ideal fold of a garment with the fabric and the outline that are drawn for `seed`."""
     garment, plan = drawn_garment(name, seed), load_garment(name)
     lines = ways_to_fold(plan, garment.keypoints)[0]
-    folds, heights = ideal_of(garment, lines)
+    folds, heights = ideal_of(garment, plan, lines)
     pairs = named_edge_pairs(plan.edge_pairs, garment.keypoints)
     return IdealGarment(garment, folds[-1].vertices, lines, pairs, heights)
 

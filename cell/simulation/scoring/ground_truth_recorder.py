@@ -17,7 +17,6 @@ from cell.simulation.truth import GarmentTruth, Truth
 from cell.states.fold_request import FoldRequest
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
-from skills.planning.plan import ways_to_fold
 
 __all__ = ["GroundTruthRecorder"]
 
@@ -65,7 +64,7 @@ class GroundTruthRecorder:
 
     def _begin(self, garment: GarmentTruth) -> BackgroundIdeal:
         """Begin to compute the ideal of the preferred way to fold."""
-        return BackgroundIdeal(garment, lambda: ways_to_fold(self._nominal(garment), garment.keypoints)[0])
+        return BackgroundIdeal(garment, lambda: self._nominal(garment))
 
     def _nominal(self, garment: GarmentTruth) -> Garment:
         """The garment's file. A user's own file is judged by its own plan."""

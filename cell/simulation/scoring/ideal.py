@@ -18,13 +18,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.score import FinalGarment, IdealHeights, score
+from cell.simulation.scoring.score import FinalGarment, IdealHeights, named_edge_pairs, score
 from cell.simulation.truth import GarmentTruth
 from robots.errors import CellError
 from skills.cloth.strain import MOST_STRAIN
+from skills.garments.garment import Garment
 from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
+from skills.planning.plan import ways_to_fold
 from skills.planning.turned_fold import TURN_S
-from skills.vocabulary import FoldLine
+from skills.vocabulary import Array, FoldLine
 
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 
@@ -40,39 +42,48 @@ class Cancelled(Exception):
 
 def ideal_heights(
     garment: GarmentTruth,
+    nominal: Garment,
     lines: Sequence[FoldLine],
     settle_s: float | Sequence[float] = SETTLE_S,
     go_on: Callable[[], None] = lambda: None,
-    made: Sequence[IdealFold] = (),
 ) -> IdealHeights:
-    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. settle_s, go_on, made:
-    as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
+    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. nominal: the garment's
+    file; settle_s, go_on: as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
     try:
-        return ideal_of(garment, lines, settle_s, go_on, made)[1]
+        return ideal_of(garment, nominal, lines, settle_s, go_on)[1]
     except CellError as e:
         return _impossible(e)
 
 
 def ideal_of(
     garment: GarmentTruth,
+    nominal: Garment,
     lines: Sequence[FoldLine],
     settle_s: float | Sequence[float] = SETTLE_S,
     go_on: Callable[[], None] = lambda: None,
-    made: Sequence[IdealFold] = (),
 ) -> tuple[tuple[IdealFold, ...], IdealHeights]:
     """Make the ideal fold like `ideal_heights`. Return all folds, in the garment's own frame, and the heights of
-    the last one. A fold with a flaw is made again, with slower turns. Raises the errors of `ideal_folds`."""
+    the last one. Raises the errors of `ideal_folds`.
+
+    A fold is made again, with slower turns, if it has a flaw, or if its own shape does not pass the score: creases
+    of stiff cloth that lie on each other can push the layers aside.
+    """
     mesh, fabric, settings = garment.mesh, garment.fabric, solver_settings(garment.traits)
-    own = _own(garment, lines)
+    own, keypoints = _own(garment, lines), _own_points(garment)
+    pairs = named_edge_pairs(nominal.edge_pairs, keypoints)
+    found: list[tuple[tuple[IdealFold, ...], IdealHeights]] = []
     for slower in SLOWER:
-        folds = ideal_folds(mesh, own, fabric, settings, settle_s, go_on, slower * TURN_S, made)
+        folds = ideal_folds(mesh, own, fabric, settings, settle_s, go_on, slower * TURN_S)
         last = folds[-1]
-        shape = score(FinalGarment(last.vertices, mesh.triangles, mesh.rest, own, garment.thickness))
-        flaw = flaw_of(last, shape.iou)
-        if flaw is None:
-            break
-    height, crease_height = (shape.figures[name].value for name in ("height_m", "crease_height_m"))
-    return folds, IdealHeights(height, crease_height, flaw, last.crossings, last.strain, last.motion, shape.iou)
+        final = FinalGarment(last.vertices, mesh.triangles, mesh.rest, own, garment.thickness, pairs, keypoints)
+        seen = score(final)
+        height, crease_height = (seen.figures[name].value for name in ("height_m", "crease_height_m"))
+        flaw = flaw_of(last, seen.iou)
+        heights = IdealHeights(height, crease_height, flaw, last.crossings, last.strain, last.motion, seen.iou)
+        found.append((folds, heights))
+        if flaw is None and seen.shape:
+            return found[-1]
+    return next((ideal for ideal in found if ideal[1].flaw is None), found[-1])
 
 
 def flaw_of(fold: IdealFold, iou: float) -> str | None:
@@ -94,18 +105,28 @@ def _impossible(error: CellError) -> IdealHeights:
 
 def _own(garment: GarmentTruth, lines: Sequence[FoldLine]) -> tuple[FoldLine, ...]:
     """Return lines of the table frame in the garment's own frame."""
+    offset, back = _back(garment)
+    return tuple(FoldLine((line.point - offset) @ back, line.direction @ back) for line in lines)
+
+
+def _own_points(garment: GarmentTruth) -> dict[str, Array]:
+    """Return the true key points in the garment's own frame."""
+    offset, back = _back(garment)
+    return {name: (p - offset) @ back for name, p in garment.keypoints.items()}
+
+
+def _back(garment: GarmentTruth) -> tuple[Array, Array]:
     x, y, angle = garment.pose
     c, s = np.cos(angle), np.sin(angle)
-    back = np.array([[c, -s], [s, c]])
-    return tuple(FoldLine((line.point - (x, y)) @ back, line.direction @ back) for line in lines)
+    return np.array([x, y]), np.array([[c, -s], [s, c]])
 
 
 class BackgroundIdeal:
     """Computes an ideal in a thread, from the moment when the garment lies."""
 
-    def __init__(self, garment: GarmentTruth, lines: Callable[[], Sequence[FoldLine]]) -> None:
-        """lines: returns the expected fold lines (table frame); called in the thread."""
-        self._garment, self._lines = garment, lines
+    def __init__(self, garment: GarmentTruth, nominal: Callable[[], Garment]) -> None:
+        """nominal: returns the garment's file; called in the thread. The preferred way of its plan is expected."""
+        self._garment, self._nominal = garment, nominal
         self._cancelled = threading.Event()
         self._found: tuple[tuple[FoldLine, ...], tuple[IdealFold, ...], IdealHeights] | None = None
         self._thread = threading.Thread(target=self._compute, name="ideal fold", daemon=True)
@@ -116,14 +137,11 @@ class BackgroundIdeal:
         known. What the thread has not computed is computed now."""
         self._thread.join()
         times = [SETTLE_S] * len(lines) if dwell_s is None else [min(t, SETTLE_S) for t in dwell_s]
-        made: tuple[IdealFold, ...] = ()
         if self._found is not None and _same(self._found[0], lines):
-            _, folds, heights = self._found
-            short = [k for k, fold in enumerate(folds) if times[k] < min(SETTLE_S, fold.rest_s)]
-            if not short:
+            _, folds, heights = self._found  # without folds, the garment cannot be simulated
+            if all(t >= min(SETTLE_S, fold.rest_s) for t, fold in zip(times, folds, strict=False)):
                 return heights
-            made = folds[: short[0]]
-        return ideal_heights(self._garment, lines, times, made=made)
+        return ideal_heights(self._garment, self._nominal(), lines, times)
 
     def cancel(self) -> None:
         """End the computation, if it is not finished."""
@@ -132,9 +150,10 @@ class BackgroundIdeal:
 
     def _compute(self) -> None:
         try:
-            lines = tuple(self._lines())
+            nominal = self._nominal()
+            lines = ways_to_fold(nominal, self._garment.keypoints)[0]
             try:
-                self._found = lines, *ideal_of(self._garment, lines, go_on=self._check)
+                self._found = lines, *ideal_of(self._garment, nominal, lines, go_on=self._check)
             except CellError as e:
                 self._found = lines, (), _impossible(e)
         except Exception:  # the computation is repeated, with its error, if its result is wanted
