@@ -14,12 +14,9 @@ from scipy.spatial import cKDTree
 from benchmarks.cloth.scenes import Paths
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.strain import TURN, reach, turns
+from skills.cloth.strain import MOST_STRAIN, TURN, reach, turns
 
 __all__ = ["MOST_STRAIN", "EdgeStrains", "edge_strains", "on_the_line"]
-
-MOST_STRAIN = 0.05
-"""Edges with more strain than this are counted in the figures."""
 
 
 @dataclass(frozen=True, eq=False)

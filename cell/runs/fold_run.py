@@ -59,6 +59,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
+JUDGED = (State.FOLDED, State.NOT_FOLDED)
+"""Ends of a run after which the ideal fold is waited for, if all folds were made."""
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 """Called with the cell and the command queue before the first effect. May return other ports, which the executive
 then uses."""
@@ -203,7 +205,7 @@ def _perform(
             if supervision:
                 failure = end.context.failure if end.state is not State.FOLDED else None
                 run_status.finish(end.state, failure, run.directory)
-            score = _score(truth_recorder)
+            score = _score(truth_recorder, end)
     finally:
         if truth_recorder:
             truth_recorder.close()
@@ -275,10 +277,11 @@ def _truth_recorder(request: FoldRequest, cell: OpenCell, recorder: Recorder) ->
     return GroundTruthRecorder(cell.simulated.truth, recorder, request)
 
 
-def _score(truth_recorder: Any) -> dict[str, Any] | None:
+def _score(truth_recorder: Any, end: RunEnd) -> dict[str, Any] | None:
     """Return the score, or None if the true state is not recorded or no longer available."""
+    made = bool(end.context.steps) and len(end.context.done) == len(end.context.steps)
     try:
-        return truth_recorder.score() if truth_recorder else None
+        return truth_recorder.score(made and end.state in JUDGED) if truth_recorder else None
     except CellError as e:
         say(f"not scored: {e.what}")
         return None

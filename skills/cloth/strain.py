@@ -22,13 +22,15 @@ from scipy.spatial import cKDTree
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, Index
 
-__all__ = ["BESIDE", "TURN", "largest_strain", "reach", "turns"]
+__all__ = ["BESIDE", "MOST_STRAIN", "TURN", "largest_strain", "reach", "turns"]
 
 TURN = np.deg2rad(45.0)
 """If the direction of the surface near an edge changes by more than this angle, the edge is beside a crease [rad].
 The angle is halfway between cloth that lies and cloth that stands upright."""
 BESIDE = 0.040
 """Nearer than this to a crease, strain is not measured [m]. On coarse meshes, `reach` is larger."""
+MOST_STRAIN = 0.05
+"""Largest acceptable strain of an edge away from creases, as a fraction."""
 NO_AREA = 1e-30
 """Lower bound of twice a triangle's area, which avoids a division by zero [m2]."""
 
@@ -39,10 +41,10 @@ def reach(mesh: ClothMesh) -> float:
 
 
 def largest_strain(mesh: ClothMesh, x: Array, ignored: float = 0.01) -> float:
-    """Return the largest elongation of an edge that is not beside a crease, as a fraction of its length, for cloth
-    at x (n, 3). If it is at most `ignored`, `ignored` is returned."""
+    """Return the largest strain (elongation or compression) of an edge that is not beside a crease, as a fraction
+    of its length, for cloth at x (n, 3). If it is at most `ignored`, `ignored` is returned."""
     now = np.linalg.norm(x[mesh.edges[:, 0]] - x[mesh.edges[:, 1]], axis=1)
-    strain = now / mesh.edge_length - 1.0
+    strain = np.abs(now / mesh.edge_length - 1.0)
     candidates = np.flatnonzero(strain > ignored)
     candidates = candidates[np.argsort(-strain[candidates])]
     for lot in np.array_split(candidates, max(1, len(candidates) // 32)):

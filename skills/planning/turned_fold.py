@@ -77,11 +77,16 @@ def turned_over(
             v[turns_with] = (escort.rigid(eased) - x[turns_with]) / settings.frame
         simulation.set_positions(x, v)
         simulation.advance()
-    return _untangled(mesh, material, simulation.positions, guided, settings)
+    return _untangled(mesh, material, simulation.positions, guided, settings, go_on)
 
 
 def _untangled(
-    mesh: ClothMesh, material: Material, x: Array, guided: NDArray[np.int64], settings: SolverSettings
+    mesh: ClothMesh,
+    material: Material,
+    x: Array,
+    guided: NDArray[np.int64],
+    settings: SolverSettings,
+    go_on: Callable[[], None],
 ) -> Array:
     """Resolve the crossings of x (n, 3) in at most UNTANGLING_S, while the guided points stay in place. Return the
     vertices (n, 3).
@@ -95,6 +100,7 @@ def _untangled(
     fixed[guided] = True
     simulation = ClothSimulation(mesh, material, x, settings, fixed=fixed)
     for _ in range(round(UNTANGLING_S * settings.frame_rate)):
+        go_on()
         simulation.advance()
         if not count_crossings(simulation.positions, mesh.triangles):
             break

@@ -81,7 +81,7 @@ def failed_figures(score: Mapping[str, Any]) -> list[str]:
     for all others a maximum."""
     limits = score.get("limits") or {}
     failed = [n for n, limit in limits.items() if _beyond(n, score.get(n), limit)]
-    flawed = ["ideal"] if score.get("ideal_flaw") else []
+    flawed = ["ideal"] if not (score.get("ideal") or {"valid": True})["valid"] else []
     return [name.removesuffix("_m").removesuffix("_rad") for name in failed] + flawed
 
 

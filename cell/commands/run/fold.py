@@ -100,11 +100,12 @@ def _summary(figures: dict) -> None:
         verdict = "passed" if score.get("passed") else "not passed"
         if result == "folded" and not score.get("passed"):
             verdict += f" ({_missed(score)})"
+        ideal = score.get("ideal_height_m")
         print(
             f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
             f" correspondence {_mm(score.get('correspondence_m'))}, edges {_mm(score.get('edges_m'))},"
             f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
-            f" (of an ideal fold: {_mm(score.get('ideal_height_m'))})"
+            + (f" (of an ideal fold: {_mm(ideal)})" if ideal is not None else "")
         )
     print(
         f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
@@ -144,8 +145,9 @@ def _missed(score: dict) -> str:
             missed.append(f"{word} {1e3 * value:.1f} mm, limit {1e3 * limit:.1f}")
         elif name.endswith("_rad") and value > limit:
             missed.append(f"turn {math.degrees(value):.1f} degrees, limit {math.degrees(limit):.1f}")
-    if score.get("ideal_flaw"):
-        missed.append(f"the heights are not judged, since the ideal fold is of no use: {score['ideal_flaw']}")
+    ideal = score.get("ideal") or {}
+    if ideal.get("reason"):
+        missed.append(f"the heights are not judged, because the ideal fold is not valid: {ideal['reason']}")
     return "; ".join(missed)
 
 

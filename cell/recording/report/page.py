@@ -45,13 +45,14 @@ class Picture:
 @dataclass(frozen=True)
 class ScoreRow:
     """One figure of the score and its limit. at_least: larger is better. unit: 'm', 'rad' or '' for a plain
-    number."""
+    number. ideal: the same figure of the ideal fold, None if it has no such figure."""
 
     name: str
     value: float
     limit: float
     at_least: bool = False
     unit: str = ""
+    ideal: float | None = None
 
     @property
     def passed(self) -> bool:
@@ -128,6 +129,10 @@ class RunRecord:
     stage_wall_times_s: Mapping[str, float] = field(default_factory=dict)
     timeline: tuple[TimelineItem, ...] = ()
     score: tuple[ScoreRow, ...] = ()
+    verdicts: Mapping[str, bool | None] = field(default_factory=dict)
+    """The two parts of the score, `shape` and `flat`; None: not judged."""
+    invalid_ideal: str = ""
+    """Why the ideal fold is not valid, so that the heights are not judged and the run has not passed."""
     pictures: tuple[Picture, ...] = ()
     """Pictures of the whole run: the empty table, the recognised garment, the last picture."""
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -135,6 +140,11 @@ class RunRecord:
     recording: str = ""
     """Path of the recording, relative to the page."""
     recording_note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the score passed."""
+        return all(row.passed for row in self.score) and not self.invalid_ideal
 
 
 def write_report(path: Path, run: RunRecord) -> Path:

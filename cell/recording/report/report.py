@@ -78,6 +78,8 @@ def report(
         stage_times_s=result.stage_times_s,
         timeline=tuple(_timeline(end, result, events)),
         score=tuple(_score(result.score)),
+        verdicts={name: result.score.get(name) for name in ("shape", "flat")} if result.score else {},
+        invalid_ideal=str(((result.score or {}).get("ideal") or {}).get("reason") or ""),
         pictures=tuple(_pictures(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
         settings=request.settings.model_dump(mode="json", by_alias=True),
@@ -208,8 +210,10 @@ def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]
 
 
 def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
-    for name, limit in (score or {}).get("limits", {}).items():
-        yield ScoreRow(name, score[name], limit, at_least=name == "iou", unit=UNITS.get(name, "m"))  # type: ignore[index]
+    known = score or {}
+    for name, limit in known.get("limits", {}).items():
+        ideal, unit = known.get(f"ideal_{name}"), UNITS.get(name, "m")
+        yield ScoreRow(name, known[name], limit, at_least=name == "iou", unit=unit, ideal=ideal)
 
 
 def _pictures(end: RunEnd) -> Iterator[Picture]:

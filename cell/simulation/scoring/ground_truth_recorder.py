@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import load_garment
 from cell.recording.rerun import Recorder
+from cell.simulation.scoring.dwell import DwellTimes
 from cell.simulation.scoring.ideal import BackgroundIdeal
 from cell.simulation.scoring.score import score_plan
 from cell.simulation.simulated_cell import TruthSource
@@ -17,11 +17,12 @@ from cell.simulation.truth import GarmentTruth, Truth
 from cell.states.fold_request import FoldRequest
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
-from skills.planning.plan import ways_to_fold
 
 __all__ = ["GroundTruthRecorder"]
 
 MAX_KEY_FRAMES = 2000
+LIFTED = 0.05
+"""A garment that a hand holds above this height is being folded [m]."""
 
 
 class GroundTruthRecorder:
@@ -33,24 +34,26 @@ class GroundTruthRecorder:
         """(cell time [s], vertices (n, 3), tool positions (3,)) while a hand holds cloth, for the report."""
         self.triangles: NDArray[np.int32] | None = None
         self._ideal: BackgroundIdeal | None = None
+        self._dwell = DwellTimes()
         truth.watch(self._record)
 
-    def score(self) -> dict[str, Any] | None:
-        """Score the final garment and return the figures; None if no garment was laid. The heights are judged only
-        if the shape passes, because the ideal fold takes time."""
+    def score(self, whole: bool = True) -> dict[str, Any] | None:
+        """Score the final garment and return the figures; None if no garment was laid. whole: whether all folds
+        were made. The heights are judged only then, or if the shape passes, because the ideal fold takes time: a
+        run that was stopped does not wait for it."""
         self._truth.watch(None)
-        garment = self._truth.now().garment
+        now = self._truth.now()
+        garment = now.garment
         if garment is None:
             return None
-        nominal = self._nominal(garment)
-        judge = partial(
-            score_plan, garment.vertices, garment.triangles, garment.material, garment.keypoints, nominal,
-            garment.thickness
+        figures = score_plan(
+            garment.vertices, garment.triangles, garment.material, garment.keypoints, self._nominal(garment),
+            garment.thickness,
         )  # fmt: skip
-        figures = judge()
-        if garment.solver == "xpbd" and figures.shape:
+        if garment.solver == "xpbd" and (whole or figures.shape):
             ideal = self._ideal or self._begin(garment)
-            figures = judge(ideal=ideal.heights)
+            dwell_s = self._dwell.after_each(len(figures.lines), now.stamp)
+            figures = figures.with_ideal(ideal.heights(figures.lines, dwell_s))
         self.close()
         return {"simulated": True, **figures.to_json()}
 
@@ -61,7 +64,7 @@ class GroundTruthRecorder:
 
     def _begin(self, garment: GarmentTruth) -> BackgroundIdeal:
         """Begin to compute the ideal of the preferred way to fold."""
-        return BackgroundIdeal(garment, lambda: ways_to_fold(self._nominal(garment), garment.keypoints)[0])
+        return BackgroundIdeal(garment, lambda: self._nominal(garment))
 
     def _nominal(self, garment: GarmentTruth) -> Garment:
         """The garment's file. A user's own file is judged by its own plan."""
@@ -73,7 +76,9 @@ class GroundTruthRecorder:
             return
         if self._ideal is None and truth.garment.solver == "xpbd":
             self._ideal = self._begin(truth.garment)
+        holding = [truth.tools[side][2] for side, held in truth.held.items() if held]
+        self._dwell.note(truth.stamp, bool(holding), max(holding, default=0.0) > LIFTED)
         self.triangles = truth.garment.triangles
         self._recorder.garment_truth(truth.stamp, truth.garment.vertices, truth.garment.triangles)
-        if any(truth.held.values()) and len(self.key_frames) < MAX_KEY_FRAMES:
+        if holding and len(self.key_frames) < MAX_KEY_FRAMES:
             self.key_frames.append((truth.stamp, truth.garment.vertices, dict(truth.tools)))

@@ -1,34 +1,37 @@
 """The ideal fold of the simulated garment, with whose heights a run's heights are compared.
 
 The ideal is the same garment with the same fabric, folded without grippers from its flat rest shape without
-wrinkles, about the lines of the way that was taken. After each fold it settles until it rests, as a garment does
-while the arms move on. It is computed in a thread while the run goes on. It has no influence on the run.
+wrinkles, about the lines of the way that was taken. After each fold it settles as long as the garment did in the
+run. It is computed in a thread while the run goes on. It has no influence on the run.
+
+The thread cannot know how long the garment will lie after each fold. A garment whose vertices all sleep does not
+move any more, so a longer time changes nothing. The thread therefore lets each fold settle until the garment
+sleeps (SETTLE_S at most). Only if the run gave a fold less time than that, the ideal is computed again.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.score import FinalGarment, IdealHeights, score
+from cell.simulation.scoring.score import FinalGarment, IdealHeights, named_edge_pairs, score
 from cell.simulation.truth import GarmentTruth
-from skills.cloth.mesh import ClothMesh
-from skills.cloth.settings import SolverSettings
-from skills.fold_figures.fold_figures import measure_fold
-from skills.planning.ideal_fold import REST_MOTION, IdealFold, ideal_folds
+from robots.errors import CellError
+from skills.cloth.strain import MOST_STRAIN
+from skills.garments.garment import Garment
+from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
+from skills.planning.plan import ways_to_fold
 from skills.planning.turned_fold import TURN_S
-from skills.vocabulary import Array, FoldLine, Material
+from skills.vocabulary import Array, FoldLine
 
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 
-SETTLE_S = 1.5
-"""Least simulated time for settling after each fold [s]. A run takes longer from the release to the next grasp."""
 SLOWER = (1.0, 2.0, 4.0)
 """Durations of the turns of successive attempts, relative to the first one."""
-MOST_STRAIN = 0.05
 LEAST_IOU = 0.90
 """An ideal fold has to overlap with its target as a passed fold does."""
 
@@ -38,32 +41,49 @@ class Cancelled(Exception):
 
 
 def ideal_heights(
-    garment: GarmentTruth, lines: Sequence[FoldLine], go_on: Callable[[], None] = lambda: None
+    garment: GarmentTruth,
+    nominal: Garment,
+    lines: Sequence[FoldLine],
+    settle_s: float | Sequence[float] = SETTLE_S,
+    go_on: Callable[[], None] = lambda: None,
 ) -> IdealHeights:
-    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. go_on: called often;
-    it may raise an exception."""
-    x, y, angle = garment.pose
-    own = tuple(_in_garment_frame(line, x, y, angle) for line in lines)
-    return ideal_of(garment.mesh, own, garment.fabric, solver_settings(garment.traits), go_on)[1]
+    """Make the ideal fold of a garment about `lines` (table frame) and measure its heights. nominal: the garment's
+    file; settle_s, go_on: as for `ideal_folds`. A fold that cannot be simulated has a flaw."""
+    try:
+        return ideal_of(garment, nominal, lines, settle_s, go_on)[1]
+    except CellError as e:
+        return _impossible(e)
 
 
 def ideal_of(
-    mesh: ClothMesh,
+    garment: GarmentTruth,
+    nominal: Garment,
     lines: Sequence[FoldLine],
-    material: Material,
-    settings: SolverSettings,
+    settle_s: float | Sequence[float] = SETTLE_S,
     go_on: Callable[[], None] = lambda: None,
-) -> tuple[Array, IdealHeights]:
-    """Make the ideal fold about `lines` (in the frame of the mesh's rest shape). Returns its vertices (n, 3) and
-    its heights. A fold with a flaw is made again, with slower turns."""
+) -> tuple[tuple[IdealFold, ...], IdealHeights]:
+    """Make the ideal fold like `ideal_heights`. Return all folds, in the garment's own frame, and the heights of
+    the last one. Raises the errors of `ideal_folds`.
+
+    A fold is made again, with slower turns, if it has a flaw, or if its own shape does not pass the score: creases
+    of stiff cloth that lie on each other can push the layers aside.
+    """
+    mesh, fabric, settings = garment.mesh, garment.fabric, solver_settings(garment.traits)
+    own, keypoints = _own(garment, lines), _own_points(garment)
+    pairs = named_edge_pairs(nominal.edge_pairs, keypoints)
+    found: list[tuple[tuple[IdealFold, ...], IdealHeights]] = []
     for slower in SLOWER:
-        fold = ideal_folds(mesh, lines, material, settings, SETTLE_S, go_on, slower * TURN_S)[-1]
-        figures = measure_fold(fold.vertices, mesh.triangles, mesh.rest, lines)
-        shape = score(FinalGarment(fold.vertices, mesh.triangles, mesh.rest, tuple(lines), material.thickness))
-        flaw = flaw_of(fold, shape.iou)
-        if flaw is None:
-            break
-    return fold.vertices, IdealHeights(figures.height, figures.crease_height, flaw)
+        folds = ideal_folds(mesh, own, fabric, settings, settle_s, go_on, slower * TURN_S)
+        last = folds[-1]
+        final = FinalGarment(last.vertices, mesh.triangles, mesh.rest, own, garment.thickness, pairs, keypoints)
+        seen = score(final)
+        height, crease_height = (seen.figures[name].value for name in ("height_m", "crease_height_m"))
+        flaw = flaw_of(last, seen.iou)
+        heights = IdealHeights(height, crease_height, flaw, last.crossings, last.strain, last.motion, seen.iou)
+        found.append((folds, heights))
+        if flaw is None and seen.shape:
+            return found[-1]
+    return next((ideal for ideal in found if ideal[1].flaw is None), found[-1])
 
 
 def flaw_of(fold: IdealFold, iou: float) -> str | None:
@@ -71,7 +91,7 @@ def flaw_of(fold: IdealFold, iou: float) -> str | None:
     if fold.crossings:
         return f"layers pass through each other at {fold.crossings} places"
     if fold.strain > MOST_STRAIN:
-        return f"an edge away from creases is stretched by {100.0 * fold.strain:.1f} %"
+        return f"an edge away from creases is strained by {100.0 * fold.strain:.1f} %"
     if fold.motion >= REST_MOTION:
         return f"it does not come to rest ({1e3 * fold.motion:.1f} mm in 0.1 s)"
     if iou < LEAST_IOU:
@@ -79,29 +99,49 @@ def flaw_of(fold: IdealFold, iou: float) -> str | None:
     return None
 
 
-def _in_garment_frame(line: FoldLine, x: float, y: float, angle: float) -> FoldLine:
+def _impossible(error: CellError) -> IdealHeights:
+    return IdealHeights(math.nan, math.nan, f"it cannot be simulated: {error.what}", 0, *3 * (math.nan,))
+
+
+def _own(garment: GarmentTruth, lines: Sequence[FoldLine]) -> tuple[FoldLine, ...]:
+    """Return lines of the table frame in the garment's own frame."""
+    offset, back = _back(garment)
+    return tuple(FoldLine((line.point - offset) @ back, line.direction @ back) for line in lines)
+
+
+def _own_points(garment: GarmentTruth) -> dict[str, Array]:
+    """Return the true key points in the garment's own frame."""
+    offset, back = _back(garment)
+    return {name: (p - offset) @ back for name, p in garment.keypoints.items()}
+
+
+def _back(garment: GarmentTruth) -> tuple[Array, Array]:
+    x, y, angle = garment.pose
     c, s = np.cos(angle), np.sin(angle)
-    back = np.array([[c, -s], [s, c]])
-    return FoldLine((line.point - (x, y)) @ back, line.direction @ back)
+    return np.array([x, y]), np.array([[c, -s], [s, c]])
 
 
 class BackgroundIdeal:
     """Computes an ideal in a thread, from the moment when the garment lies."""
 
-    def __init__(self, garment: GarmentTruth, lines: Callable[[], Sequence[FoldLine]]) -> None:
-        """lines: returns the expected fold lines; called in the thread."""
-        self._garment, self._lines = garment, lines
+    def __init__(self, garment: GarmentTruth, nominal: Callable[[], Garment]) -> None:
+        """nominal: returns the garment's file; called in the thread. The preferred way of its plan is expected."""
+        self._garment, self._nominal = garment, nominal
         self._cancelled = threading.Event()
-        self._found: tuple[tuple[FoldLine, ...], IdealHeights] | None = None
+        self._found: tuple[tuple[FoldLine, ...], tuple[IdealFold, ...], IdealHeights] | None = None
         self._thread = threading.Thread(target=self._compute, name="ideal fold", daemon=True)
         self._thread.start()
 
-    def heights(self, lines: tuple[FoldLine, ...]) -> IdealHeights:
-        """Return the heights for `lines`. If they are not the expected lines, they are computed now."""
+    def heights(self, lines: tuple[FoldLine, ...], dwell_s: Sequence[float] | None = None) -> IdealHeights:
+        """Return the heights for `lines`. dwell_s: time that the run gave each fold to settle [s]; None: not
+        known. What the thread has not computed is computed now."""
         self._thread.join()
+        times = [SETTLE_S] * len(lines) if dwell_s is None else [min(t, SETTLE_S) for t in dwell_s]
         if self._found is not None and _same(self._found[0], lines):
-            return self._found[1]
-        return ideal_heights(self._garment, lines)
+            _, folds, heights = self._found  # without folds, the garment cannot be simulated
+            if all(t >= min(SETTLE_S, fold.rest_s) for t, fold in zip(times, folds, strict=False)):
+                return heights
+        return ideal_heights(self._garment, self._nominal(), lines, times)
 
     def cancel(self) -> None:
         """End the computation, if it is not finished."""
@@ -110,8 +150,12 @@ class BackgroundIdeal:
 
     def _compute(self) -> None:
         try:
-            lines = tuple(self._lines())
-            self._found = lines, ideal_heights(self._garment, lines, self._check)
+            nominal = self._nominal()
+            lines = ways_to_fold(nominal, self._garment.keypoints)[0]
+            try:
+                self._found = lines, *ideal_of(self._garment, nominal, lines, go_on=self._check)
+            except CellError as e:
+                self._found = lines, (), _impossible(e)
         except Exception:  # the computation is repeated, with its error, if its result is wanted
             self._found = None
 

@@ -18,7 +18,7 @@ Lengths in metres, angles in radians, table frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -74,12 +74,31 @@ class FinalGarment:
 
 @dataclass(frozen=True)
 class IdealHeights:
-    """Heights of an ideal fold [m], measured as those of the garment. flaw: why this fold cannot serve as the
-    ideal, in words; None if it can."""
+    """Heights of an ideal fold [m], measured as those of the garment, and figures that show whether this fold can
+    serve as the ideal.
+
+    flaw: why it cannot, in words; None if it can. crossings: number of places where layers pass through each
+    other; strain: largest strain of an edge away from creases, as a fraction; motion: largest displacement of a
+    vertex in the last 0.1 s [m]; iou: overlap with the target. NaN: not known, because the fold cannot be made.
+    """
 
     height: float
     crease_height: float
     flaw: str | None = None
+    crossings: int = 0
+    strain: float = 0.0
+    motion: float = 0.0
+    iou: float = 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values: `valid`, the `reason` if it is not, and the figures; null for an unknown figure."""
+        figures = {"strain": self.strain, "motion_m": self.motion, "iou": self.iou}
+        return {
+            "valid": self.flaw is None,
+            "reason": self.flaw,
+            "crossings": self.crossings,
+            **{name: _known(value) for name, value in figures.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -122,12 +141,23 @@ class Figure:
 
 @dataclass(frozen=True)
 class Score:
-    """The figures by name, and the verdicts. layers: number of layers in the stack of the flat target. ideal: None
-    if the heights are not judged."""
+    """The figures by name, and the verdicts. layers: number of layers in the stack of the flat target; stack: its
+    height [m]. lines: the fold lines of the target. ideal: None if the heights are not judged."""
 
     figures: Mapping[str, Figure]
     layers: int
-    ideal: IdealHeights | None
+    stack: float = 0.0
+    lines: tuple[FoldLine, ...] = ()
+    ideal: IdealHeights | None = None
+
+    def with_ideal(self, ideal: IdealHeights, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
+        """Return the score with the heights judged against those of the ideal fold about the same lines."""
+        limit = {
+            "height_m": max(self.stack + limits.height, ideal.height + limits.ideal_height),
+            "crease_height_m": ideal.crease_height + limits.ideal_crease_height,
+        }
+        judged = {name: replace(self.figures[name], limit=limit[name]) for name in HEIGHTS}
+        return replace(self, figures={**self.figures, **judged}, ideal=ideal)
 
     @property
     def shape(self) -> bool:
@@ -148,8 +178,11 @@ class Score:
     @property
     def failed(self) -> tuple[str, ...]:
         """Names of the figures that do not pass their limit."""
-        judged = self.ideal is not None
-        return tuple(n for n, f in self.figures.items() if not f.passed and (judged or n not in HEIGHTS))
+        return tuple(name for name, f in self._judged.items() if not f.passed)
+
+    @property
+    def _judged(self) -> dict[str, Figure]:
+        return {n: f for n, f in self.figures.items() if self.flat is not None or n not in HEIGHTS}
 
     @property
     def iou(self) -> float:
@@ -177,18 +210,17 @@ class Score:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values: the verdicts `passed`, `shape` and `flat`, each figure, `limits` with the limit of each
-        judged figure, the heights of the ideal fold with its flaw, and `layers`."""
-        judged = {n: f for n, f in self.figures.items() if self.ideal is not None or n not in HEIGHTS}
+        judged figure, the heights of the ideal fold, its validity (`ideal`), and `layers`."""
         ideal = self.ideal
         return {
             "passed": self.passed,
             "shape": self.shape,
             "flat": self.flat,
             **{name: f.value for name, f in self.figures.items()},
-            "ideal_height_m": None if ideal is None else ideal.height,
-            "ideal_crease_height_m": None if ideal is None else ideal.crease_height,
-            "ideal_flaw": None if ideal is None else ideal.flaw,
-            "limits": {name: f.limit for name, f in judged.items()},
+            "ideal_height_m": None if ideal is None else _known(ideal.height),
+            "ideal_crease_height_m": None if ideal is None else _known(ideal.crease_height),
+            "ideal": None if ideal is None else ideal.to_json(),
+            "limits": {name: f.limit for name, f in self._judged.items()},
             "layers": self.layers,
         }
 
@@ -204,7 +236,7 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
 
     aligned = np.column_stack([align(final[:, :2]), final[:, 2]])
     seen = measure_cut_fold(folded, aligned, limits.crease_margin)
-    ideal = garment.ideal or IdealHeights(0.0, 0.0)
+    stack = seen.layers * garment.thickness
 
     figures = {
         "iou": Figure(seen.iou, limits.iou, at_least=True),
@@ -213,14 +245,13 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
         ),
         "edges_m": Figure(_largest_edge_distance(garment, align), limits.edges),
         "keypoints_m": Figure(_largest_keypoint_distance(garment, align), limits.keypoints),
-        "height_m": Figure(
-            seen.height, max(seen.layers * garment.thickness + limits.height, ideal.height + limits.ideal_height)
-        ),
-        "crease_height_m": Figure(seen.crease_height, ideal.crease_height + limits.ideal_crease_height),
+        "height_m": Figure(seen.height, math.inf),  # the limits of the heights depend on the ideal fold
+        "crease_height_m": Figure(seen.crease_height, math.inf),
         "drift_m": Figure(float(np.linalg.norm(drift)), limits.drift),
         "drift_rad": Figure(abs(turn), limits.drift_angle),
     }
-    return Score(figures, round(seen.layers), garment.ideal)
+    found = Score(figures, round(seen.layers), stack, tuple(garment.lines))
+    return found if garment.ideal is None else found.with_ideal(garment.ideal, limits)
 
 
 def score_plan(
@@ -230,11 +261,10 @@ def score_plan(
     keypoints: Mapping[str, Array],
     garment: Garment,
     thickness: float,
-    ideal: Callable[[tuple[FoldLine, ...]], IdealHeights] | None = None,
     limits: ScoreLimits = DEFAULT_LIMITS,
 ) -> Score:
     """Score a folded garment against its plan. keypoints: the true key points, name -> (2,) material coordinates.
-    ideal: returns the heights of the ideal fold about the given lines; None: the heights are not judged.
+    The heights are not judged yet (`Score.with_ideal`).
 
     A step of a plan may have several variants (either half onto the other). The garment is scored against the
     combination of variants whose target is nearest to its final shape, measured without alignment. Raises
@@ -245,8 +275,11 @@ def score_plan(
         FinalGarment(vertices, triangles, material, lines, thickness, pairs, keypoints)
         for lines in ways_to_fold(garment, keypoints)
     ]
-    nearest = min(finals, key=_mean_distance)
-    return score(nearest if ideal is None else replace(nearest, ideal=ideal(nearest.lines)), limits)
+    return score(min(finals, key=_mean_distance), limits)
+
+
+def _known(figure: float) -> float | None:
+    return figure if math.isfinite(figure) else None
 
 
 def _mean_distance(garment: FinalGarment) -> float:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
+from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
+from skills.planning.ideal_fold import settled
 from skills.planning.turned_fold import turned_over
 from skills.vocabulary import FoldLine, frozen
 
@@ -97,5 +98,5 @@ def test_mapped_layers_intersect_at_the_fold(mesh: ClothMesh) -> None:
 
 def test_an_ideal_fold_is_at_rest_after_one_second(mesh: ClothMesh) -> None:
     x = ideal_fold(mesh, (HALF,), FABRIC)
-    later = settled(mesh, FABRIC, x, SolverSettings())
+    later = settled(mesh, FABRIC, x, SolverSettings(), 1.0)
     assert np.linalg.norm(later - x, axis=1).max() < 0.002

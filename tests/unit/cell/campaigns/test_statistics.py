@@ -72,6 +72,15 @@ def test_rows_count_results_recoveries_and_causes() -> None:
     assert b.folds_per_hour == pytest.approx(3600.0 / 120.0), "failures take time too"
 
 
+def test_an_ideal_fold_that_is_not_valid_is_a_cause_of_its_own() -> None:
+    one = trial(1, "b", passed=False)
+    assert one.figures is not None
+    ideal = {"valid": False, "reason": "it does not come to rest"}
+    score = {"passed": False, "shape": True, "flat": None, "iou": 0.95, "limits": {"iou": 0.9}, "ideal": ideal}
+    judged = Trial(one.request, {**one.figures, "score": score})
+    assert judged.cause == "score: ideal" and judged.passed is False and not judged.success
+
+
 def test_claims_and_verdicts_make_a_table_of_two_by_two() -> None:
     table = claims(
         [

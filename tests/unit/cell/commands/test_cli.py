@@ -240,6 +240,17 @@ def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: py
     )
 
 
+def test_the_summary_says_why_the_heights_are_not_judged(
+    fake: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
+    score = {"passed": False, "shape": True, "flat": None, "ideal_height_m": 0.0127, "limits": {},
+             "ideal": {"valid": False, "reason": "it does not come to rest"}}  # fmt: skip
+    fake.answer = Result({**FIGURES, "score": FIGURES["score"] | score})
+    main(["fold", "vest"])
+    text = capsys.readouterr().out
+    assert "the ideal fold is not valid: it does not come to rest" in text and "ideal fold: 13 mm" in text
+
+
 def test_the_summary_shows_both_parts_of_the_claim(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     claim = {
         "shape": True, "flat": False, "reliability": 0.93, "height_m": 0.031, "height_limit_m": 0.025,

@@ -1,23 +1,49 @@
-"""The ideal fold as a yardstick: it passes, and every kind of failure fails, for shipped garments."""
+"""The ideal fold as a yardstick: it passes, every kind of failure fails, and it never delays or outlives a run."""
 
 from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.score_matrix import KINDS, IdealGarment, ideal_garment, judged, spoiled
+from benchmarks.score_matrix import KINDS, IdealGarment, drawn_garment, ideal_garment, judged, spoiled
 from cell.config.garments.garment_file import load_garment
-from cell.simulation.garment.garment import WorldGarment
-from cell.simulation.noise import load_noise
+from cell.recording.rerun import Recorder
+from cell.simulation.garment.cloth_body import solver_settings
+from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
 from cell.simulation.truth import GarmentTruth
-from skills.planning.ideal_fold import IdealFold
+from skills.garments.garment import Garment
+from skills.planning.ideal_fold import IdealFold, ideal_folds
 from skills.planning.plan import ways_to_fold
 
+TOWEL = "small_towel", 9001
 
-@pytest.fixture(scope="module", params=["small_towel", "medium_towel", "jeans"])
+
+@pytest.fixture(scope="module", params=["small_towel", "vest", "long_sleeve_shirt_small"])
 def ideal(request: pytest.FixtureRequest) -> IdealGarment:
     return ideal_garment(request.param, 9001)
+
+
+@pytest.fixture(scope="module")
+def towel() -> GarmentTruth:
+    return drawn_garment(*TOWEL)
+
+
+def plan(garment: GarmentTruth) -> Garment:
+    return load_garment(garment.name)
+
+
+def ways(garment: GarmentTruth) -> tuple[Any, ...]:
+    return ways_to_fold(plan(garment), garment.keypoints)
+
+
+# --- the yardstick -------------------------------------------------------------------------------------
 
 
 def test_the_ideal_passes(ideal: IdealGarment) -> None:
@@ -31,46 +57,146 @@ def test_each_kind_of_failure_fails_a_figure(ideal: IdealGarment, kind: str) -> 
     assert not result.passed and result.failed
 
 
-def test_a_lower_ideal_asks_for_more(ideal: IdealGarment) -> None:
-    """A stack 8 mm above the ideal fails, if the flat layers alone would not allow it."""
-    raised = ideal.vertices + np.array([0.0, 0.0, 0.030])
-    assert judged(ideal, raised).flat is False and judged(ideal, raised).shape
+def test_a_stack_may_be_3_mm_higher_than_the_ideal_or_10_mm_higher_than_its_flat_layers(
+    ideal: IdealGarment,
+) -> None:
+    """The larger of the two counts. Beside creases, 10 mm above the ideal are allowed."""
+    result = judged(ideal, ideal.vertices)
+    by_layers, by_ideal = result.stack + 0.010, ideal.heights.height + 0.003
+    assert result.figures["height_m"].limit == pytest.approx(max(by_layers, by_ideal))
+    allowed = min(max(by_layers, by_ideal) - ideal.heights.height, 0.010)
+    for more, flat in ((-0.0005, True), (0.0005, False)):
+        raised = judged(ideal, ideal.vertices + np.array([0.0, 0.0, allowed + more]))
+        assert raised.shape and raised.flat is flat, raised.to_json()
 
 
 @pytest.mark.parametrize(
     ("fold", "iou", "word"),
     [
         (IdealFold(np.zeros((1, 3)), 0.0, 3, 0.0), 1.0, "through each other"),
-        (IdealFold(np.zeros((1, 3)), 0.0, 0, 0.06), 1.0, "stretched"),
+        (IdealFold(np.zeros((1, 3)), 0.0, 0, 0.06), 1.0, "strained"),
         (IdealFold(np.zeros((1, 3)), 0.001, 0, 0.0), 1.0, "rest"),
         (IdealFold(np.zeros((1, 3)), 0.0, 0, 0.0), 0.8, "overlaps"),
     ],
 )
-def test_an_ideal_with_a_flaw_is_no_yardstick(fold: IdealFold, iou: float, word: str) -> None:
+def test_an_ideal_with_a_flaw_is_no_yardstick(ideal: IdealGarment, fold: IdealFold, iou: float, word: str) -> None:
     flaw = flaw_of(fold, iou)
     assert flaw is not None and word in flaw
+    flawed = replace(ideal, heights=replace(ideal.heights, flaw=flaw))
+    result = judged(flawed, flawed.vertices)
+    assert result.shape and result.flat is None and not result.passed
+    figures = json.loads(json.dumps(result.to_json(), allow_nan=False))
+    assert figures["ideal"]["valid"] is False and figures["ideal"]["reason"] == flaw
+    assert "height_m" not in figures["limits"] and figures["height_m"] > 0.0
 
 
-def truth(name: str, seed: int) -> GarmentTruth:
-    world = WorldGarment(load_garment(name), load_noise().garment, np.random.default_rng(seed), False)
-    pose = (world.pose.x, world.pose.y, world.pose.angle)
-    return GarmentTruth(
-        name, world.flat, world.mesh.triangles, world.flat, world.keypoints, pose, world.material, world.layers,
-        world.mesh, world.traits, "xpbd",
-    )  # fmt: skip
+def test_the_score_states_the_ideal_and_its_validity(ideal: IdealGarment) -> None:
+    figures = json.loads(json.dumps(judged(ideal, ideal.vertices).to_json(), allow_nan=False))
+    assert figures["passed"] and figures["shape"] and figures["flat"]
+    assert figures["ideal_height_m"] == pytest.approx(figures["height_m"], abs=0.001)
+    assert figures["ideal_crease_height_m"] == pytest.approx(figures["crease_height_m"], abs=0.001)
+    valid = figures["ideal"]
+    assert valid["valid"] and valid["reason"] is None and valid["crossings"] == 0
+    assert valid["strain"] <= 0.05 and valid["motion_m"] < 5e-4 and valid["iou"] > 0.9
 
 
-def test_the_thread_finds_what_a_call_finds_and_follows_the_way_that_was_taken() -> None:
-    garment = truth("small_towel", 9002)
-    ways = ways_to_fold(load_garment("small_towel"), garment.keypoints)
-    background = BackgroundIdeal(garment, lambda: ways[0])
-    assert background.heights(ways[0]) == ideal_heights(garment, ways[0])
-    assert background.heights(ways[1]) == ideal_heights(garment, ways[1])
+def test_stiff_nested_creases_that_push_the_layers_aside_are_folded_again_more_slowly() -> None:
+    """In this fabric, a quick turn ends with edges 30 mm apart."""
+    stiff = ideal_garment("small_towel", 9002)
+    assert judged(stiff, stiff.vertices).passed
 
 
-def test_a_cancelled_thread_ends() -> None:
-    garment = truth("jeans", 9002)
-    background = BackgroundIdeal(garment, lambda: ways_to_fold(load_garment("jeans"), garment.keypoints)[0])
+# --- time to settle ------------------------------------------------------------------------------------
+
+
+def test_a_garment_that_sleeps_does_not_change_any_more(towel: GarmentTruth) -> None:
+    settings, lines = solver_settings(towel.traits), ways(towel)[0]
+    ten, twenty = (ideal_folds(towel.mesh, lines, towel.fabric, settings, s) for s in (10.0, 20.0))
+    for a, b in zip(ten, twenty, strict=True):
+        assert a.rest_s < 10.0 and a.motion < 5e-4 and a.crossings == 0 and a.strain <= 0.05
+        assert np.array_equal(a.vertices, b.vertices)
+
+
+def test_known_folds_are_not_made_again_and_a_prefix_of_the_lines_is_enough(towel: GarmentTruth) -> None:
+    settings, lines = solver_settings(towel.traits), ways(towel)[0]
+    (half,) = ideal_folds(towel.mesh, lines[:1], towel.fabric, settings)
+    first, second = ideal_folds(towel.mesh, lines, towel.fabric, settings, made=(half,))
+    assert first is half
+    assert np.array_equal(second.vertices, ideal_folds(towel.mesh, lines, towel.fabric, settings)[1].vertices)
+
+
+# --- the thread ----------------------------------------------------------------------------------------
+
+
+def test_the_thread_finds_what_a_call_finds_and_follows_the_way_that_was_taken(towel: GarmentTruth) -> None:
+    first, second = ways(towel)[:2]
+    background = BackgroundIdeal(towel, lambda: plan(towel))
+    assert (
+        background.heights(first, [18.0, 12.0])
+        == background.heights(first)
+        == ideal_heights(towel, plan(towel), first)
+    )
+    assert background.heights(second) == ideal_heights(towel, plan(towel), second)
+
+
+def test_a_fold_that_had_less_time_to_settle_is_compared_with_such_an_ideal(towel: GarmentTruth) -> None:
+    lines, dwell_s = ways(towel)[0], [12.0, 0.1]
+    background = BackgroundIdeal(towel, lambda: plan(towel))
+    assert background.heights(lines, dwell_s) == ideal_heights(towel, plan(towel), lines, dwell_s)
+
+
+def test_a_garment_that_cannot_be_simulated_has_no_valid_ideal(towel: GarmentTruth) -> None:
+    odd = replace(towel, fabric=replace(towel.fabric, areal_mass=100.0))
+    lines = ways(towel)[0]
+    heights = BackgroundIdeal(odd, lambda: plan(odd)).heights(lines)
+    assert heights.flaw is not None and "areal_mass" in heights.flaw
+    written = json.loads(json.dumps(heights.to_json(), allow_nan=False))
+    assert written["valid"] is False and written["iou"] is None
+
+
+def test_a_cancelled_computation_ends() -> None:
+    garment = drawn_garment("jeans", 9002)
+    background = BackgroundIdeal(garment, lambda: plan(garment))
     background.cancel()
     with pytest.raises(ZeroDivisionError):
-        ideal_heights(garment, ways_to_fold(load_garment("jeans"), garment.keypoints)[0], lambda: 1 // 0)
+        ideal_heights(garment, plan(garment), ways(garment)[0], go_on=lambda: 1 // 0)
+
+
+# --- the recorder --------------------------------------------------------------------------------------
+
+
+def recorder(garment: GarmentTruth) -> tuple[GroundTruthRecorder, Any]:
+    """A recorder that has seen the garment lie on the table, and the source of the truth."""
+    seen = SimpleNamespace(stamp=1.0, garment=garment, tools={}, held={})
+    source: Any = SimpleNamespace(tell=None, now=lambda: seen)
+    source.watch = lambda tell: setattr(source, "tell", tell)
+    request: Any = SimpleNamespace(garment=garment.name, settings=SimpleNamespace(surface="bare_table"))
+    found = GroundTruthRecorder(source, Recorder.silent(), request)
+    source.tell(seen)
+    return found, source
+
+
+def at_work() -> bool:
+    return any(thread.name == "ideal fold" for thread in threading.enumerate())
+
+
+def test_the_thread_ends_with_the_recorder_also_without_a_score() -> None:
+    found, _ = recorder(drawn_garment("jeans", 9002))
+    assert at_work()
+    found.close()
+    assert not at_work()
+
+
+def test_a_run_that_was_stopped_does_not_wait_for_the_ideal(towel: GarmentTruth) -> None:
+    found, source = recorder(towel)
+    figures = found.score(whole=False)
+    assert figures is not None and not figures["shape"] and not figures["passed"]
+    assert figures["flat"] is None and figures["ideal"] is None
+    assert source.tell is None and not at_work()
+
+
+def test_a_garment_of_the_mujoco_world_has_no_ideal(towel: GarmentTruth) -> None:
+    found, _ = recorder(replace(towel, solver="mujoco"))
+    assert not at_work()
+    figures = found.score()
+    assert figures is not None and figures["flat"] is None and figures["passed"] is figures["shape"]

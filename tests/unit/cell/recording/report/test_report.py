@@ -109,6 +109,15 @@ def test_the_report_shows_result_steps_and_failures(run):
     assert "Score not passed" in text
     good = tuple(row for row in run.score if row.passed)
     assert "Score passed" in Page(render(replace(run, score=good))).text
+    assert "14.3 mm" in text, "the height of the ideal fold"
+
+
+def test_a_run_whose_ideal_fold_is_not_valid_is_not_shown_as_passed(run):
+    good = tuple(row for row in run.score if row.passed)
+    verdicts = {"shape": True, "flat": None}
+    text = Page(render(replace(run, score=good, verdicts=verdicts, invalid_ideal="it does not come to rest"))).text
+    assert "Score not passed" in text and "it does not come to rest" in text
+    assert "Shape passed" in text and "Flat not judged" in text
 
 
 def test_a_hardware_run_is_not_called_simulated(run):
