@@ -54,8 +54,8 @@ INTRODUCTION = """# Results: the paper's table
 
 Li et al. (IROS 2015) folded each garment ten times with a real Baxter and judged by eye. Our runs are
 **simulated**. They are judged by the scorer on the simulated garment, which is stricter: overlap,
-correspondence, edges, drift and height all have to pass. So the columns do not compare robots; they show the
-same tasks side by side. "Folded" means that the executive claimed the fold and the scorer passed it.
+correspondence, edges, key points, drift and heights all have to pass. So the columns do not compare robots; they
+show the same tasks side by side. "Folded" means that the executive claimed the fold and the scorer passed it.
 Intervals: Wilson, 95 %. Times: average over the successful runs, from the first look to the parked arms,
 without waiting for a person.
 """
@@ -74,7 +74,7 @@ def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
         INTRODUCTION,
         f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
         f"{origin['machine']['cores']} cores.",
-        f"- Command: `python -m benchmarks.paper_table`; seeds {', '.join(map(str, seeds))}.",
+        f"- Command: `python -m benchmarks.paper_table CAMPAIGN_FOLDER`; seeds {', '.join(map(str, seeds))}.",
         f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good "
         "folds were not claimed.",
         "",
@@ -129,8 +129,9 @@ def main(arguments: Sequence[str]) -> int:
             progress = CampaignProgress(len(created.campaign.requests), 0, workers.count)
             perform_campaign(created, workers, lambda trial: print(progress.line(trial), flush=True))
     campaign = CampaignFolder.open(folder)
-    trials = campaign.finished()
-    if len(trials) < len(campaign.campaign.requests):
+    finished = campaign.finished()
+    trials = [t for t in finished if t.request.garment in PAPER]
+    if len(finished) < len(campaign.campaign.requests):
         print(f"unfinished: foldcell trials --resume {folder}", file=sys.stderr)
         return 2
     PAGE.write_text(page(campaign, trials), encoding="utf-8")

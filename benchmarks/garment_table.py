@@ -1,0 +1,98 @@
+"""Writes the results of a campaign of all garments to docs/results/garments.md.
+
+foldcell trials benchmarks/campaigns/garments.yaml
+python -m benchmarks.garment_table CAMPAIGN_FOLDER
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.results_page import table
+from cell.campaigns.statistics.proportions import wilson_interval
+from cell.campaigns.statistics.summary import claims
+from cell.campaigns.trials.store import CampaignFolder
+from cell.campaigns.trials.trial import Trial
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "garments.md"
+NEAR = 0.002
+"""A run counts as near the limit if its height differs by less than this from the score's limit [m]."""
+COLUMNS = (
+    "garment", "runs", "passed", "interval", "claimed", "false claims", "good, not claimed",
+    "near the height limit", "robot time, s", "wall time, s",
+)  # fmt: skip
+INTRODUCTION = """# Results: all garments
+
+Simulated. "Passed" is the verdict of the scorer, which sees the true shape: shape, and flatness against the
+ideal fold of the same fabric. "Claimed" means that the executive ended the run as folded, from the camera
+alone. Each seed draws another fabric from the class of the garment, another outline, and another cell. Runs
+whose height is within 2 mm of its limit are counted apart. Intervals: Wilson, 95 %. Times: means over all runs.
+"""
+
+
+def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
+    """Write the page as Markdown."""
+    origin, names = campaign.origin, sorted({t.request.garment for t in trials})
+    rows = [_row(name, [t for t in trials if t.request.garment == name]) for name in names]
+    rows.append(_row("all", trials))
+    seeds = sorted({t.request.seed for t in trials})
+    causes = [
+        f"- {t.request.garment.replace('_', ' ')}, seed {t.request.seed}: {t.cause.replace('_', ' ')}"
+        for t in sorted(trials, key=lambda t: (t.request.garment, t.request.seed))
+        if t.cause
+    ]
+    lines = [
+        INTRODUCTION,
+        f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
+        f"{origin['machine']['cores']} cores.",
+        f"- Command: `foldcell trials benchmarks/campaigns/garments.yaml`; seeds {', '.join(map(str, seeds))}.",
+        "",
+        table("Runs", COLUMNS, rows),
+        "",
+        "## Runs that were not folded",
+        "",
+        *(causes or ["None."]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
+    passed = [t for t in trials if t.passed]
+    found = claims(trials)
+    low, high = wilson_interval(len(passed), len(trials))
+    figures = [t.figures for t in trials if t.figures is not None]
+    return (
+        name.replace("_", " "),
+        str(len(trials)),
+        str(len(passed)),
+        f"{100 * low:.0f} to {100 * high:.0f} %",
+        str(sum(t.claimed for t in trials)),
+        str(found.claimed_failed),
+        str(found.unclaimed_passed),
+        str(sum(_near_limit(t) for t in trials)),
+        f"{statistics.mean(f['robot_time_s'] for f in figures):.0f}" if figures else "-",
+        f"{statistics.mean(f['wall_time_s'] for f in figures):.0f}" if figures else "-",
+    )
+
+
+def _near_limit(trial: Trial) -> bool:
+    score = (trial.figures or {}).get("score") or {}
+    limit = (score.get("limits") or {}).get("height_m")
+    return limit is not None and abs(score["height_m"] - limit) < NEAR
+
+
+def main(arguments: Sequence[str]) -> int:
+    if len(arguments) != 1:
+        print(__doc__, file=sys.stderr)
+        return 64
+    campaign = CampaignFolder.open(Path(arguments[0]))
+    PAGE.write_text(page(campaign, campaign.finished()), encoding="utf-8")
+    print(PAGE)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
