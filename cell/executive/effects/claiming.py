@@ -50,8 +50,13 @@ def make_claim(
         inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first),
         None if first is None else first.observed.crease_height_m,
         Normal(plan.nominal.material.thickness, plan.nominal.thickness_sigma(errors.thickness_spread)),
-        cell.inspection,
+        cell.inspection, _doubtful(context),
     )  # fmt: skip
+
+
+def _doubtful(context: RunContext) -> tuple[str, ...]:
+    """Return the names of the earlier folds that were inspected and not found good."""
+    return tuple(note.name for note in context.done if note.inspected is not None and not note.accepted)
 
 
 def claim_failure(claim: Claim) -> Failure:

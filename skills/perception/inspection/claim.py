@@ -91,11 +91,14 @@ def claim_fold(
     first_crease: float | None,
     thickness: Normal,
     settings: InspectionSettings,
+    doubtful: tuple[str, ...] = (),
 ) -> Claim:
     """Make the claim about the last fold.
 
     ideal: table of the ideal fold's heights. first_crease: observed height near the first crease, without
     correction [m]; None if it was not observed. thickness: of one layer, as the garment file states it [m].
+    doubtful: names of earlier folds that were not found good. A later fold can cover their defects, so the shape
+    is not claimed then.
     """
     errors = settings.claim
     observed = None if first_crease is None else Normal(
@@ -117,10 +120,12 @@ def claim_fold(
     probable_flat = judged.probability if visible else 0.0
     if seen.diagnosis is FailureKind.PILING:
         probable_flat = min(probable_flat, 1.0 - seen.confidence)
-    wrong = _wrong_shape(seen, target, moved, settings)
+    wrong = (*_wrong_shape(seen, target, moved, settings), *(f"{name} was not found good" for name in doubtful))
     probable_shape = _probable_shape(target, moved, errors)
     if seen.diagnosis not in SHAPE_KEPT:
         probable_shape = min(probable_shape, 1.0 - seen.confidence)
+    if doubtful:
+        probable_shape *= 0.5
     holds = probable_shape * probable_flat
     claim = Claim(
         shape=not wrong,

@@ -99,7 +99,7 @@ def as_seen(height: float, crease: float = 0.020, iou: float = 0.97) -> TargetVi
 def last_fold(**changes: Any) -> RunContext:
     """The last of two folds was carried; the first one was accepted."""
     flat = GarmentState("towel", SQUARE, {}, 1.0)
-    before: Any = SimpleNamespace(name="half", claim=None, accepted=False)
+    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=None)
     garment: Any = SimpleNamespace(
         plan=[SimpleNamespace(variants=())] * 2,
         material=SimpleNamespace(thickness=0.002, bending_length=0.015),

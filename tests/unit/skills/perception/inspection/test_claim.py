@@ -33,12 +33,15 @@ def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Cla
     """The claim about a fold of these true heights [m], seen too high by BIAS."""
     given: dict[str, Any] = {
         "iou": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "bias": CameraBias(BIAS, 0.0, True),
+        "doubtful": (),
     } | changes  # fmt: skip
     seen = StackHeights(height + BIAS, crease + BIAS)
     flat = StackHeights(0.0035, 0.0035)
     target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, seen, seen, flat)
     view = inspection(diagnosis=given["diagnosis"], target=target, piled_area_m2=0.0)
-    return claim_fold(view, target, given["moved"], given["bias"], IDEAL, given["first_crease"], THICK, S)
+    return claim_fold(
+        view, target, given["moved"], given["bias"], IDEAL, given["first_crease"], THICK, S, given["doubtful"]
+    )
 
 
 def test_a_good_fold_is_claimed() -> None:
@@ -46,6 +49,13 @@ def test_a_good_fold_is_claimed() -> None:
     assert claim.holds and claim.reliability > 0.9 and claim.says.startswith("folded as planned")
     assert (claim.height_m, claim.crease_height_m) == pytest.approx((0.015, 0.025))
     assert claim.height_limit_m == pytest.approx(0.020) and claim.crease_height_limit_m == pytest.approx(0.035)
+
+
+def test_a_shape_over_a_doubtful_fold_is_not_claimed() -> None:
+    """A later fold covers what was wrong with an earlier one."""
+    claim = claimed(doubtful=("sleeve_left",))
+    assert not claim.shape and claim.flat and not claim.holds
+    assert "sleeve_left was not found good" in claim.says and claim.reliability > 0.5
 
 
 def test_a_fold_that_is_too_high_says_by_how_much() -> None:
