@@ -208,10 +208,10 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
     monkeypatch.setattr("cell.executive.effects.planning.plan_fold_motion", blocked)
-    # no figure is near its limit with this seed; with seed 1 a corner lags by 16 or 31 mm, depending on last bits
+    # no figure is near its limit with this seed; with seed 4 a stiff towel stands too high in any way of folding
     onlooker, request = (
         Onlooker(),
-        fold_request(tmp_path, {}, seed=4, record_truth=True, record=which == "quarter"),
+        fold_request(tmp_path, {}, seed=5, record_truth=True, record=which == "quarter"),
     )
     result = onlooker.fold(request)
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.GRASP_AGAIN, Event.GRASP_AGAIN, Event.PLAN_AGAIN]
