@@ -29,10 +29,10 @@ from cell.simulation.scoring.score import FinalGarment, named_edge_pairs, score
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
+from skills.cloth.solver import ClothSimulation
 from skills.fold_figures.folded_mesh import fold_mesh
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_points, outline_of, target_vertices
-from skills.planning.ideal_fold import settled
 from skills.planning.plan import plan_folds
 from skills.planning.turned_fold import turned_over
 from skills.vocabulary import Array, FoldLine, Material, frozen
@@ -74,6 +74,13 @@ def mapped_fold(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material
     """Move all vertices to their targets and let the garment settle. Return the vertices (n, 3). All creases start
     flat and sharp."""
     return settled(mesh, material, target_vertices(mesh, lines, material), SolverSettings(), SETTLE_S)
+
+
+def settled(mesh: ClothMesh, material: Material, start: Array, settings: SolverSettings, settle_s: float) -> Array:
+    """Simulate `settle_s` [s] from `start` (n, 3), without grippers. Return the vertices (n, 3)."""
+    simulation = ClothSimulation(mesh, material, start, settings)
+    simulation.advance(frames=round(settle_s * settings.frame_rate))
+    return simulation.positions
 
 
 def distance_to_target(mesh: ClothMesh, lines: tuple[FoldLine, ...], material: Material, x: Array) -> float:

@@ -19,7 +19,7 @@ from skills.cloth.strain import largest_strain
 from skills.planning.turned_fold import TURN_S, turned_over
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
-__all__ = ["REST_MOTION", "SETTLE_S", "IdealFold", "ideal_folds", "settled", "settled_fold"]
+__all__ = ["REST_MOTION", "SETTLE_S", "IdealFold", "ideal_folds", "settled_fold"]
 
 REST_MOTION = 5e-4
 """Cloth whose vertices move less than this in REST_S counts as settled [m]."""
@@ -96,10 +96,3 @@ def settled_fold(
     x = simulation.positions
     rest_s = simulation.time if simulation.asleep.all() else math.inf
     return IdealFold(frozen(x), motion, count_crossings(x, mesh.triangles), largest_strain(mesh, x), rest_s)
-
-
-def settled(mesh: ClothMesh, material: Material, start: Array, settings: SolverSettings, settle_s: float) -> Array:
-    """Simulate `settle_s` [s] from `start` (n, 3), without grippers. Return the vertices (n, 3)."""
-    simulation = ClothSimulation(mesh, material, start, settings)
-    simulation.advance(frames=round(settle_s * settings.frame_rate))
-    return simulation.positions

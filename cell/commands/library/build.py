@@ -28,7 +28,9 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    build = add_command(actions, "build", "optimise every fold of the garments and store the trajectories", _run)
+    build = add_command(
+        actions, "build", "optimise every fold of the garments, and compute the heights of their ideal folds", _run
+    )
     build.add_argument("garments", nargs="*", metavar="GARMENT", help="names or files (all shipped garments)")
     build.add_argument(
         "--method",

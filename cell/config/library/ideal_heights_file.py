@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, astuple, fields
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from cell.support.files.whole_file import write_whole
+from cell.config.library.library_file import alone_with, write_text
 from skills.garments.garment import Garment
 from skills.planning.ideal_heights import IdealFoldHeights
 
@@ -35,21 +36,29 @@ def ideal_heights_of(garment: Garment, library: Path | None = None) -> tuple[Ide
     counts as empty."""
     paths = [] if library is None else [user_heights_path(library)]
     for path in (*paths, shipped_heights_path()):
-        entry = _read(path, _changed(path)).get(garment.name)
-        if entry is not None and entry.get("of") == _identity(garment):
-            return tuple(
-                IdealFoldHeights(**{name: float(row[name]) for name in FIELDS}) for row in entry["heights"]
-            )
+        found = _heights(_read(path, _changed(path)).get(garment.name), garment)
+        if found:
+            return found
     return ()
+
+
+def _heights(entry: Any, garment: Garment) -> tuple[IdealFoldHeights, ...]:
+    """Return the heights of a file's entry; empty if it is damaged or of another fabric or size."""
+    try:
+        if entry["of"] != _identity(garment):
+            return ()
+        found = tuple(IdealFoldHeights(**{k: float(row[k]) for k in FIELDS}) for row in entry["heights"])
+    except (KeyError, TypeError, ValueError):
+        return ()
+    return found if all(math.isfinite(v) for h in found for v in astuple(h)) else ()
 
 
 def put_ideal_heights(path: Path, garment: Garment, heights: Sequence[IdealFoldHeights]) -> None:
     """Store the heights of a garment. Raises StorageError."""
-    known = dict(_read(path, _changed(path)))
     rows = [{name: round(value, 6) for name, value in asdict(h).items()} for h in heights]
-    known[garment.name] = {"of": _identity(garment), "heights": rows}
-    text = json.dumps({"schema": SCHEMA, "garments": dict(sorted(known.items()))}, indent=1)
-    write_whole(path, (text + "\n").encode())
+    with alone_with(path):
+        known = {**_read(path, _changed(path)), garment.name: {"of": _identity(garment), "heights": rows}}
+        write_text(path, json.dumps({"schema": SCHEMA, "garments": dict(sorted(known.items()))}, indent=1) + "\n")
 
 
 def _identity(garment: Garment) -> dict[str, Any]:

@@ -85,8 +85,9 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), record)
     thickness, error = _layer_thickness(context, plan.garment, settings)
-    counting = replace(settings, thickness_error=error)
-    held = _close_and_confirm(cell, attempt, fold.biases, thickness, counting)
+    stated, counting = plan.garment.material.thickness, replace(settings, thickness_error=error)
+    expected = {s: _expected(attempt.grasp_of(s), stated, thickness) for s in fold.biases}
+    held = _close_and_confirm(cell, fold.biases, expected, counting)
     if held.failure:
         return Result(Event.FAILED, context.with_failure(held.failure), record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
@@ -212,16 +213,17 @@ def _press(
 
 
 def _close_and_confirm(
-    cell: Workcell, attempt: Attempt, biases: Mapping[Side, TactileBias], thickness: float, settings: GraspSettings
+    cell: Workcell,
+    biases: Mapping[Side, TactileBias],
+    expected: Mapping[Side, Expectation],
+    settings: GraspSettings,
 ) -> Outcome[dict[Side, Held]]:
     hands, state = cell.hands, cell.ports.arms.state()
     states = {s: start_close(settings, bias, hands.read(s, state)) for s, bias in biases.items()}
     closed = each_hand(cell.loop, hands, states, commanding(hands, close))
     if closed.failure:
         return Outcome(failure=closed.failure)
-    confirmations = {
-        s: start_confirm(settings, bias, _expected(attempt.grasp_of(s), thickness)) for s, bias in biases.items()
-    }
+    confirmations = {s: start_confirm(settings, bias, expected[s]) for s, bias in biases.items()}
     return each_hand(cell.loop, hands, confirmations, lambda side, r, s: confirm(r, s))
 
 
@@ -241,10 +243,11 @@ def _measured_thickness(attempt: Attempt, held: Mapping[Side, Held], settings: G
     )
 
 
-def _expected(grasp: Grasp, thickness: float) -> Expectation:
-    """Return the expected number of layers. It is the planned number. If the planned grasp holds the whole stack,
-    more layers are also accepted."""
-    whole_stack = grasp.height < (grasp.layers + 0.5) * thickness
+def _expected(grasp: Grasp, stated: float, thickness: float) -> Expectation:
+    """Return the expected number of layers, each `thickness` [m] thick between the pads. It is the planned
+    number. If the planned grasp, whose height follows from the `stated` thickness, holds the whole stack, more
+    layers are also accepted."""
+    whole_stack = grasp.height < (grasp.layers + 0.5) * stated
     return Expectation(thickness, grasp.layers, or_more=whole_stack)
 
 

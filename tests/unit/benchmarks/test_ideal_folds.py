@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold
+from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, ideal_fold, mapped_fold, settled
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.planning.folding import fold_xy, target_vertices
-from skills.planning.ideal_fold import settled
 from skills.planning.turned_fold import turned_over
 from skills.vocabulary import FoldLine, frozen
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,16 @@ def test_an_unreadable_file_counts_as_empty(tmp_path: Path, text: str) -> None:
     library = tmp_path / "library.json"
     user_heights_path(library).write_text(text)
     assert ideal_heights_of(replace(TOWEL, name="mine"), library) == ()
+
+
+@pytest.mark.parametrize("spoil", [{"heights": 3}, {"heights": [{"height": 0.01}]}, {"of": None}, None])
+def test_a_damaged_entry_counts_as_missing(tmp_path: Path, spoil: dict | None) -> None:
+    library, mine = tmp_path / "library.json", replace(TOWEL, name="mine")
+    put_ideal_heights(user_heights_path(library), mine, HEIGHTS)
+    data = json.loads(user_heights_path(library).read_text())
+    data["garments"]["mine"] = None if spoil is None else data["garments"]["mine"] | spoil
+    user_heights_path(library).write_text(json.dumps(data))
+    assert ideal_heights_of(mine, library) == ()
 
 
 @pytest.mark.parametrize("name", list_garments())

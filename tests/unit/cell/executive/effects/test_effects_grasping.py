@@ -160,6 +160,17 @@ def test_layers_are_counted_by_the_thickness_that_an_earlier_fold_has_shown(
         assert result.context.fold.layer_thickness == pytest.approx(0.6 * LAYER, rel=0.05)
 
 
+def test_a_grasp_of_the_whole_stack_may_hold_more_layers_whatever_their_learned_thickness(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The height of the grasp was planned with the stated thickness, so this decides what the hand reaches."""
+    thin = 0.6 * LAYER
+    _, work, context, both = over_cloth(monkeypatch)
+    for hand in both.values():
+        hand.between = (LAYERS + 1) * thin
+    assert EFFECTS[Effect.GRASP](work, replace(context, layer_thickness=thin)).event is Event.DONE
+
+
 def test_pads_that_do_not_move_are_a_fault_of_the_gripper(monkeypatch: pytest.MonkeyPatch) -> None:
     _, work, context, both = over_cloth(monkeypatch)
     both[Side.RIGHT].jammed = True
@@ -191,13 +202,18 @@ def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
         assert again.now < moment + 0.13, "the effect ends within a tick, or as soon as a state is too old"
 
 
-def test_a_grasp_under_the_whole_stack_accepts_its_layers() -> None:
-    """A grasp of only the upper layers must not take more layers."""
-    for layers in (1, 2, 4):
-        whole: Any = SimpleNamespace(height=layers * LAYER, layers=layers)
-        upper: Any = SimpleNamespace(height=(layers + 1) * LAYER, layers=layers)
-        assert gripping._expected(whole, LAYER).or_more and not gripping._expected(upper, LAYER).or_more
-        assert gripping._expected(upper, LAYER).layers == layers
+@pytest.mark.parametrize(("above", "event"), [(0, Event.DONE), (1, Event.FAILED)])
+def test_only_a_grasp_under_the_whole_stack_accepts_more_layers(
+    monkeypatch: pytest.MonkeyPatch, above: int, event: Event
+) -> None:
+    """above: layers between the table and the planned height of the grasp. A grasp of only the upper layers must
+    not take more layers."""
+    _, work, context, both = over_cloth(monkeypatch)
+    for hand in both.values():
+        hand.between = (LAYERS + 2) * LAYER
+    for grasp in context.fold.attempt.step.grasps.values():
+        grasp.height = (LAYERS + above) * LAYER
+    assert EFFECTS[Effect.GRASP](work, context).event is event
 
 
 def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
