@@ -96,6 +96,10 @@ def _ideal_heights(cell: Workcell, plan: Plan, last: TargetView, first: TargetVi
             for name in ("bending_length", "height", "crease_height", "first_crease")
         )
         return rising(IdealHeights(*map(frozen, columns)))
+    cell.tell(
+        "how high this fabric may stand is estimated from this run's predictions; `foldcell library build` with"
+        " the garment's name or file computes it"
+    )
     first = first or last
     return scaled_ideal_heights(
         last.flat, last.predicted, first.flat.crease_height_m, first.predicted.crease_height_m,
