@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.camera import camera_calibration
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.compiling import report_compilation
@@ -30,6 +31,7 @@ from cell.operator.progress.lines import ProgressLines
 from cell.operator.progress.notifier import Notifier, say
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
+from cell.recording.camera_pictures.question_files import QuestionFiles
 from cell.recording.journal import RunJournal
 from cell.recording.report.run_events import RunEvent, RunEvents
 from cell.recording.rerun import Recorder
@@ -165,8 +167,12 @@ def _perform(
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
+    questions = (QuestionFiles(run.directory, camera_calibration(request.settings)),) if request.record else ()
+    pictured = (supervision.live_view,) if supervision else ()
     # run_status comes before lines: an operator may answer as soon as the line with the question is shown
-    observers: tuple[Observer, ...] = (RecorderObserver(recorder), remarks, run_status, lines, *more_observers)
+    observers: tuple[Observer, ...] = (
+        RecorderObserver(recorder), remarks, *questions, *pictured, run_status, lines, *more_observers,
+    )  # fmt: skip
 
     truth_recorder = None
     try:
@@ -179,6 +185,8 @@ def _perform(
         ):
             ports = opened.ports
             executive_ports = (on_open(opened, commands) if on_open is not None else None) or ports
+            if supervision:
+                executive_ports = supervision.live_view.between(executive_ports)
             if isinstance(ports.attendant, PersonAttendant):
                 ports.attendant.clock = executive_ports.clock
             recorded = port_recorder.between(executive_ports, commands)
@@ -235,9 +243,11 @@ def _supervision(
 ) -> Supervision | None:
     if listener is None:
         return None
+    from cell.operator.console.live_view import LiveView
     from cell.operator.console.supervision import Supervision
 
-    return Supervision(request, run_status, commands, listener)
+    live_view = LiveView(camera_calibration(request.settings))
+    return Supervision(request, run_status, live_view, commands, listener)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:

@@ -63,8 +63,8 @@ def _stand_in(context: RunContext, changes: dict[str, Any], fold: dict[str, Any]
         "step": plan.steps[index] if plan and plan.steps else SimpleNamespace(name="half"),
         "paths": {},
         "tool_speed": 0.3,
-        "motion": SimpleNamespace(fold=SimpleNamespace(duration=2.0), tool_paths={}, postures={}),
-        "predicted": SimpleNamespace(vertices=None),
+        "motion": SimpleNamespace(fold=SimpleNamespace(duration=2.0), tool_paths={}, postures={}, duration=12.0),
+        "predicted": SimpleNamespace(vertices=np.zeros((1, 3)), triangles=np.zeros((0, 3), np.int32)),
         "dissimilarity_m": 0.004,
         "plan_frames": None,
     }

@@ -3,6 +3,7 @@
 {"stop": true}                        stop the robot
 {"say": "pause"}                      a command that is possible now (cell/states/commands.py)
 {"say": "approve", "question": 3}     an answer, with the number of the question that it belongs to
+{"control": true}                     take control: commands of other pages are then refused
 
 Commands are checked strictly: a command with an unknown key or a value of another type is refused, because it
 could mean something else. A stop is never refused for its form. Every object with the key `stop`, whatever its
@@ -14,11 +15,11 @@ but a missed stop may cost a hand. A text, a list or a number is not a message: 
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-__all__ = ["CommandMessage", "StopMessage", "read_message"]
+__all__ = ["CommandMessage", "ControlMessage", "StopMessage", "read_message"]
 
 STOP = "stop"
 
@@ -36,7 +37,15 @@ class CommandMessage(BaseModel):
     question: int | None = None
 
 
-def read_message(text: str | bytes) -> StopMessage | CommandMessage | None:
+class ControlMessage(BaseModel):
+    """The request of a page to take control of the run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    control: Literal[True]
+
+
+def read_message(text: str | bytes) -> StopMessage | CommandMessage | ControlMessage | None:
     """Parse the text of a WebSocket frame from the page. Returns None if it is not a message."""
     try:
         message: Any = json.loads(text)
@@ -46,7 +55,8 @@ def read_message(text: str | bytes) -> StopMessage | CommandMessage | None:
         return None
     if STOP in message or message.get("say") == STOP:
         return StopMessage()
+    kind = ControlMessage if "control" in message else CommandMessage
     try:
-        return CommandMessage.model_validate(message)
+        return kind.model_validate(message)
     except ValidationError:
         return None

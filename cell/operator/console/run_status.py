@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.executive.machine import complete_table
+from cell.operator.console.facts import consequences, plan_facts
 from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.report.run_events import RunEvents
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
@@ -130,7 +131,8 @@ class RunStatus:
                 "state": self._state.value,
                 "allowed": [event.value for event in ORDER if event in allowed],
                 "labels": {"retry": "Try again"} if self._state is State.ASKING else {},
-                "question": {"number": self._question, "text": self._asked()} if self._asking() else None,
+                "question": self._asked_now(),
+                "facts": plan_facts(self._context),
                 "steps": self._steps(),
                 "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
                 "progress": self._progress,
@@ -147,6 +149,18 @@ class RunStatus:
 
     def _asking(self) -> bool:
         return self._state in ASKING or self._wanted is not None
+
+    def _asked_now(self) -> dict[str, Any] | None:
+        """Return the present question: its number, its text, what each answer does, and whether it has a picture,
+        which then has to be on the screen before it can be approved."""
+        if not self._asking():
+            return None
+        return {
+            "number": self._question,
+            "text": self._asked(),
+            "answers": dict(consequences(self._state, bool(self._context.steps))),
+            "pictured": self._state in ASKING and self._context.sight.frame is not None,
+        }
 
     def _asked(self) -> str:
         context = self._context

@@ -15,6 +15,7 @@ import secrets
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,14 +23,16 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse
+from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from cell.operator.console.messages import StopMessage, read_message
+from cell.operator.console.live_view import LiveView
+from cell.operator.console.messages import ControlMessage, StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
@@ -45,7 +48,8 @@ HEADERS = {
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",  # the address contains the secret
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
-    " connect-src 'self' ws:; frame-src http://127.0.0.1:*; base-uri 'none'; form-action 'none'",
+    " img-src 'self';"
+    " connect-src 'self' ws:; base-uri 'none'; form-action 'none'",
 }
 START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 1.0
@@ -76,16 +80,21 @@ def open_listener(port: int = 0) -> socket.socket:
 
 @contextmanager
 def operators_page(
-    run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, listener: socket.socket
+    run_status: RunStatus,
+    live_view: LiveView,
+    commands: CommandQueue,
+    stop: Stop,
+    viewer: str | None,
+    listener: socket.socket,
 ) -> Iterator[str]:
     """Serve the page for the duration of the context. Yields its address.
 
-    viewer: address of the Rerun viewer, which the page shows too; None: no viewer. listener: from `open_listener`,
+    viewer: address of the Rerun viewer, to which the page links; None: no viewer. listener: from `open_listener`,
     closed at the end. Raises StorageError if the page cannot be served.
     """
     secret = secrets.token_urlsafe(16)
     port = listener.getsockname()[1]
-    app = _Page(run_status, commands, stop, viewer, port).app(secret)
+    app = _Page(run_status, live_view, commands, stop, viewer, port).app(secret)
     config = uvicorn.Config(
         app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
     )
@@ -111,23 +120,43 @@ def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
 
 
 class _Page:
-    """Answers on two routes: the page and its WebSocket."""
+    """Answers on three routes: the page, its WebSocket, and the operator's picture."""
 
     def __init__(
-        self, run_status: RunStatus, commands: CommandQueue, stop: Stop, viewer: str | None, port: int
+        self,
+        run_status: RunStatus,
+        live_view: LiveView,
+        commands: CommandQueue,
+        stop: Stop,
+        viewer: str | None,
+        port: int,
     ) -> None:
-        self._run_status, self._commands, self._stop = run_status, commands, stop
+        self._run_status, self._live_view, self._commands, self._stop = run_status, live_view, commands, stop
         self._viewer = viewer
+        self._in_control: str | None = None
+        self._links: Counter[str] = Counter()
         self._origins = {f"http://{host}:{port}" for host in HOSTS}
 
     def app(self, secret: str) -> Starlette:
-        routes = [Route(f"/{secret}/", self.page), WebSocketRoute(f"/{secret}/link", self.link)]
+        routes = [
+            Route(f"/{secret}/", self.page),
+            Route(f"/{secret}/picture.jpg", self.picture),
+            WebSocketRoute(f"/{secret}/link", self.link),
+        ]
         return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(self._viewer).replace("<", "\\u003c")
         page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
         return HTMLResponse(page, headers=HEADERS)
+
+    async def picture(self, request: Request) -> Response:
+        """Return the operator's picture of this moment."""
+        drawn = await run_in_threadpool(self._live_view.jpeg)
+        if drawn is None:
+            return Response(status_code=404, headers=HEADERS)
+        number, content = drawn
+        return Response(content, media_type="image/jpeg", headers={**HEADERS, "X-Picture": str(number)})
 
     async def link(self, link: WebSocket) -> None:
         """Serve the WebSocket of one open page. The socket is closed if sending or receiving fails, so that the
@@ -136,33 +165,42 @@ class _Page:
             await link.close(POLICY)
             return
         await link.accept()
-        tasks = {asyncio.create_task(self._send(link)), asyncio.create_task(self._receive(link))}
+        page = link.query_params.get("page", "")
+        self._links[page] += 1
+        if self._in_control is None:  # the first page has control, until another one takes it
+            self._in_control = page
+        tasks = {asyncio.create_task(self._send(link, page)), asyncio.create_task(self._receive(link, page))}
         _, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        self._links[page] -= 1
+        if self._in_control == page and not self._links[page]:
+            self._in_control = None
         with contextlib.suppress(Exception):  # either end may have closed it already
             await link.close()
 
-    async def _send(self, link: WebSocket) -> None:
-        sent_version, sent_at = -1, 0.0
+    async def _send(self, link: WebSocket, page: str) -> None:
+        sent_version, sent_picture, sent_at, sent_control = -1, -1, 0.0, ""
         while True:
-            version, now = self._run_status.version, time.monotonic()
+            version, now, picture = self._run_status.version, time.monotonic(), self._live_view.about()
+            number, control = -1 if picture is None else picture["number"], self._control(page)
+            news = {"picture": picture, "stopped": self._stopped(), "control": control}
             if version != sent_version:
-                await link.send_json({"run_status": self._run_status.snapshot(), "stopped": self._stopped()})
-                sent_version, sent_at = version, now
-            elif now - sent_at > ALIVE_S:
-                await link.send_json({"stopped": self._stopped()})
-                sent_at = now
+                await link.send_json({"run_status": self._run_status.snapshot(), **news})
+                sent_version, sent_picture, sent_at, sent_control = version, number, now, control
+            elif (number, control) != (sent_picture, sent_control) or now - sent_at > ALIVE_S:
+                await link.send_json(news)
+                sent_picture, sent_at, sent_control = number, now, control
             await asyncio.sleep(LOOK_S)
 
-    async def _receive(self, link: WebSocket) -> None:
+    async def _receive(self, link: WebSocket, page: str) -> None:
         while True:
             frame = await link.receive()
             if frame["type"] == "websocket.disconnect":
                 return
             try:
-                answer = self._answer(frame.get("text") or frame.get("bytes") or "")
+                answer = self._answer(frame.get("text") or frame.get("bytes") or "", page)
             except Exception as e:  # an error must not close the link: the next message may be a stop
                 answer = {"refused": f"the message could not be carried out: {e}"}
             await link.send_json(answer)
@@ -174,7 +212,12 @@ class _Page:
         except DriverError:
             return None
 
-    def _answer(self, text: str | bytes) -> dict[str, Any]:
+    def _control(self, page: str) -> str:
+        if self._in_control is None:
+            return "free"
+        return "yours" if self._in_control == page else "other"
+
+    def _answer(self, text: str | bytes, page: str) -> dict[str, Any]:
         """Carry out a message (cell/operator/console/messages.py). Returns the answer for the page."""
         message = read_message(text)
         if message is None:
@@ -182,6 +225,12 @@ class _Page:
         if isinstance(message, StopMessage):
             self._stop.trigger(STOP_REASON)
             return {"noted": "stop"}
+        if isinstance(message, ControlMessage):
+            self._in_control = page
+            self._run_status.note("another page has taken control")
+            return {"control": "yours"}
+        if self._in_control != page:
+            return {"refused": "another page has control: take control first", "control": self._control(page)}
         command = next((event for event in self._run_status.allowed() if event.value == message.say), None)
         if command is None:
             return {"refused": "this command is not possible now"}

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
 from cell.recording.rerun import Recorder
@@ -18,13 +19,19 @@ __all__ = ["Supervision"]
 
 
 class Supervision:
-    """Supervision of one run. run_status: the status that the page shows; commands: the run's queue, which gets
-    the commands from the page."""
+    """Supervision of one run. run_status: the status that the page shows; live_view: its picture; commands: the
+    run's queue, which gets the commands from the page."""
 
     def __init__(
-        self, request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket.socket
+        self,
+        request: FoldRequest,
+        run_status: RunStatus,
+        live_view: LiveView,
+        commands: CommandQueue,
+        listener: socket.socket,
     ) -> None:
         self._run_status, self._commands = run_status, commands
+        self.live_view = live_view
         self._listener = listener
         self._viewer = web_viewer() if request.record else None
 
@@ -34,6 +41,8 @@ class Supervision:
         does."""
         live = recorder.live_url
         viewer = viewer_address(self._viewer, live) if self._viewer and live else None
-        with operators_page(self._run_status, self._commands, stop, viewer, self._listener) as address:
+        with operators_page(
+            self._run_status, self.live_view, self._commands, stop, viewer, self._listener
+        ) as address:
             say(f"operator's page: {address}")
             yield

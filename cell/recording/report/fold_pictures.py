@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robots.ports import Array, Side
 from skills.vocabulary import Table
 
-__all__ = ["KeyFrame", "View", "draw_frame", "fold_strip", "join", "outline"]
+__all__ = ["KeyFrame", "View", "draw_frame", "fold_strip", "join"]
 
 Picture = NDArray[np.uint8]
 
@@ -32,8 +32,6 @@ SLIVER = 3
 """A strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows only in a
 sliver beside the other side, the sliver is drawn in the colour of the other side."""
 TOOL_LENGTH = 0.09
-OUTLINE_PIXEL = 0.001
-"""Outlines are traced in pixels of this size on the table [m]."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -143,19 +141,6 @@ def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6
         if k < len(captions):
             cv2.putText(out, captions[k], (left + 4, height + 18), _FONT, 0.45, INK, 1, cv2.LINE_AA)
     return out
-
-
-def outline(vertices: Array, triangles: NDArray[np.integer]) -> list[Array]:
-    """Return the silhouette from above: outer contours [(k, 2), ...] in the table frame [m], the largest first."""
-    low = vertices[:, :2].min(axis=0) - 5 * OUTLINE_PIXEL
-    size = np.ceil((vertices[:, :2].max(axis=0) - low) / OUTLINE_PIXEL).astype(int) + 6
-    mask = np.zeros((int(size[1]), int(size[0])), dtype=np.uint8)
-    pixels = np.round((vertices[:, :2] - low) / OUTLINE_PIXEL).astype(np.int32)
-    for triangle in pixels[triangles]:  # one fillPoly call for all would leave overlaps unfilled
-        cv2.fillConvexPoly(mask, triangle, 255)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    smooth = [cv2.approxPolyDP(c, 1.0, True)[:, 0, :] for c in sorted(contours, key=cv2.contourArea, reverse=True)]
-    return [c * OUTLINE_PIXEL + low for c in smooth if len(c) >= 3]
 
 
 def _table(canvas: NDArray, view: View, table: Table) -> None:

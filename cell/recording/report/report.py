@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.report.fold_pictures import KeyFrame, fold_strip, join, outline
+from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
+from cell.recording.outline import outline
+from cell.recording.report.fold_pictures import KeyFrame, fold_strip, join
 from cell.recording.report.height_map import height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.recording_losses import recording_losses
@@ -80,7 +82,7 @@ def report(
         score=tuple(_score(result.score)),
         verdicts={name: result.score.get(name) for name in ("shape", "flat")} if result.score else {},
         invalid_ideal=str(((result.score or {}).get("ideal") or {}).get("reason") or ""),
-        pictures=tuple(_pictures(end)),
+        pictures=(*_pictures(end), *_questions(folder)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
         settings=request.settings.model_dump(mode="json", by_alias=True),
         recording="run.rrd",
@@ -224,3 +226,13 @@ def _pictures(end: RunEnd) -> Iterator[Picture]:
         yield Picture(recognition.overlay, "recognised")
     if sight.frame is not None:
         yield Picture(sight.frame.rgb, "the last picture")
+
+
+def _questions(folder: Path) -> Iterator[Picture]:
+    """Yield the pictures of the questions that the cell has asked."""
+    for path in sorted((folder / QUESTIONS_FOLDER).glob("*.jpg")):
+        bgr = cv2.imread(str(path))
+        if bgr is not None:
+            number, _, state = path.stem.partition("-")
+            picture = np.ascontiguousarray(bgr[..., ::-1], dtype=np.uint8)
+            yield Picture(picture, f"question {int(number)}, {state.replace('_', ' ')}")

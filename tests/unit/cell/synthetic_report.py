@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.recording.report.fold_pictures import KeyFrame, fold_strip, outline
+from cell.recording.outline import outline
+from cell.recording.report.fold_pictures import KeyFrame, fold_strip
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
 
 

@@ -11,10 +11,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import open_listener, operators_page
 from cell.states.commands import CommandQueue
@@ -25,6 +28,7 @@ from robots.errors import DriverError, Failure, FailureKind, StorageError
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection
+from tests.scenes import camera
 
 ALL = frozenset(Event)
 
@@ -49,13 +53,18 @@ def commands(board: RunStatus) -> CommandQueue:
 
 
 @pytest.fixture
+def view() -> LiveView:
+    return LiveView(camera())
+
+
+@pytest.fixture
 def address(
-    cell: FakeCell, board: RunStatus, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
+    cell: FakeCell, board: RunStatus, view: LiveView, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[str]:
     """A served page that does not linger at its end: no test listens to it then."""
     monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
     viewer = "http://127.0.0.1:1/?url=x'\"</script>"
-    with operators_page(board, commands, cell.ports().stop, viewer, open_listener()) as address:
+    with operators_page(board, view, commands, cell.ports().stop, viewer, open_listener()) as address:
         yield address
 
 
@@ -63,8 +72,9 @@ def origin_of(address: str) -> str:
     return "/".join(address.split("/")[:3])
 
 
-def linked(address: str, origin: str | None = None) -> ClientConnection:
-    return connect(address.replace("http", "ws") + "link", origin=origin or origin_of(address))  # type: ignore[arg-type]
+def linked(address: str, origin: str | None = None, page: str = "one") -> ClientConnection:
+    link = address.replace("http", "ws") + f"link?page={page}"
+    return connect(link, origin=origin or origin_of(address))  # type: ignore[arg-type]
 
 
 def heard(link: ClientConnection, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
@@ -87,12 +97,51 @@ def say(link: ClientConnection, **message: Any) -> dict[str, Any]:
     return heard(link, lambda answer: "noted" in answer or "refused" in answer)
 
 
-def test_the_page_is_complete_and_shows_the_viewer(address: str) -> None:
+def test_the_page_is_complete_and_links_to_the_viewer(address: str) -> None:
     with urllib.request.urlopen(address) as answer:
         text = answer.read().decode()
     assert 'const VIEWER = "http://127.0.0.1:1/?url=x' in text and "{{" not in text
     assert text.count("</script>") == 1, "an address cannot end the page's script"
     assert answer.headers["X-Frame-Options"] == "DENY" and answer.headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_one_page_has_control_until_another_one_takes_it(
+    address: str, board: RunStatus, commands: CommandQueue, cell: FakeCell
+) -> None:
+    enter(board, State.FOLDING)
+    with linked(address, page="one") as one:
+        assert told(one, "control") == "yours"
+        with linked(address, page="two") as two:
+            assert told(two, "control") == "other"
+            assert "refused" in say(two, say="pause")
+            assert say(two, stop=True) == {"noted": "stop"} and cell.stop_reason, "STOP needs no control"
+            two.send(json.dumps({"control": True}))
+            assert heard(two, lambda m: m.get("control") == "yours")
+            assert heard(one, lambda m: m.get("control") == "other")
+            assert say(two, say="pause") == {"noted": "pause"}
+            assert "refused" in say(one, say="abort")
+        assert commands.take(frozenset(Event)) is Event.PAUSE and commands.take(frozenset(Event)) is None
+
+
+def test_a_page_keeps_control_when_it_opens_its_link_anew(address: str, board: RunStatus) -> None:
+    enter(board, State.FOLDING)
+    with linked(address, page="one") as old, linked(address, page="one") as new:
+        assert told(new, "control") == "yours"
+        old.close()
+        assert say(new, say="pause") == {"noted": "pause"}
+
+
+def test_the_picture_is_served_with_its_number(address: str, view: LiveView) -> None:
+    with pytest.raises(urllib.error.HTTPError) as error:
+        urllib.request.urlopen(f"{address}picture.jpg")
+    assert error.value.code == 404, "nothing was seen yet"
+    view.between(FakeCell().ports()).stop.state()
+    with linked(address) as link:
+        number = heard(link, lambda m: m.get("picture") is not None)["picture"]["number"]
+    with urllib.request.urlopen(f"{address}picture.jpg?n={number}") as answer:
+        content, headers = answer.read(), answer.headers
+    assert int(headers["X-Picture"]) == number and headers["Cache-Control"] == "no-store"
+    assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) is not None
 
 
 @pytest.mark.parametrize("path", ["", "0123456789abcdef/", "../"])
@@ -269,9 +318,9 @@ def test_a_stop_that_fails_is_reported_as_such(
 
 
 def test_the_page_receives_the_end_before_it_closes(
-    cell: FakeCell, board: RunStatus, commands: CommandQueue, tmp_path: Path
+    cell: FakeCell, board: RunStatus, view: LiveView, commands: CommandQueue, tmp_path: Path
 ) -> None:
-    page = operators_page(board, commands, cell.ports().stop, None, open_listener())
+    page = operators_page(board, view, commands, cell.ports().stop, None, open_listener())
     address = page.__enter__()
     with linked(address) as link:
         told(link, "run_status")
@@ -288,7 +337,7 @@ def test_the_page_receives_the_end_before_it_closes(
 
 def test_the_page_says_what_the_camera_saw_of_the_last_fold(board: RunStatus, tmp_path: Path) -> None:
     step = Step(State.LOOKING_AFTER, Event.DONE, State.INSPECTING, Effect.INSPECT)
-    last: Any = (SimpleNamespace(name="half"),)
+    last: Any = (SimpleNamespace(name="half", variant=""),)
     seen = context_with(steps=last, inspection=inspection(), claim=a_claim(says="folded as planned"))
     board.performed(2.0, step, Result(Event.ALL_FOLDED, seen))
     board.finish(State.FOLDED, None, tmp_path)

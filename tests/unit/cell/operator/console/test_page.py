@@ -1,4 +1,5 @@
-"""The operator's page in a browser: stop without a link, and fixed positions of the buttons."""
+"""The operator's page in a browser: stop without a link, fixed positions of the buttons, keys, and no approval
+before the picture is on the screen."""
 
 from __future__ import annotations
 
@@ -12,16 +13,23 @@ from contextlib import ExitStack
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from queue import Queue
+from threading import Event as Event_
 from threading import Thread
+from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import PAGE
+from cell.recording.camera_pictures.projected_drawing import jpeg_file
 from cell.states.observers import Step
+from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 from tests import optional_parts
+from tests.builders.contexts import context_with
+from tests.scenes import Scene, camera, render
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = optional_parts.BROWSER.required
@@ -54,9 +62,23 @@ class Silent(BaseHTTPRequestHandler):
     script: str
     said: Queue[str]
     links: list[object]
+    picture: ClassVar[dict[str, object]] = {
+        "number": 1,
+        "age_s": 0.1,
+        "question": True,
+        "progress": None,
+        "grip_n": {},
+    }
+    shutter: Event_
 
     def do_GET(self) -> None:
-        if not self.path.endswith("link"):
+        if "picture.jpg" in self.path:
+            self.shutter.wait(60.0)
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(jpeg_file(np.full((48, 64, 3), 90, np.uint8)))
+            return
+        if "link?" not in self.path:
             page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", "null") + self.script
             self.send_response(200)
             self.end_headers()
@@ -71,7 +93,8 @@ class Silent(BaseHTTPRequestHandler):
                 b"Sec-WebSocket-Accept: " + accepted + b"\r\n\r\n"
             )
             for board in self.boards:
-                told = json.dumps({"run_status": board.snapshot(), "stopped": False}).encode()
+                news = {"stopped": False, "control": "yours", "picture": self.picture}
+                told = json.dumps({"run_status": board.snapshot(), **news}).encode()
                 self.wfile.write(b"\x81\x7e" + len(told).to_bytes(2, "big") + told)
                 self.said.put(self._frame())
         while frame := self._frame():
@@ -92,7 +115,7 @@ class Silent(BaseHTTPRequestHandler):
     def log_message(self, *_: object) -> None: ...
 
 
-Page = Callable[[Sequence[RunStatus], str], "Queue[str]"]
+Page = Callable[..., "Queue[str]"]
 
 
 @pytest.fixture
@@ -101,9 +124,14 @@ def page(tmp_path: Path) -> Iterator[Page]:
     hangs."""
     with ExitStack() as closing:
 
-        def opened(boards: Sequence[RunStatus], script: str) -> Queue[str]:
+        def opened(boards: Sequence[RunStatus], script: str, shutter: Event_ | None = None) -> Queue[str]:
             said: Queue[str] = Queue()
-            handler = type("Handler", (Silent,), {"boards": boards, "script": script, "said": said, "links": []})
+            if shutter is None:  # pictures come at once
+                shutter = Event_()
+                shutter.set()
+            handler = type("Handler", (Silent,), {
+                "boards": boards, "script": script, "said": said, "links": [], "shutter": shutter
+            })  # fmt: skip
             server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
             server.daemon_threads = True
             closing.callback(server.server_close)
@@ -150,3 +178,57 @@ def test_buttons_keep_their_place_in_every_state(page: Page) -> None:
     said = page([a_board(), computing, asking, ended], TELL_PLACES)
     places = [json.loads(said.get(timeout=60.0)) for _ in range(4)]
     assert places[0]["stop"][1] > 0 and places[1:] == places[:1] * 3
+
+
+TELL_APPROVE = """
+<script>
+let before = null;
+setInterval(() => {
+  const now = { approve: !at("approve").disabled, shown: !at("shown").hidden, retry: !at("retry").disabled };
+  if (runStatus !== null && JSON.stringify(now) !== before) { before = JSON.stringify(now); say(now); }
+}, 30);
+</script>
+"""
+PRESS_A_WHEN_POSSIBLE = """
+<script>
+setInterval(() => {
+  if (!at("approve").disabled) document.dispatchEvent(new KeyboardEvent("keydown", { key: "a" }));
+}, 100);
+</script>
+"""
+PRESS_ESCAPE = """
+<script>
+setInterval(() => {
+  if (!at("stop").disabled) document.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape" }));
+}, 100);
+</script>
+"""
+
+
+def asking() -> RunStatus:
+    """A status in which a plan waits for approval."""
+    board = a_board()
+    step = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
+    board.performed(1.0, step, Result(Event.APPROVAL_NEEDED, context_with(frame=render(Scene(), camera()))))
+    return entered(board, State.AWAITING_APPROVAL)
+
+
+def test_nobody_approves_a_plan_that_was_not_on_the_screen(page: Page) -> None:
+    shutter = Event_()
+    said = page([asking()], TELL_APPROVE, shutter)
+    first = json.loads(said.get(timeout=60.0))
+    assert first == {"approve": False, "shown": False, "retry": True}, "without the picture, only a new look"
+    shutter.set()
+    while not (later := json.loads(said.get(timeout=60.0)))["approve"]:
+        pass
+    assert later["shown"]
+
+
+def test_a_key_approves_the_shown_plan(page: Page) -> None:
+    said = page([asking()], PRESS_A_WHEN_POSSIBLE)
+    assert json.loads(said.get(timeout=60.0)) == {"say": "approve", "question": 1}
+
+
+def test_escape_stops(page: Page) -> None:
+    said = page([a_board()], PRESS_ESCAPE)
+    assert json.loads(said.get(timeout=60.0)) == {"stop": True}

@@ -17,7 +17,8 @@ from shapely.geometry import Polygon
 from synthetic_report import run_record
 
 from cell.config.cell_settings import load_settings
-from cell.recording.report.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join, outline
+from cell.recording.outline import outline
+from cell.recording.report.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
 from cell.recording.report.page import (
     Picture,
     RunRecord,

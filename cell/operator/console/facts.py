@@ -1,0 +1,100 @@
+"""What the page says beside the picture: the plan's figures in words, and what each answer does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cell.states.run_context import RunContext
+from cell.states.stages import Attempt, Plan
+from cell.states.transition_table import Event, State
+from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
+
+__all__ = ["consequences", "plan_facts"]
+
+HANDS_S = 6.0
+"""Typical time of a fold's descents, grasps and releases, which is not known beforehand [s]."""
+LOOK_S = 2.0
+"""Typical time of the looks after a fold [s]."""
+PERCENTILE = 95.0
+"""The height of a stack is this percentile of its vertices' heights, as in the score."""
+
+
+def plan_facts(context: RunContext) -> list[tuple[str, str]]:
+    """Return (label, value) for the planned fold; empty before there is a plan."""
+    plan, fold = context.plan, context.fold
+    if plan is None or not plan.steps:
+        return []
+    facts = [("Now", _step(plan, fold.index))]
+    following = fold.index + 1
+    facts.append(
+        ("Next", _step(plan, following) if following < len(plan.steps) else "the fold is judged; then the end")
+    )
+    if context.recognition is not None:
+        perception = context.recognition.perception
+        facts.append(
+            ("Recognised", f"{_words(perception.garment)}, confidence {perception.state.confidence:.2f} of 1")
+        )
+    if fold.attempt is not None:
+        facts += _attempt_facts(context, plan, fold.attempt)
+    return facts
+
+
+def consequences(state: State, planned: bool) -> Mapping[str, str]:
+    """Return command -> what it does, for the question of a state. planned: whether folds were planned."""
+    end = "the hands let go, the arms park, and the run ends as not folded"
+    if state is State.AWAITING_APPROVAL:
+        return {
+            Event.APPROVE: "the arms go to the garment and make this fold",
+            Event.RETRY: "the cell looks again and plans this fold anew",
+            Event.ABORT: end,
+        }
+    if state is State.AWAITING_PRESSING:
+        return {
+            Event.APPROVE: "the hands press the crease",
+            Event.RETRY: "the cell looks again and judges the fold anew",
+            Event.SKIP: "the fold stays as it is and is judged so",
+            Event.ABORT: end,
+        }
+    if state is State.ASKING:
+        again = "the cell looks again and makes this fold anew: first lay the garment as it was before this fold"
+        return {
+            Event.RETRY: again if planned else "the cell looks again",
+            Event.SKIP: "this fold is left out; the run goes on and ends as not folded",
+            Event.ABORT: end,
+        }
+    return {}
+
+
+def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tuple[str, str]]:
+    source = "from the library" if attempt.trajectory.source == "library" else "optimised in this run"
+    height = float(np.percentile(attempt.predicted.vertices[:, 2], PERCENTILE))
+    facts = [("Arc", source)]
+    if attempt.dissimilarity_m >= 0.0:
+        facts.append(
+            ("Predicted error", f"{1e3 * attempt.dissimilarity_m:.1f} mm mean distance from the ideal fold")
+        )
+    facts.append(("Predicted height", f"{1e3 * height:.0f} mm"))
+    facts.append(
+        (
+            "Clearance",
+            f"the arms keep {1e3 * BODY_MARGIN:.0f} mm from the robot, {1e3 * TABLE_MARGIN:.0f} mm from the table",
+        )
+    )
+    this = attempt.motion.duration + HANDS_S + LOOK_S
+    left = this * (len(plan.steps) - context.fold.index)
+    facts.append(("Time", f"about {this:.0f} s for this fold, {left:.0f} s to the end"))
+    if context.recoveries_in_step:
+        facts.append(("Attempts", f"{context.recoveries_in_step} failed before this one"))
+    return facts
+
+
+def _step(plan: Plan, index: int) -> str:
+    step = plan.steps[index]
+    name = ", ".join(_words(word) for word in (step.name, step.variant) if word)
+    return f"fold {index + 1} of {len(plan.steps)}: {name}"
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
