@@ -65,7 +65,10 @@ class Director:
 
     def __init__(self, script: Script, rest: Array, tell: Callable[[str], None]) -> None:
         """rest: (14,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
-        self._pending = list(script.do)
+        self._pending = [
+            action.model_copy(update={"when": action.when.drawn(script.seed, index)})
+            for index, action in enumerate(script.do)
+        ]
         self._due: list[tuple[float, Action]] = []
         self._faults: list[tuple[Fault, Action]] = []
         self._rest, self._tell = rest, tell
@@ -77,7 +80,7 @@ class Director:
         self._parked = False
         self._commanded: list[tuple[QueuedCommand, Action]] = []
         self._dropped: list[Action] = []
-        self._missed: tuple[Action, ...] = script.do
+        self._missed: tuple[Action, ...] = tuple(self._pending)
         self._limit = script.limit_s
         self._overdue = False
         self._trouble: list[str] = []
@@ -124,7 +127,11 @@ class Director:
     def entered(self, t: float, step: Step) -> None:
         left = [(due, action) for due, action in self._due if action.when.state is not None and due > t]
         self._due = [item for item in self._due if item not in left]  # the state of these actions has ended
-        self._dropped += [action for _, action in left]
+        for due, action in left:
+            if action.when.at_latest:
+                self._without_raising(partial(self._do, min(due, t), action))
+            else:
+                self._dropped.append(action)
         visit = self._states.count(step.target) + 1
         self._states.append(step.target)
 

@@ -10,6 +10,8 @@ do:
     say: pause
   - when: {time_s: 60}
     tell: put the lamp out
+  - when: {during: {lifting: 1.0, folding: 3.0}, visits: 2}    # drawn by the seed
+    fault: {kind: slip}
 expect:
   end: [folded, not_folded]
   failures: [dropped_corner]
@@ -17,27 +19,40 @@ expect:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from cell.config.yaml_file import Key, read_yaml, validated
-from cell.simulation import Fault, FaultKind
+from cell.simulation import TRAITS, Fault, FaultKind
 from cell.states.commands import OPERATOR_EVENTS
 from cell.states.transition_table import TERMINAL, Event, State
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Side
 
-__all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "read_script"]
+__all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "one_of", "read_script"]
 
 _LONGEST_S = 36_000.0
 _ENTERED = frozenset(State) - {State.IDLE}
 """States that a run can enter: all except IDLE, in which it starts."""
+ENTERED_ONCE = frozenset(
+    {
+        State.PREPARING,
+        State.PHOTOGRAPHING,
+        State.AWAITING_GARMENT,
+        State.LOOKING,
+        State.RECOGNISING,
+        State.PLANNING,
+    }
+)
+"""States that a run without failures enters once, before its first fold."""
 
 
-def _one_of(kind: Any, known: Any = None) -> Any:
+def one_of(kind: Any, known: Any = None) -> Any:
     """Return the type of a field that holds a value of the enumeration `kind`, or of its members `known` only. The
     error message for any other value lists the allowed ones."""
     choices = [member for member in kind if known is None or member in known]
@@ -69,22 +84,54 @@ class _Group(BaseModel):
 
 
 class Moment(_Group):
-    """A moment of the run: a time since its start, or a delay after the n-th entry into a state."""
+    """A moment of the run: a time since its start, a delay after the n-th entry into a state, or a random moment.
+
+    A random moment is drawn by the script's seed, evenly over the stays in the states of `during`.
+    """
 
     time_s: Annotated[float, _seconds("cell time since the start of the run")] | None = None
-    state: _one_of(State, _ENTERED) | None = Field(None, description="a state of the state machine")  # type: ignore[valid-type]
+    state: one_of(State, _ENTERED) | None = Field(None, description="a state of the state machine")  # type: ignore[valid-type]
     visit: int = Field(1, ge=1, le=1000, strict=True, description="the state's n-th visit, from 1")
     after_s: Annotated[float, _seconds("delay after the state was entered")] = 0.0
+    at_latest: bool = Field(False, strict=True, description="not missed if the state ends before: then at its end")
+    during: dict[one_of(State, _ENTERED), Annotated[float, _seconds("usual length of a stay")]] = Field(  # type: ignore[valid-type]
+        {}, description="states, each with the usual length of a stay in it; one moment is drawn"
+    )
+    visits: int = Field(1, ge=1, le=1000, strict=True, description="draw among the first n visits of a state")
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        if (self.time_s is None) == (self.state is None):
-            raise ValueError("a moment is either `time_s` or `state` (with `visit` and `after_s`)")
-        if self.state is None and (self.visit != 1 or self.after_s):
-            raise ValueError("`visit` and `after_s` need `state`; they cannot be used with `time_s`")
+        if sum((self.time_s is not None, self.state is not None, bool(self.during))) != 1:
+            raise ValueError(
+                "a moment is either `time_s` or `state` (with `visit`, `after_s`) or `during` (with `visits`)"
+            )
+        if self.state is None and (self.visit != 1 or self.after_s or self.at_latest):
+            raise ValueError("`visit`, `after_s` and `at_latest` need `state`")
+        if not self.during and self.visits != 1:
+            raise ValueError("`visits` needs `during`")
         return self
 
+    def drawn(self, seed: int, index: int) -> Moment:
+        """Return the moment that the seed draws for the script's action number `index`; itself if it is not a
+        random moment. If the stay turns out to be shorter, it is the end of the stay."""
+        if not self.during:
+            return self
+        rng = np.random.default_rng((seed, index))
+        stays = [
+            (state, visit, span)
+            for state, span in self.during.items()
+            for visit in range(1, 1 + (1 if state in ENTERED_ONCE else self.visits))
+        ]
+        spans = np.array([span for _, _, span in stays])
+        share = spans / spans.sum() if spans.any() else np.full(len(stays), 1.0 / len(stays))
+        state, visit, span = stays[int(rng.choice(len(stays), p=share))]
+        return Moment.model_validate(
+            {"state": state, "visit": visit, "after_s": round(float(rng.uniform(0.0, span)), 3), "at_latest": True}
+        )
+
     def __str__(self) -> str:
+        if self.during:
+            return f"at a random moment of {', '.join(state.value for state in self.during)}"
         if self.state is None:
             return f"at {self.time_s:g} s"
         visit = "" if self.visit == 1 else f", visit {self.visit}"
@@ -92,19 +139,30 @@ class Moment(_Group):
 
 
 class FaultSpec(_Group):
-    """A fault of the simulated cell (cell/simulation/faults.py)."""
+    """A fault of the simulated cell (cell/simulation/faults/kinds.py)."""
 
-    kind: _one_of(FaultKind) = Field(description="kind of fault")  # type: ignore[valid-type]
-    side: _one_of(Side) | None = Field(None, description="left or right; default: the first to which it applies")  # type: ignore[valid-type]
+    kind: one_of(FaultKind) = Field(description="kind of fault")  # type: ignore[valid-type]
+    side: one_of(Side) | None = Field(None, description="left or right; default: the first to which it applies")  # type: ignore[valid-type]
     grasp: int | None = Field(
         None, ge=1, strict=True, description="n-th time that this side closes on cloth, from 1"
     )
     fold: int | None = Field(None, ge=0, strict=True, description="during the n-th fold, from 0")
+    size: float | None = Field(
+        None, ge=-100.0, le=100.0, strict=True, allow_inf_nan=False, description="size in the unit of the kind"
+    )
     size_m: float | None = Field(None, gt=0.0, le=1.0, strict=True, description="size in metres")
     duration_s: float | None = Field(None, gt=0.0, le=_LONGEST_S, strict=True, description="duration")
+    turn_deg: float | None = Field(
+        None, ge=-180.0, le=180.0, strict=True, description="angle by which a garment is turned"
+    )
+    seed: int = Field(0, ge=0, le=2**31 - 1, strict=True, description="draws what the fault leaves open")
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
+        if self.size is not None and self.size_m is not None:
+            raise ValueError("give `size` or `size_m`, not both")
+        if self.size_m is not None and TRAITS[self.kind].unit not in ("", "m"):
+            raise ValueError(f"the size of {self.kind} is no length but in {TRAITS[self.kind].unit}: use `size`")
         try:
             self.at(0.0)
         except ConfigurationError as e:
@@ -113,7 +171,9 @@ class FaultSpec(_Group):
 
     def at(self, t: float) -> Fault:
         """Return the fault with its start at cell time t [s]."""
-        return Fault(self.kind, self.side, t, self.grasp, self.fold, self.size_m, self.duration_s)
+        size = self.size if self.size is not None else self.size_m
+        turn = 0.0 if self.turn_deg is None else math.radians(self.turn_deg)
+        return Fault(self.kind, self.side, t, self.grasp, self.fold, size, self.duration_s, turn, self.seed)
 
 
 START = Moment.model_validate({"time_s": 0.0})
@@ -124,7 +184,7 @@ class Action(_Group):
 
     when: Moment = Field(START, description="time_s, or state with visit and after_s")
     fault: FaultSpec | None = Field(None, description="causes a fault in the simulated cell")
-    say: _one_of(Event, OPERATOR_EVENTS) | None = Field(None, description="an operator's command")  # type: ignore[valid-type]
+    say: one_of(Event, OPERATOR_EVENTS) | None = Field(None, description="an operator's command")  # type: ignore[valid-type]
     stop: str | None = Field(None, min_length=1, description="triggers the stop circuit, with this reason")
     tell: str | None = Field(None, min_length=1, description="a line for the person at the cell")
 
@@ -144,13 +204,13 @@ class Expectation(_Group):
     """Expected results of the run. The items of a list must occur in the order of the list, but other items may
     occur between them."""
 
-    end: Annotated[tuple[_one_of(State, TERMINAL), ...], BeforeValidator(_as_list)] = Field(  # type: ignore[valid-type]
+    end: Annotated[tuple[one_of(State, TERMINAL), ...], BeforeValidator(_as_list)] = Field(  # type: ignore[valid-type]
         min_length=1, description="the state, or one of the states, in which the run may end"
     )
-    failures: tuple[_one_of(FailureKind), ...] = Field((), description="kinds of failure that occur")  # type: ignore[valid-type]
+    failures: tuple[one_of(FailureKind), ...] = Field((), description="kinds of failure that occur")  # type: ignore[valid-type]
     only_failures: bool = Field(False, strict=True, description="no other kinds of failure occur")
-    through: tuple[_one_of(State, _ENTERED), ...] = Field((), description="states that are entered")  # type: ignore[valid-type]
-    not_through: tuple[_one_of(State, _ENTERED), ...] = Field((), description="states that are never entered")  # type: ignore[valid-type]
+    through: tuple[one_of(State, _ENTERED), ...] = Field((), description="states that are entered")  # type: ignore[valid-type]
+    not_through: tuple[one_of(State, _ENTERED), ...] = Field((), description="states that are never entered")  # type: ignore[valid-type]
     folds: int | None = Field(None, ge=0, strict=True, description="number of folds made")
     within_s: Annotated[float, _seconds("robot time of the whole run")] | None = None
     passed: bool | None = Field(

@@ -222,3 +222,30 @@ def test_actions_that_never_became_due_break_the_script(monkeypatch: pytest.Monk
     script = a_script({"when": {"state": "asking"}, "tell": "a"}, {"when": {"time_s": 99}, "tell": "b"})
     broken = broken_expectations(script, result(), played(monkeypatch, script).seen())
     assert [b.split(" never")[0] for b in broken] == ["tell (0 s into asking)", "tell (at 99 s)"]
+
+
+def test_a_random_moment_of_a_stay_that_is_too_short_is_its_end() -> None:
+    director, ports, cell, _, told = begun({"when": {"during": {"folding": 1000.0}}, "tell": "now"})
+    enter(director, State.FOLDING, cell)
+    ports.clock.sleep_until(0.01)
+    assert not told
+    enter(director, State.RETREATING, cell)
+    assert told == ["now"]
+    enter(director, State.FOLDED, cell)
+    assert director.seen().missed == ()
+
+
+def test_a_random_moment_within_the_stay_is_met_between_two_set_points() -> None:
+    director, ports, cell, _, told = begun({"when": {"during": {"folding": 2.0}, "visits": 3}, "tell": "now"})
+    moment = director.seen().missed[0].when
+    for visit in range(1, 4):
+        enter(director, State.FOLDING, cell)
+        began = cell.now
+        while cell.now < began + 2.5:
+            before = cell.now
+            ports.clock.sleep_until(before + 0.01)
+            if told:
+                assert visit == moment.visit and before <= began + moment.after_s <= cell.now + 1e-9
+                return
+        enter(director, State.RETREATING, cell)
+    raise AssertionError(f"the moment {moment} never came")

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
-from cell.campaigns.hil.script import read_script
+from cell.campaigns.hil.script import FaultSpec, Moment, read_script
 from cell.campaigns.hil.script_run import check_script
 from cell.config.cell_settings import load_settings
 from cell.simulation import FaultKind
@@ -121,3 +122,59 @@ def test_settings_and_garments_are_checked_before_anything_moves(key: str, value
     script = read_script(script_file(tmp_path, **{key: value}))
     with pytest.raises(ConfigurationError):
         check_script(script, load_settings(), "sim")
+
+
+def test_a_random_moment_is_drawn_evenly_over_the_stays_of_its_states() -> None:
+    moment = Moment.model_validate({"during": {"lifting": 1.0, "folding": 3.0}, "visits": 2})
+    drawn = [moment.drawn(seed, 0) for seed in range(4000)]
+    assert all(m.at_latest and not m.during for m in drawn)
+    for state, visit, span in [("lifting", 1, 1.0), ("lifting", 2, 1.0), ("folding", 1, 3.0), ("folding", 2, 3.0)]:
+        delays = [m.after_s for m in drawn if m.state == state and m.visit == visit]
+        assert len(delays) / len(drawn) == pytest.approx(span / 8.0, abs=0.04)
+        assert min(delays) >= 0.0 and max(delays) <= span
+        assert np.mean(delays) == pytest.approx(span / 2, rel=0.1)
+
+
+def test_a_random_moment_depends_on_the_seed_and_the_action() -> None:
+    moment = Moment.model_validate({"during": {"folding": 3.0}, "visits": 3})
+    assert moment.drawn(5, 1) == moment.drawn(5, 1)
+    assert len({str(moment.drawn(seed, index)) for seed in range(10) for index in range(3)}) > 25
+
+
+def test_states_that_a_run_enters_once_are_drawn_for_their_only_visit() -> None:
+    moment = Moment.model_validate({"during": {"looking": 0.3, "looking_after": 0.3}, "visits": 2})
+    drawn = [moment.drawn(seed, 0) for seed in range(300)]
+    assert {(m.state.value, m.visit) for m in drawn} == {
+        ("looking", 1),
+        ("looking_after", 1),
+        ("looking_after", 2),
+    }
+
+
+@pytest.mark.parametrize(
+    ("moment", "message"),
+    [
+        ({"during": {"folding": 1.0}, "state": "folding"}, "a moment is either"),
+        ({"state": "folding", "visits": 2}, "`visits` needs `during`"),
+        ({"time_s": 3.0, "at_latest": True}, "need `state`"),
+        ({"during": {"dancing": 1.0}}, "folding"),
+        ({"during": {"folding": -1.0}}, "greater than or equal to 0"),
+    ],
+)
+def test_impossible_random_moments_are_refused(moment: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Moment.model_validate(moment)
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ({"kind": "gripper_weak", "size_m": 0.3}, "use `size`"),
+        ({"kind": "sudden_drop", "size_m": 0.3, "size": 0.3}, "not both"),
+        ({"kind": "camera_black", "turn_deg": 10.0}, "has no angle"),
+        ({"kind": "camera_late", "size": -1.0}, "above 0"),
+    ],
+)
+def test_sizes_that_do_not_fit_their_kind_are_refused(fault: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        FaultSpec.model_validate(fault)

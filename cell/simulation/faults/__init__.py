@@ -1,0 +1,9 @@
+"""Faults that a script or a test injects into a simulated cell."""
+
+from __future__ import annotations
+
+from cell.simulation.faults.board import FaultBoard
+from cell.simulation.faults.fault import Fault
+from cell.simulation.faults.kinds import TRAITS, FaultKind, FaultTraits, Place
+
+__all__ = ["TRAITS", "Fault", "FaultBoard", "FaultKind", "FaultTraits", "Place"]

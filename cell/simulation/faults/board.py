@@ -1,0 +1,76 @@
+"""The faults that were injected into one simulated cell: waiting, active and past ones."""
+
+from __future__ import annotations
+
+from cell.simulation.faults.fault import Fault
+from cell.simulation.faults.kinds import FaultKind
+from robots.ports import Side
+
+__all__ = ["FaultBoard"]
+
+
+class FaultBoard:
+    """The faults of one world: waiting faults, active faults, and past faults (for the ground truth).
+
+    Times are those of the world [s]. The cell's clock is ahead of them by `clock_offset` [s], and `Fault.at` is a
+    time of that clock.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[Fault] = []
+        self._lasting: list[tuple[Fault, float, Side | None]] = []
+        """Active faults, each with its end [s] and the side that met its conditions."""
+        self.happened: list[tuple[float, Fault]] = []
+        self.clock_offset = 0.0
+
+    @property
+    def empty(self) -> bool:
+        """Whether no fault was ever added."""
+        return not (self._waiting or self._lasting)
+
+    def add(self, fault: Fault) -> None:
+        self._waiting.append(fault)
+
+    def take(
+        self,
+        kind: FaultKind,
+        now: float,
+        fold: int,
+        side: Side | None = None,
+        grasp: int | None = None,
+        lifted: float = 0.0,
+    ) -> Fault | None:
+        """Trigger and return the first waiting fault of this kind whose conditions hold; None if there is none."""
+        for fault in self._waiting:
+            if (
+                fault.kind is kind
+                and now + self.clock_offset >= fault.at
+                and (fault.side is None or fault.side is side)
+                and (fault.grasp is None or fault.grasp == grasp)
+                and (fault.fold is None or fault.fold == fold)
+                and (kind is not FaultKind.DROPPED_CORNER or lifted >= fault.extent)
+            ):
+                self._waiting.remove(fault)
+                self._lasting.append((fault, now + fault.lasts, side))
+                self.happened.append((now, fault))
+                return fault
+        return None
+
+    def active(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> Fault | None:
+        """Return the first active fault of this kind; None if there is none. Also triggers a waiting fault whose
+        conditions hold."""
+        if self.empty:
+            return None
+        self.take(kind, now, fold, side)
+        return next(
+            (
+                fault
+                for fault, end, affected in self._lasting
+                if fault.kind is kind and now < end and (affected is None or affected is side)
+            ),
+            None,
+        )
+
+    def lasting(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> bool:
+        """Whether a fault of this kind is active. Also triggers a waiting fault whose conditions hold."""
+        return self.active(kind, now, fold, side) is not None
