@@ -30,6 +30,7 @@ COMPUTES_CLOTH = (
     "cell/config/test_ideal_heights_file.py",
     "cell/executive/effects/test_effects_adapting.py",
     "cell/executive/effects/test_effects_planning.py",
+    "cell/simulation/faults/test_world_faults.py",
     "cell/simulation/test_cloth_body.py",
     "cell/simulation/test_ideal.py",
     "cell/simulation/test_score.py",

@@ -29,10 +29,11 @@ class _Clock(_Port):
     __slots__ = ()
 
     def now(self) -> float:
-        return _world(self).now()
+        return _world(self).port_faults.cell_time()
 
     def sleep_until(self, t: float) -> None:
-        _world(self).sleep_until(t)
+        world = _world(self)
+        world.sleep_until(world.port_faults.wake_at(t))
 
 
 class _Arms(_Port):
@@ -42,13 +43,15 @@ class _Arms(_Port):
         self.command_timeout = command_timeout
 
     def state(self) -> JointState:
-        return _world(self).robot.state()
+        world = _world(self)
+        return world.port_faults.joint_state(world.robot.state())
 
     def enable(self) -> None:
         _world(self).robot.enable()
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        return _world(self).robot.command(q, qd)
+        world = _world(self)
+        return world.port_faults.stamped(world.robot.command(q, qd, world.port_faults.delivers()))
 
 
 class _Head(_Port):
@@ -73,13 +76,16 @@ class _Gripper(_Sided):
         self.max_opening = MAX_OPENING
 
     def calibrate(self) -> None:
-        _world(self).gripper(self.side).calibrate()
+        world = _world(self)
+        world.port_faults.calibrated(self.side)
+        world.gripper(self.side).calibrate()
 
     def command(self, opening: float, force: float) -> None:
         _world(self).gripper(self.side).command(opening, force)
 
     def state(self) -> GripperState:
-        return _world(self).gripper(self.side).state()
+        world = _world(self)
+        return world.port_faults.gripper(world.gripper(self.side).state())
 
 
 class _Tactile(_Sided):
@@ -87,17 +93,19 @@ class _Tactile(_Sided):
 
     def reading(self) -> TactileReading:
         world = _world(self)
-        return world.tactile(self.side).reading(world.now())
+        return world.port_faults.tactile(self.side, lambda side: world.tactile(side).reading(world.now()))
 
 
 class _Camera(_Port):
     __slots__ = ()
 
     def capture(self) -> CameraFrame:
-        return _world(self).capture()
+        world = _world(self)
+        return world.port_faults.stamped(world.capture())
 
     def glimpse(self) -> CameraFrame:
-        return _world(self).glimpse()
+        world = _world(self)
+        return world.port_faults.stamped(world.glimpse())
 
 
 class _Stop(_Port):
@@ -107,7 +115,8 @@ class _Stop(_Port):
         _world(self).robot.trigger_stop(reason)
 
     def state(self) -> StopState:
-        return _world(self).robot.stop_state()
+        world = _world(self)
+        return world.port_faults.stamped(world.robot.stop_state())
 
     def reset(self) -> None:
         _world(self).robot.reset_stop()

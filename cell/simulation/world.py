@@ -14,12 +14,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.camera.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera.camera import Renderer, SimulatedCamera
 from cell.simulation.camera.render_server import Scene, Shot
 from cell.simulation.faults import FaultBoard, FaultKind
+from cell.simulation.faults.camera_faults import CameraFaults
+from cell.simulation.faults.port_faults import PortFaults
+from cell.simulation.faults.world_faults import HANDS, WorldFaults
 from cell.simulation.garment.cloth_body import FRAME_RATE, check_body
 from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.garment.garment import WorldGarment
@@ -46,7 +50,6 @@ STEP_RATE = 240
 """Rate of the physics steps [Hz]."""
 STEPS_A_FRAME = STEP_RATE // FRAME_RATE
 WATCH_RATE = 12
-HANDS = {Side.LEFT: 0, Side.RIGHT: 1}
 RAISED = 0.040
 """While a hand holds cloth, this length of each finger, from the tip upwards, does not push cloth [m]. The held
 cloth is in this part. The same applies after a release, until the fingers are clear of the cloth."""
@@ -101,6 +104,7 @@ class World:
             nominal, noise.garment, rng["garment"], ideal=not settings.garment_noise, world=settings.world
         )
         self.faults = FaultBoard()
+        self.port_faults = PortFaults(self.faults, self.now, lambda: self._fold)
         self._steps = 0
         self._time = 0.0
         self._fold = 0
@@ -123,11 +127,16 @@ class World:
         )
         self.garment.pad_friction = noise.gripper.pad_friction.draw(rng["hands"])
         self._hands = {side: self._hand(side, rng["hands"]) for side in Side}
+        grippers = {side: hand.gripper for side, hand in self._hands.items()}
+        self._world_faults = WorldFaults(self.faults, self.robot, grippers, self.garment)
         for side in Side:
             self._place_hand(side)
         self._T_head_camera = _mounted(noise.camera, rng["camera"], ideal=not settings.camera_noise)
-        self._renderer = Renderer(self._scene(rng["look"])) if settings.render else None
+        scene = self._scene(rng["look"])
+        self._fabric = _mean_colour(scene.garment_texture)
+        self._renderer = Renderer(scene) if settings.render else None
         self._camera = self._build_camera(int(rng["camera"].integers(2**31)))
+        self._camera_faults = CameraFaults(self.faults, self._camera) if self._camera else None
 
     # construction
 
@@ -143,7 +152,7 @@ class World:
         gripper = SimulatedGripper(
             side, self._noise.gripper, int(rng.integers(2**31)), ideal,
             caught=lambda stroke, force: self._caught(side, stroke, force),
-            opened=lambda: self.garment.release(HANDS[side]),
+            opened=lambda: self._opened(side),
         )  # fmt: skip
         tactile = SimulatedTactile(
             side, self._noise.tactile, int(rng.integers(2**31)), ideal,
@@ -210,7 +219,7 @@ class World:
     def _step(self) -> None:
         self._steps += 1
         t, dt = self._steps / STEP_RATE, 1.0 / STEP_RATE
-        self._arm_faults(t)
+        self._world_faults.before_step(t, self._fold)
         self.robot.step(t, dt, {side: hand.gripper.opening for side, hand in self._hands.items()})
         pb.stepSimulation(physicsClientId=self._client)
         for hand in self._hands.values():
@@ -219,15 +228,6 @@ class World:
             self._frame(t)
         if self._watcher is not None and self._steps % (STEP_RATE // WATCH_RATE) == 0:
             self._watcher(replace(self.truth(), stamp=t))
-
-    def _arm_faults(self, t: float) -> None:
-        if self.faults.empty:
-            return
-        for side, hand in self._hands.items():
-            hand.gripper.stuck = self.faults.lasting(FaultKind.GRIPPER_STUCK, t, self._fold, side)
-            drop = self.faults.take(FaultKind.SUDDEN_DROP, t, self._fold, side)
-            if drop is not None:
-                self.robot.drop(side, drop.extent, drop.lasts)
 
     # hands and cloth
 
@@ -259,6 +259,7 @@ class World:
         if not garment.laid:
             return 0.0
         hand.position, hand.rotation, _ = self._touch(side)
+        self._world_faults.freed(side)
         report = garment.grip(HANDS[side], hand.position, hand.rotation, stroke, force)
         if report.held_points == 0:
             return 0.0
@@ -270,8 +271,14 @@ class World:
             return 0.0
         return report.layers * garment.material.thickness
 
+    def _opened(self, side: Side) -> None:
+        """Release the cloth, unless it is caught on a finger."""
+        if not self._world_faults.catches(side, self._steps / STEP_RATE, self._fold):
+            self.garment.release(HANDS[side])
+
     def _frame(self, t: float) -> None:
         """Advance the cloth by one frame, in which the tools move from their last poses to the present ones."""
+        self._world_faults.before_frame(t, self._fold)
         if not self.garment.laid:
             return
         hands = self._hands.values()
@@ -281,7 +288,8 @@ class World:
             self._place_hand(side)
             hand.capsules = self._hand_capsules(side)
             if self.garment.holds(HANDS[side]):
-                self.garment.squeeze(HANDS[side], hand.gripper.force)
+                force = self._world_faults.grip_force(side, hand.gripper.force, t, self._fold)
+                self.garment.squeeze(HANDS[side], force)
         tips = [contact.fingertips(hand.position, hand.rotation, hand.gripper.opening) for hand in hands]
         self.garment.press(
             np.vstack(tips), np.hstack([hand.tip_force for hand in hands]), self._noise.tactile.tip_area
@@ -370,20 +378,20 @@ class World:
     def capture(self) -> CameraFrame:
         """Take a still picture of several exposures, which take cell time."""
         self.sleep_until(self._time + EXPOSURES * EVERY_S)
-        return self._picture(EXPOSURES)
+        frame = self._picture(EXPOSURES)
+        if self._camera_faults is not None:
+            self.sleep_until(self._time + self._camera_faults.lateness(self._time, self._fold))
+        return frame
 
     def glimpse(self) -> CameraFrame:
         """Take one exposure, without waiting."""
         return self._picture(1)
 
     def _picture(self, exposures: int) -> CameraFrame:
-        if self._camera is None:
+        if self._camera_faults is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
-        t, camera = self._time, self._camera
-        camera.frozen = self.faults.lasting(FaultKind.CAMERA_FREEZE, t, self._fold)
-        camera.black = self.faults.lasting(FaultKind.CAMERA_BLACK, t, self._fold)
-        camera.silent = self.faults.lasting(FaultKind.CAMERA_SILENT, t, self._fold)
-        return camera.capture(exposures)
+        slabs = self._world_faults.slabs(self._time, self._fold, self.settings.table, self._fabric)
+        return self._camera_faults.take(self._time, self._fold, exposures, slabs)
 
     def _shot(self) -> Shot:
         q, _, _, pan = self._body.read()
@@ -491,6 +499,11 @@ def _choose(settings: SimulationSettings, rng: np.random.Generator) -> Garment:
     if settings.world == "mujoco":
         garments = [garment for garment in garments if garment.layers == 1]
     return garments[int(draw * len(garments))]
+
+
+def _mean_colour(texture: NDArray[np.uint8]) -> tuple[int, int, int]:
+    red, green, blue = texture.reshape(-1, 3).mean(axis=0)
+    return round(red), round(green), round(blue)
 
 
 def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:

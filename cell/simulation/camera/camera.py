@@ -6,7 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.camera.render_server import Picture, Scene, Shot
+from cell.simulation.camera.slabs import Slab, with_slabs
 from cell.simulation.noise import CameraNoise
 from robots.depth_averaging import mean_depth
 from robots.errors import DriverError, FailureKind
@@ -38,7 +39,7 @@ class Renderer:
     shot and the scene."""
 
     def __init__(self, scene: Scene) -> None:
-        self._scene = scene
+        self.scene = scene
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
         self._count = 0
@@ -55,7 +56,7 @@ class Renderer:
             start_new_session=True,  # so that Ctrl-C does not reach it
         )  # fmt: skip
         theirs.close()
-        ours.send(self._scene)
+        ours.send(self.scene)
         self._connection, self._count = ours, 0
 
     def picture(self, shot: Shot) -> Picture:
@@ -154,9 +155,9 @@ class SimulatedCamera:
             blurred * (2.0 * np.sqrt(np.pi) * width)
         )  # the factor makes the standard deviation 1 again after the blur
 
-    def capture(self, exposures: int = 1) -> CameraFrame:
-        """Return a picture whose depth is the mean of `exposures` pictures. Raises DriverError(CAMERA_FAULT) if
-        `silent`."""
+    def capture(self, exposures: int = 1, slabs: Sequence[Slab] = ()) -> CameraFrame:
+        """Return a picture whose depth is the mean of `exposures` pictures. slabs: objects before the camera that
+        are not part of the shot. Raises DriverError(CAMERA_FAULT) if `silent`."""
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
@@ -165,7 +166,11 @@ class SimulatedCamera:
             return self._last
         self._sequence += 1
         rng = np.random.default_rng((self._seed, 1, self._sequence))
-        picture = self._renderer.picture(self._shot())
+        shot = self._shot()
+        picture = self._renderer.picture(shot)
+        if slabs:
+            scene = self._renderer.scene
+            picture = with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
         rgb, depth = picture.rgb, picture.depth
         if not self._ideal:
             rgb = self._sense_colour(rgb, rng)

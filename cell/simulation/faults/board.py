@@ -26,7 +26,7 @@ class FaultBoard:
     @property
     def empty(self) -> bool:
         """Whether no fault was ever added."""
-        return not (self._waiting or self._lasting)
+        return not (self._waiting or self.happened)
 
     def add(self, fault: Fault) -> None:
         self._waiting.append(fault)
@@ -70,6 +70,14 @@ class FaultBoard:
             ),
             None,
         )
+
+    def end(self, kind: FaultKind, side: Side | None = None) -> None:
+        """End the active faults of this kind that affect `side`."""
+        self._lasting = [
+            (fault, end, affected)
+            for fault, end, affected in self._lasting
+            if fault.kind is not kind or affected not in (None, side)
+        ]
 
     def lasting(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> bool:
         """Whether a fault of this kind is active. Also triggers a waiting fault whose conditions hold."""

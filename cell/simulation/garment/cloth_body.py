@@ -35,6 +35,9 @@ class ClothBody(Protocol):
     def positions(self) -> Array:
         """A copy of the vertices (n, 3) [m], table frame."""
 
+    def set_positions(self, positions: Array) -> None:
+        """Put the vertices at positions (n, 3) [m], at rest. Releases both hands."""
+
     def advance(self, frames: int = 1) -> None:
         """Advance by `frames`, with the hands at their last poses."""
 

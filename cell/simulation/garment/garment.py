@@ -56,6 +56,7 @@ class WorldGarment:
         outline = draw_outline(garment, noise, rng, ideal)
         self.material = garment.material if ideal else _vary(garment, noise, rng)
         self.pose = _Pose(*garment.poses.sample(rng))
+        self._poses = garment.poses
         self._edge = float(noise.edge_length * self.material.bending_length * rng.uniform(0.95, 1.05))
         turn = np.deg2rad(GRID_TURNS[int(rng.integers(2))] + GRID_SPREAD * rng.uniform(-1.0, 1.0))
         self.mesh: ClothMesh = mesh_near_creases(
@@ -79,12 +80,14 @@ class WorldGarment:
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
         self._pressed = False
+        self.away = False
+        """Whether somebody has taken the garment off the table."""
 
     # position
 
     @property
     def laid(self) -> bool:
-        return self._body is not None
+        return self._body is not None and not self.away
 
     @property
     def residual_curvature(self) -> float:
@@ -113,7 +116,7 @@ class WorldGarment:
 
     def lay(self) -> None:
         """Put the garment on the table with small wrinkles and let it come to rest."""
-        self._body = self._build(self._wrinkled())
+        self._body, self.away = self._build(self._wrinkled()), False
         self._cloth.advance(round(self._noise.settle_time * FRAME_RATE))
 
     def _build(self, positions: Array) -> ClothBody:
@@ -191,6 +194,32 @@ class WorldGarment:
         if self.laid:
             self._cloth.advance_along(position, rotation, capsules)
 
+    # actions of a person
+
+    def shove(self, shift: Array, turn: float) -> None:
+        """Move the garment, as it lies, by `shift` (2,) [m] and turn it about its middle by `turn` [rad]. Held
+        cloth is released."""
+        x = self._cloth.positions
+        middle = x[:, :2].mean(axis=0)
+        x[:, :2] = _turned(x[:, :2] - middle, turn) + middle + shift
+        self._cloth.set_positions(x)
+
+    def outside_poses(self, shift: Array, turn: float) -> float:
+        """Return how far a shove would lead out of the poses in which the garment may lie [m]; 0 if it would not.
+        A radian counts as the distance by which it moves a point 0.3 m away."""
+        x = self._cloth.positions[:, :2]
+        flat = self.flat
+        middle = x.mean(axis=0)
+        centred, lying = flat - flat.mean(axis=0), x - middle
+        angle = np.arctan2(
+            np.sum(centred[:, 0] * lying[:, 1] - centred[:, 1] * lying[:, 0]), np.sum(centred * lying)
+        )
+        centre = middle + shift + _turned((self.pose.x, self.pose.y) - flat.mean(axis=0), float(angle) + turn)
+        values = (*centre, self.pose.angle + angle + turn)
+        ranges = (self._poses.x, self._poses.y, self._poses.angle)
+        beyond = [max(low - v, v - high, 0.0) for v, (low, high) in zip(values, ranges, strict=True)]
+        return float(np.hypot(beyond[0], beyond[1]) + 0.3 * beyond[2])
+
     # measurements
 
     def stack(self, point: Array) -> float:
@@ -225,9 +254,10 @@ class WorldGarment:
         return bool(np.min(np.linalg.norm(x - p0 - s[:, None] * axis, axis=1)) > radius)
 
     def checkpoint(self) -> dict[str, NDArray] | None:
-        return self._cloth.checkpoint() if self.laid else None
+        return self._cloth.checkpoint() if self._body is not None else None
 
     def restore(self, saved: Mapping[str, NDArray] | None) -> None:
+        self.away = False
         if saved is None:
             self._body = None
             return
@@ -235,6 +265,11 @@ class WorldGarment:
             self._body = self._build(self.mesh.lay_flat(self.material.thickness))
         self._cloth.restore(saved)
         self._pressed = True  # perhaps: the next frame sets the pressure anew
+
+
+def _turned(xy: Array, angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.asarray(xy @ np.array([[c, s], [-s, c]]))
 
 
 def _vary(garment: Garment, noise: GarmentNoise, rng: np.random.Generator) -> Material:

@@ -30,6 +30,7 @@ MOVING = 0.05
 """At this joint speed and above, jitter has its full size [rad/s]. Sudden drops happen only to an arm with a joint
 that moves faster than this."""
 HEAD_SPEED = 0.6  # [rad/s]
+CIRCUIT = "the stop circuit is open"
 SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
 """Index of S1 in a joint vector; positive rotation lowers the arm."""
 
@@ -76,6 +77,10 @@ class SimulatedRobot:
         self._jitter = np.zeros(14)
         self._effort = np.zeros(14)
         self._drops: dict[Side, _Drop] = {}
+        self._hung: dict[Side, Array] = {}
+        """Where the motors of an arm stand that hangs, or that returns to its set-point afterwards [rad]."""
+        self._hanging: set[Side] = set()
+        self._circuit_open = False
         self._enabled = False
         self._stop_reason: str | None = None
         self._stop_stamp = 0.0
@@ -91,30 +96,31 @@ class SimulatedRobot:
     # called by the ports
 
     def enable(self) -> None:
-        if self._stop_reason is not None:
+        reason = self._stopped_by()
+        if reason is not None:
             raise DriverError(
                 FailureKind.STOPPED,
-                f"the arms cannot be enabled: stopped ({self._stop_reason})",
+                f"the arms cannot be enabled: stopped ({reason})",
                 "reset the stop first",
             )
         self._enabled = True
 
-    def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped set-point. Raises DriverError if
-        the arms are stopped or not enabled, or for invalid vectors."""
+    def command(self, q: Array, qd: Array, delivered: bool = True) -> JointSetpoint:
+        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped set-point. delivered: whether it
+        reaches the robot. Raises DriverError if the arms are stopped or not enabled, or for invalid vectors."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
         if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
             raise DriverError(
                 FailureKind.HARDWARE_FAULT, f"not two finite vectors of 14: shapes {q.shape}, {qd.shape}"
             )
-        if self._stop_reason is not None:
-            raise DriverError(
-                FailureKind.STOPPED, f"stopped: {self._stop_reason}", "reset the stop, then enable the arms"
-            )
+        reason = self._stopped_by()
+        if reason is not None:
+            raise DriverError(FailureKind.STOPPED, f"stopped: {reason}", "reset the stop, then enable the arms")
         if not self._enabled:
             raise DriverError(FailureKind.HARDWARE_FAULT, "the arms are not enabled", "enable them first")
         last_command = clip_setpoint(q, qd, self._sent, self.state().q, self._limits, self._t)
-        self._queue.append(_Setpoint(self._t + self._lag, last_command.q, last_command.qd))
+        if delivered:
+            self._queue.append(_Setpoint(self._t + self._lag, last_command.q, last_command.qd))
         self._sent = last_command.q
         return last_command
 
@@ -140,12 +146,16 @@ class SimulatedRobot:
             self._stop_reason = reason or "no reason given"
 
     def stop_state(self) -> StopState:
-        reason = self._stop_reason
+        reason = self._stopped_by()
         return StopState(self._t if reason is None else self._stop_stamp, reason is not None, reason or "")
 
     def reset_stop(self) -> None:
         self._stop_reason = None
         self._enabled = False
+
+    def _stopped_by(self) -> str | None:
+        """Return the reason of the stop, None if nothing stops the arms."""
+        return self._stop_reason or (CIRCUIT if self._circuit_open else None)
 
     def snapshot(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return the state for a later `resume`: arrays, and plain values including the random generator's
@@ -165,6 +175,9 @@ class SimulatedRobot:
         self._queue.clear()
         self._active, self._enabled, self._stop_reason = None, False, None
         self._drops.clear()
+        self._hung.clear()
+        self._hanging.clear()
+        self._circuit_open = False
         self._body.place(arrays["q"], plain["pan"], opening)
 
     # called by the world
@@ -174,7 +187,7 @@ class SimulatedRobot:
         self._t, self._step = t, self._step + 1
         follow = 1.0 - np.exp(-dt / self._noise.effort_time)
         self._effort += follow * (self._body.read()[2] - self._effort)
-        if self._stop_reason is not None:
+        if self._stopped_by() is not None:
             self._enabled = False
             self._queue.clear()
             self._active = None
@@ -190,7 +203,10 @@ class SimulatedRobot:
             self._velocity = self._active.qd
         turn = HEAD_SPEED * dt
         self._head += min(max(self._head_goal - self._head, -turn), turn)
-        self._body.drive(self._target - self._bias + self._disturbance(t, dt), self._velocity, self._head, opening)
+        goal, velocity = self._target - self._bias + self._disturbance(t, dt), self._velocity
+        if self._hung:
+            goal, velocity = self._held_back(goal, velocity, dt)
+        self._body.drive(goal, velocity, self._head, opening)
 
     def _within(self, q: Array) -> Array:
         return np.asarray(np.minimum(np.maximum(q, self._limits.lower), self._limits.upper))
@@ -220,6 +236,37 @@ class SimulatedRobot:
             if t > drop.start + drop.duration:
                 del self._drops[side]
         return offset
+
+    def _held_back(self, goal: Array, velocity: Array, dt: float) -> tuple[Array, Array]:
+        """Return motor positions and velocities (14,), (14,), of which those of arms that hang stand still. After
+        it hung, an arm returns to its goal at its full speed."""
+        goal, velocity = goal.copy(), velocity.copy()
+        for side, place in list(self._hung.items()):
+            cut = arm_slice(side)
+            if side not in self._hanging:
+                reach = self._limits.velocity[cut] * dt
+                step = np.clip(goal[cut] - place, -reach, reach)
+                if np.array_equal(step, goal[cut] - place):
+                    del self._hung[side]
+                    continue
+                place = self._hung[side] = place + step
+            goal[cut], velocity[cut] = place, 0.0
+        return goal, velocity
+
+    def hang(self, side: Side, hangs: bool) -> None:
+        """Let the motors of an arm stand still from now on, or let them go."""
+        if hangs and side not in self._hanging:
+            self._hung.setdefault(side, self._body.read()[0][arm_slice(side)].copy())
+            self._hanging.add(side)
+        elif not hangs:
+            self._hanging.discard(side)
+
+    def open_circuit(self, opened: bool) -> None:
+        """Open the stop circuit, which stops the arms like `trigger_stop`, or close it. Closing it switches no
+        motor on."""
+        if opened and self._stopped_by() is None:
+            self._stop_stamp = self._t
+        self._circuit_open = opened
 
     def drop(self, side: Side, depth: float, duration: float) -> None:
         """Begin a drop of an arm by `depth` [m] at the tool, which ends after `duration` [s]."""

@@ -41,6 +41,10 @@ class SimulatedGripper:
         self.pressing = 0.0
         """Present force on each pad [N]."""
         self.stuck = False
+        self.strength = 1.0
+        """Share of the commanded force with which the gripper presses."""
+        self.in_error = False
+        self._broken = False
         self._goal, self._force = 0.0, 0.0
         self._between = 0.0
         self._stroke = 0.0
@@ -56,11 +60,30 @@ class SimulatedGripper:
 
     @property
     def force(self) -> float:
-        """Commanded force [N]."""
-        return self._force
+        """Force with which the gripper presses when it meets something [N]."""
+        return self._force * self.strength
+
+    @property
+    def broken(self) -> bool:
+        """Whether a calibration does not help. While it is broken, the gripper reports an error."""
+        return self._broken
+
+    @broken.setter
+    def broken(self, value: bool) -> None:
+        self._broken = value
+        self.in_error = self.in_error or value
+
+    def lose_calibration(self) -> None:
+        """Forget the calibration, as after a loss of power."""
+        self._calibrated = False
+        self._calibrating = self._after = None
 
     def calibrate(self) -> None:
-        """Close and open once, which takes cell time. A command during the calibration is executed after it."""
+        """Close and open once, which takes cell time, and clear an error unless the gripper is broken. A command
+        during the calibration is executed after it."""
+        self.in_error = self.broken
+        if self.in_error:
+            return
         self._calibrating = self._noise.calibration_time
         self._release()
 
@@ -69,6 +92,10 @@ class SimulatedGripper:
         if not (np.isfinite(opening) and np.isfinite(force)):
             raise DriverError(
                 FailureKind.GRIPPER_FAULT, f"the command is not finite: opening {opening} m, force {force} N"
+            )
+        if self.in_error:
+            raise DriverError(
+                FailureKind.GRIPPER_FAULT, f"the {self.side} gripper reports an error", "calibrate it again"
             )
         goal = float(np.clip(opening, 0.0, MAX_OPENING)), float(np.clip(force, 0.0, self._noise.max_force))
         if self._calibrating is not None:
@@ -95,7 +122,7 @@ class SimulatedGripper:
         moving = self._calibrating is not None or (
             not self.stuck and not arrived and abs(self._goal - self.opening) > MOVING
         )
-        return GripperState(self._t, self.side, opening, force, moving, self._calibrated)
+        return GripperState(self._t, self.side, opening, force, moving, self._calibrated, self.in_error)
 
     def snapshot(self) -> dict[str, float]:
         """The state, without a calibration in progress."""
@@ -117,7 +144,7 @@ class SimulatedGripper:
             self._calibrate(dt)
         if not self.stuck:
             self._move(dt)
-        pressing = self._force if self.holding and self._goal < self._between else 0.0
+        pressing = self.force if self.holding and self._goal < self._between else 0.0
         self.pressing += (pressing - self.pressing) * min(1.0, dt / self._noise.force_time)
 
     def _calibrate(self, dt: float) -> None:
@@ -137,7 +164,7 @@ class SimulatedGripper:
         self.opening += float(np.clip(max(self._goal, stop) - before, -step, step))
         contact = self._noise.contact_opening
         if self._calibrating is None and before > contact >= self.opening:
-            self._between = min(self._caught(self._stroke, self._force), contact)
+            self._between = min(self._caught(self._stroke, self.force), contact)
         elif self.holding and before < self.opening > self._between + MOVING:
             self._release()
 

@@ -1,0 +1,78 @@
+"""Faults of the camera: pictures that are late, old, empty, incomplete or of the wrong size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.simulation.camera.camera import SimulatedCamera
+from cell.simulation.camera.slabs import Slab
+from cell.simulation.faults.board import FaultBoard
+from cell.simulation.faults.fault import Fault
+from cell.simulation.faults.kinds import FaultKind
+from robots.ports import CameraFrame, frozen
+
+__all__ = ["CameraFaults", "holes"]
+
+PATCH = 0.08
+"""Largest radius of a patch without depth, as a share of the picture's width."""
+
+K = FaultKind
+
+
+class CameraFaults:
+    """Takes pictures with the faults that are active at the time."""
+
+    def __init__(self, board: FaultBoard, camera: SimulatedCamera) -> None:
+        self._board, self._camera = board, camera
+        self._still: CameraFrame | None = None
+        """The last still picture."""
+
+    def take(self, now: float, fold: int, exposures: int, slabs: Sequence[Slab] = ()) -> CameraFrame:
+        """Take a picture of several exposures; one exposure is a glimpse, more are a still. slabs: objects that
+        lie or are held before the camera. Raises DriverError like the camera."""
+        camera, board = self._camera, self._board
+        camera.frozen = board.lasting(K.CAMERA_FREEZE, now, fold)
+        camera.black = board.lasting(K.CAMERA_BLACK, now, fold)
+        camera.silent = board.lasting(K.CAMERA_SILENT, now, fold)
+        old = board.active(K.CAMERA_OLD_PICTURE, now, fold)
+        frame = camera.capture(exposures, slabs)
+        if old is not None and self._still is not None:
+            frame = replace(self._still, stamp=frame.stamp, sequence=frame.sequence)
+        elif exposures > 1:
+            self._still = frame
+        return frame if board.empty else self._altered(frame, now, fold)
+
+    def lateness(self, now: float, fold: int) -> float:
+        """Return by how much a picture that was taken now arrives late [s]."""
+        late = self._board.active(K.CAMERA_LATE, now, fold)
+        return late.extent if late else 0.0
+
+    def _altered(self, frame: CameraFrame, now: float, fold: int) -> CameraFrame:
+        def active(kind: FaultKind) -> Fault | None:
+            return self._board.active(kind, now, fold)
+
+        missing = active(K.CAMERA_DEPTH_HOLES)
+        if missing:
+            depth = frame.depth.copy()
+            depth[holes(depth.shape, missing.extent, missing.seed)] = np.nan
+            frame = replace(frame, depth=frozen(depth))
+        if active(K.CAMERA_DEPTH_NAN):
+            frame = replace(frame, depth=frozen(np.full_like(frame.depth, np.nan)))
+        if active(K.CAMERA_WRONG_SIZE):
+            frame = replace(frame, rgb=frozen(frame.rgb[::2, ::2]), depth=frozen(frame.depth[::2, ::2]))
+        return frame
+
+
+def holes(shape: tuple[int, ...], share: float, seed: int) -> NDArray[np.bool_]:
+    """Return a mask (h, w) of round patches that cover at least `share` of a picture."""
+    rng = np.random.default_rng(seed)
+    mask = np.zeros(shape, np.uint8)
+    while np.count_nonzero(mask) < share * mask.size:
+        centre = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
+        cv2.circle(mask, centre, int(rng.uniform(0.25, 1.0) * PATCH * shape[1]), 1, -1)
+    return mask.astype(bool)
