@@ -29,10 +29,14 @@ stored in its own folder."""
 
 
 def perform_campaign(
-    folder: CampaignFolder, workers: Workers, report: Callable[[Trial], None], fold: Fold | None = None
+    folder: CampaignFolder,
+    workers: Workers,
+    report: Callable[[Trial], None],
+    fold: Fold | None = None,
+    write: Callable[[CampaignFolder, list[Trial]], Any] | None = None,
 ) -> list[Trial]:
     """Perform the runs that are missing. Returns all runs, old and new. report: called after each run. fold: see
-    `perform_trial`.
+    `perform_trial`. write: writes the results and the page; None: those of any campaign.
 
     The results so far are also written if the campaign is interrupted. Raises StorageError if the folder cannot be
     written.
@@ -42,17 +46,18 @@ def perform_campaign(
     sources = program_versions()["sources"]
     work = functools.partial(_perform, str(folder.path), folder.campaign.keep, fold, sources)
     written = 0.0
+    write = write or write_results
     try:
-        write_results(folder, trials)
+        write(folder, trials)
         with closing(run_trials(missing, work, workers.executor, workers.died)) as running:
             for trial in running:
                 trials.append(trial)
                 report(trial)
                 if time.monotonic() - written > WRITE_EVERY_S:
-                    write_results(folder, trials)
+                    write(folder, trials)
                     written = time.monotonic()
     finally:
-        write_results(folder, trials)
+        write(folder, trials)
     return trials
 
 

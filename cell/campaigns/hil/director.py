@@ -17,6 +17,7 @@ import numpy as np
 
 from cell.campaigns.hil.clock import ScheduledClock
 from cell.campaigns.hil.script import Action, Script
+from cell.campaigns.hil.watched_arms import WatchedArms
 from cell.hardware.driver import OpenCell
 from cell.simulation import Fault
 from cell.states.commands import CommandQueue, QueuedCommand
@@ -48,7 +49,7 @@ class Observations:
     states, failures: in order of time. parked: whether the arms are in their rest pose and the hands open at the
     end. missed: actions that were never due, faults that never happened and commands that were never taken.
     overdue: whether the run was aborted at its time limit. trouble: errors that occurred while the script was
-    carried out.
+    carried out. sent_after_stop: number of set-points that were sent after a stop.
     """
 
     states: tuple[State, ...]
@@ -57,6 +58,7 @@ class Observations:
     missed: tuple[Action, ...]
     overdue: bool = False
     trouble: tuple[str, ...] = ()
+    sent_after_stop: int = 0
 
 
 class Director:
@@ -85,6 +87,7 @@ class Director:
         self._overdue = False
         self._trouble: list[str] = []
         self._wall_timer: threading.Timer | None = None
+        self._arms: WatchedArms | None = None
 
     def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
         """Start the script. Returns the ports for the executive; their clock carries out the scheduled actions."""
@@ -96,8 +99,9 @@ class Director:
         self._wall_timer = threading.Timer(wall_limit, ports.stop.trigger, [OVERTIME])
         self._wall_timer.daemon = True
         self._wall_timer.start()
+        self._arms = WatchedArms(ports.arms, ports.stop)
         self.carry_out(self._began)
-        return replace(ports, clock=ScheduledClock(ports.clock, self))
+        return replace(ports, clock=ScheduledClock(ports.clock, self), arms=self._arms)
 
     def close(self) -> None:
         """Cancel the wall-clock limit. Call it after the run has ended."""
@@ -106,7 +110,10 @@ class Director:
 
     def seen(self) -> Observations:
         states, failures = tuple(self._states), tuple(self._failures)
-        return Observations(states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble))
+        sent = self._arms.sent_after_stop if self._arms else 0
+        return Observations(
+            states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble), sent
+        )
 
     # Schedule
 
@@ -115,6 +122,8 @@ class Director:
 
     def carry_out(self, now: float) -> None:
         self._carry_out(now, lambda action: True)
+        if self._arms is not None:
+            self._arms.note()
 
     def _carry_out(self, now: float, selected: Callable[[Action], bool]) -> None:
         for t, action in sorted(self._due, key=lambda item: item[0]):

@@ -122,7 +122,13 @@ def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
     try:
         figures = dict(to_json(fold_once(run, director.begin, (director,)).as_json()))
         seen = director.seen()
-        return {**figures, "script_missed": [*map(str, seen.missed), *seen.trouble]}
+        return {
+            **figures,
+            "script_missed": [*map(str, seen.missed), *seen.trouble],
+            "parked": seen.parked,
+            "overdue": seen.overdue,
+            "sent_after_stop": seen.sent_after_stop,
+        }
     finally:
         director.close()
 

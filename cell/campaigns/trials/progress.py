@@ -12,11 +12,18 @@ __all__ = ["CampaignProgress"]
 
 class CampaignProgress:
     """Formats the progress of a campaign. total: number of runs; finished: number of runs that were made earlier;
-    workers: number of runs performed in parallel. clock: returns the time [s]."""
+    workers: number of runs performed in parallel. clock: returns the time [s]. describe: text about one run; None:
+    its result and times."""
 
     def __init__(
-        self, total: int, finished: int, workers: int, clock: Callable[[], float] = time.monotonic
+        self,
+        total: int,
+        finished: int,
+        workers: int,
+        clock: Callable[[], float] = time.monotonic,
+        describe: Callable[[Trial], str] | None = None,
     ) -> None:
+        self._describe = describe or describe_trial
         self._total, self._finished, self._workers = total, finished, workers
         self._clock, self._began, self._done = clock, clock(), 0
 
@@ -24,7 +31,7 @@ class CampaignProgress:
         """Return the line for a run that has just finished."""
         self._done += 1
         count = self._finished + self._done
-        return f"{count:4d}/{self._total}  {describe(trial)}{self._left(self._total - count)}"
+        return f"{count:4d}/{self._total}  {self._describe(trial)}{self._left(self._total - count)}"
 
     def _left(self, runs: int) -> str:
         """Return the text of the time left, from the mean time of the runs so far. Empty until as many runs have
@@ -35,7 +42,7 @@ class CampaignProgress:
         return f"  {duration(left)} left"
 
 
-def describe(trial: Trial) -> str:
+def describe_trial(trial: Trial) -> str:
     figures = trial.figures or {}
     times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
     verdict = "folded" if trial.success else "false claim" if trial.claimed else trial.result

@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.executors import RUNS_EACH, chosen_workers
-from cell.campaigns.perform_campaign import perform_campaign
 from cell.campaigns.results import campaign_results
 from cell.campaigns.statistics.summary import Row, claims, part_claims
 from cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
-from cell.campaigns.trials.progress import CampaignProgress
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.commands.options import cell_option, count, driver_options, folder, json_option, logs_option, seed
-from cell.commands.output import print_json, print_table, progress_stream
+from cell.commands.output import print_json, print_table
 from cell.commands.run.endurance import run_endurance
+from cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
+from cell.commands.run.perform import perform
 from cell.config.cell_settings import load_settings
-from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
-from robots.errors import ConfigurationError, StorageError
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
+
+
+OF_A_NEW_ONE = ("garments", "n", "first_seed", "keep", "cell")
+"""Options that only a new campaign takes."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +50,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--renew", type=count, metavar="N", help="with --hours: a new process every N runs (never)"
     )
     parser.add_argument("--resume", type=folder, metavar="DIR", help="continue the campaign in this folder")
+    add_fault_options(parser)
     driver_options(parser, real=False)  # no real cell: a person cannot lay the garment hundreds of times
     cell_option(parser)
     logs_option(parser)
@@ -60,35 +61,20 @@ def run(options: argparse.Namespace) -> int:
     """Perform a campaign. Returns 0 if every run ended without a fault, 3 if a run ended in a fault or was not
     performed. A bad fold counts in the results but is not an error."""
     if options.hours is not None:
-        _refuse(options, "--hours", ("file", "resume", "n", "keep", "cluster", "workers"))
+        others = ("file", "resume", "n", "keep", "cluster", "workers", "faults", "only", "pairs")
+        _refuse(options, "--hours", others)
         return run_endurance(options)
+    if options.faults is not None or (options.resume is not None and (options.resume / TABLE).is_file()):
+        _refuse(options, "--faults", ("file",))
+        if options.resume is not None:
+            _refuse(options, "--resume", (*OF_A_NEW_ONE, "faults", "only", "pairs"))
+        return run_fault_trials(options)
+    if options.only is not None or options.pairs is not None:
+        raise ConfigurationError("--only and --pairs choose among faults", "add --faults")
     if options.renew is not None:
         raise ConfigurationError("--renew without --hours", "campaigns renew their processes by themselves")
     campaign = _opened(options)
-    out = progress_stream(options.json)
-    with campaign.owned():
-        finished = campaign.finished()
-        missing = len(campaign.missing(finished))
-        try:
-            with chosen_workers(options.workers, options.cluster, campaign.path, RUNS_EACH) as workers:
-                for note in workers.notes:
-                    print(note, file=sys.stderr)
-                already = f", {len(finished)} of them finished earlier" if finished else ""
-                print(f"{missing + len(finished)} runs{already}, {workers.count} at a time", file=out, flush=True)
-                print(f"folder   {campaign.path}", file=out, flush=True)
-                progress = CampaignProgress(missing + len(finished), len(finished), workers.count)
-                trials = perform_campaign(
-                    campaign, workers, lambda trial: print(progress.line(trial), file=out, flush=True)
-                )
-        except ConfigurationError:  # the workers cannot be had: leave no campaign that never began
-            if options.resume is None and not campaign.finished():
-                shutil.rmtree(campaign.path)
-            raise
-        except (KeyboardInterrupt, StorageError):
-            made = len(campaign.finished())
-            again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
-            print(f"{made} of {missing + len(finished)} runs are finished; continue: {again}", file=sys.stderr)
-            raise
+    trials = perform(campaign, options)
     results = campaign_results(campaign.campaign, trials)
     if options.json:
         print_json({**results, "directory": str(campaign.path)})
@@ -110,7 +96,7 @@ def _hours(text: str) -> float:
 def _opened(options: argparse.Namespace) -> CampaignFolder:
     """Return the campaign to resume, or a new one. Everything is checked before anything is written."""
     if options.resume is not None:
-        _refuse(options, "--resume", ("file", "garments", "n", "first_seed", "keep", "cell"))
+        _refuse(options, "--resume", ("file", *OF_A_NEW_ONE))
         campaign = CampaignFolder.open(options.resume.absolute())
         campaign.check_program()
         return campaign
