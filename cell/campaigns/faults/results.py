@@ -66,7 +66,7 @@ def fault_results(table: FaultTable, trials: Sequence[Trial]) -> dict[str, Any]:
         "faults": [
             {
                 "name": name,
-                "due": [end.value for end in due_ends(table, faults_of(rows[name][0][0].request))],
+                "due_ends": [end.value for end in due_ends(table, faults_of(rows[name][0][0].request))],
                 **asdict(_group(rows[name])),
                 "by_garment": {
                     garment: asdict(_group([pair for pair in rows[name] if pair[0].request.garment == garment]))

@@ -18,7 +18,7 @@ from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.perform_trial import perform_trial
 from cell.campaigns.trials.trial import Trial
 from cell.config.cell_settings import CellSettings
-from cell.simulation import FaultKind
+from cell.simulation import TRAITS, FaultKind
 from cell.states.transition_table import State
 from cell.support.process.workers import worker_pool
 from robots.errors import StorageError
@@ -30,8 +30,6 @@ SAMPLES = "endurance.jsonl"
 SETTLED = 10
 """After this number of runs, a process has loaded and compiled everything. Growth is measured from that run on."""
 MOMENTS = (State.LOOKING, State.APPROACHING, State.GRASPING, State.LIFTING, State.FOLDING, State.INSPECTING)
-SIDED = (FaultKind.MISSED_GRASP, FaultKind.DROPPED_CORNER, FaultKind.SUDDEN_DROP, FaultKind.GRIPPER_STUCK)
-LASTING = (FaultKind.GRIPPER_STUCK, FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_BLACK, FaultKind.CAMERA_SILENT)
 
 
 @dataclass(frozen=True)
@@ -137,9 +135,9 @@ def fault_of(request: TrialRequest) -> str:
 def _fault(generator: random.Random) -> dict[str, Any]:
     kind = generator.choice([k for k in FaultKind if k is not FaultKind.NO_GARMENT])
     fault: dict[str, Any] = {"kind": kind.value}
-    if kind in SIDED:
+    if TRAITS[kind].sided:
         fault["side"] = generator.choice(list(Side)).value
-    if kind in LASTING:
+    if TRAITS[kind].duration is not None:
         fault["duration_s"] = round(generator.uniform(0.2, 20.0), 1)
     moment = {"state": generator.choice(MOMENTS).value, "after_s": round(generator.uniform(0.0, 1.0), 2)}
     return Action.model_validate({"when": moment, "fault": fault}).model_dump(mode="json", exclude_none=True)

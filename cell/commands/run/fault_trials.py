@@ -105,7 +105,7 @@ def _print(results: dict[str, Any], folder: Path) -> None:
         [
             (
                 row["name"],
-                " or ".join(row["due"]),
+                " or ".join(row["due_ends"]),
                 *(_share(row["by_garment"][garment]) for garment in garments),
                 _share(row),
                 _percent(row["interval"]),

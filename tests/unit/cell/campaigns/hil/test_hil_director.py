@@ -249,3 +249,17 @@ def test_a_random_moment_within_the_stay_is_met_between_two_set_points() -> None
                 return
         enter(director, State.RETREATING, cell)
     raise AssertionError(f"the moment {moment} never came")
+
+
+def test_set_points_after_a_stop_are_counted_even_if_the_stop_ends_by_itself() -> None:
+    director, ports, _, _, _ = begun()
+    ports.arms.enable()
+    ports.clock.sleep_until(0.1)
+    ports.arms.command(np.zeros(14), np.zeros(14))
+    assert director.seen().sent_after_stop == 0
+    ports.stop.trigger("a loose contact")
+    ports.clock.sleep_until(0.11)
+    ports.stop.reset()
+    ports.clock.sleep_until(0.2)
+    ports.arms.command(np.zeros(14), np.zeros(14))
+    assert director.seen().sent_after_stop == 1
