@@ -18,8 +18,8 @@ FOREARM = 0.085
 """Width of a forearm [m]."""
 PALM = (0.095, 0.055)
 """Half length and half width of a hand with closed fingers [m]."""
-REACH = 0.9
-"""Length of the visible forearm [m]; it leaves the picture."""
+REACH = 1.5
+"""Length of the arm from the hand on [m]; it leaves the picture."""
 ROUND = 40
 """Corners of an ellipse."""
 
