@@ -32,9 +32,11 @@ class FailureKind(StrEnum):
     UNKNOWN_GARMENT = "unknown_garment"
     CATEGORY_MISMATCH = "category_mismatch"
     OUT_OF_VIEW = "out_of_view"
+    VIEW_OBSTRUCTED = "view_obstructed"  # a hand or another object reaches into the picture
     NOT_FLAT = "not_flat"
     LOW_CONFIDENCE = "low_confidence"
     CAMERA_FAULT = "camera_fault"
+    GARMENT_MOVED = "garment_moved"  # since it was planned, without the cell's doing
     # planning
     OPTIMISER_FAILED = "optimiser_failed"
     PREDICTION_POOR = "prediction_poor"
@@ -50,6 +52,7 @@ class FailureKind(StrEnum):
     MISSED_GRASP = "missed_grasp"
     SLIPPED = "slipped"
     STUCK_ON_FINGER = "stuck_on_finger"
+    TACTILE_FAULT = "tactile_fault"  # a pad is dead, constant, or gives no numbers
     GRIPPER_FAULT = "gripper_fault"
     # judging a fold (the paper's failure kinds, and the height)
     DRIFT = "drift"

@@ -29,6 +29,11 @@ from robots.ports import (
 RATE_LIMIT = 1.6  # [rad/s]: above the velocity limit of any Baxter shoulder joint
 
 
+def live_noise(now: float) -> float:
+    """A noise of 1 mN [N] that differs from tick to tick: the readings of a live pad are never constant."""
+    return 1e-3 * float(np.cos(1e3 * now))
+
+
 class FakeCell:
     """The state behind the fake ports."""
 
@@ -41,6 +46,7 @@ class FakeCell:
         self.openings = {s: 0.04 for s in Side}
         self.pads = {s: 0.0 for s in Side}  # force on each pad of a hand [N]
         self.follows = True
+        self.pictures = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
 
     def at(self, t: float, happen: Callable[[], None]) -> None:
@@ -128,8 +134,9 @@ class _Tactile:
         self._cell, self.side = cell, side
 
     def reading(self) -> TactileReading:
-        cells = np.full((2, 4, 3), self._cell.pads[self.side] / 12)
-        return TactileReading(self._cell.now, self.side, cells, np.zeros(2))
+        noise = live_noise(self._cell.now)
+        cells = np.full((2, 4, 3), self._cell.pads[self.side] / 12 + noise)
+        return TactileReading(self._cell.now, self.side, cells, np.full(2, noise))
 
 
 class _Camera:
@@ -139,7 +146,11 @@ class _Camera:
     def capture(self) -> CameraFrame:
         k = Intrinsics(640, 480, 600.0, 600.0, 320.0, 240.0)
         rgb = np.full((480, 640, 3), 128, np.uint8)
-        return CameraFrame(self._cell.now, 0, rgb, np.ones((480, 640), np.float32), k)
+        self._cell.pictures += 1  # no two pictures of a live camera are equal
+        rgb[0, 0], rgb[0, 1] = divmod(self._cell.pictures, 256)
+        depth = np.ones((480, 640), np.float32)
+        depth[0, 0] += self._cell.pictures * 1e-4
+        return CameraFrame(self._cell.now, 0, rgb, depth, k)
 
     def glimpse(self) -> CameraFrame:
         return self.capture()

@@ -289,6 +289,7 @@ class ComputingConfig(_Group):
     simulation_s: float = _number(0.0, 60.0, "s", "one cloth simulation of the optimiser")
     motion_s: float = _number(0.0, 60.0, "s", "planning and checking one step's motion")
     inspection_s: float = _number(0.0, 60.0, "s", "inspecting a fold")
+    check_s: float = _number(0.0, 60.0, "s", "comparing the garment's outline in two pictures")
 
 
 class RosConfig(_Group):

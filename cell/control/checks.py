@@ -49,7 +49,10 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
     """Return the arms' state if it is finite and recent enough to act on, else the failure STALE_STATE."""
     state = ports.arms.state()
     age = ports.clock.now() - state.stamp
-    if age > limits.stale_s or not np.all(np.isfinite(state.q)):
+    if not np.all(np.isfinite(state.q)):
+        what, hint = "the arms report positions that are not numbers", "check the connection to the robot"
+        return Outcome(failure=Failure(FailureKind.STALE_STATE, what, hint))
+    if age > limits.stale_s:
         return Outcome(
             failure=Failure(
                 FailureKind.STALE_STATE,

@@ -1,20 +1,30 @@
 """The recovery table: (failure kind, number of failures so far) -> what to try next.
 
-The recoveries of a row are tried in order, counted per fold step and failure kind. After the last one the cell
-asks the operator, or gives up if there is no operator. CARRY_ON has no limit: a fold that is good enough once is
-good enough again.
+Every failure kind has a row. Its recoveries are tried in order, counted per fold step and failure kind (per fold
+step alone for the verdicts of an inspection). CARRY_ON comes before all others and has no limit: a fold that is
+good enough once is good enough again. The last entry of a row asks the operator, or gives up if there is no
+operator; it states why the cell does not go on by itself.
+
+A verdict that would end a fold or a run is never taken from one look: rows of seeing and judging look again first,
+after a dwell. Together the dwells of a row outlast a disturbance of 3 s.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from cell.states.transition_table import Event
 from robots.errors import FailureKind
 
-__all__ = ["RECOVERIES", "Adjustment", "Recovery", "choose_recovery"]
+__all__ = ["GOOD_ENOUGH_M", "RECOVERIES", "VERDICTS", "Adjustment", "Recovery", "choose_recovery"]
+
+GOOD_ENOUGH_M = 0.030
+"""Largest deviation of the outline from the prediction, and largest length of cloth that was left behind, on which
+the next fold may build [m]. Later folds do not bring an edge back: what is off now is off at the end. The score
+allows 30 mm between edges that belong together, so a run with more cannot pass, whatever follows."""
 
 
 class Adjustment(StrEnum):
@@ -37,7 +47,9 @@ class Recovery:
 
     between_folds: the recovery is allowed only if another fold follows. It is not allowed after the last fold,
     because the result of the last fold is the result of the run. min_overlap: smallest IoU of
-    observed and predicted shape for which the recovery is allowed.
+    observed and predicted shape for which the recovery is allowed; max_deviation: largest deviation of the outline
+    or length of cloth left behind for which it is allowed [m]. reason: why the operator is asked, as the operator
+    reads it (ASK only).
     """
 
     event: Event
@@ -45,57 +57,104 @@ class Recovery:
     dwell_s: float = 0.0
     between_folds: bool = False
     min_overlap: float = 0.0
+    max_deviation: float = math.inf
+    reason: str = ""
 
 
 K, A = FailureKind, Adjustment
 
 _LOOK_TWICE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
+_WAIT_AND_LOOK = (*_LOOK_TWICE, Recovery(Event.LOOK_AGAIN, dwell_s=5.0))
 _GRASP_AGAIN = (
     Recovery(Event.GRASP_AGAIN, A.LOWER),
     Recovery(Event.GRASP_AGAIN, A.INWARD),
     Recovery(Event.LOOK_AGAIN),
 )
 _MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
+_MOVE_TWICE = (*_MOVE_AGAIN, Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
 _OTHER_WAY = (
     Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH),
     Recovery(Event.GRASP_AGAIN, A.INWARD),
     Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT),
 )
 _HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_GOOD_ENOUGH = (Recovery(Event.CARRY_ON, between_folds=True, min_overlap=0.85),)
+_GOOD_ENOUGH = (
+    Recovery(Event.CARRY_ON, between_folds=True, min_overlap=0.85, max_deviation=GOOD_ENOUGH_M),
+    Recovery(Event.LOOK_AGAIN, dwell_s=1.0),
+)
+
+
+def _ask(reason: str) -> tuple[Recovery]:
+    return (Recovery(Event.ASK, reason=reason),)
+
+
+_TABLE = _ask("only a person can change what lies on the table, or name another garment")
+_CAMERA = _ask("the cell moves no hand onto a garment that it cannot see")
+_ARMS = _ask("the arms do not follow or do not answer, and the cause may be an obstacle or a broken part")
+_WAY = _ask("the arms reach this fold in none of the ways that the garment file allows")
+_GRIP = _ask("another grasp of the same kind would fail again and drag the garment")
+_SHAPE = _ask("the next folds do not mend what is off now, and the fold is not the one that was planned")
+_PERSON = "a person ended the motion, and only a person begins it again"
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
-    K.NO_GARMENT: _LOOK_TWICE,
-    K.LOW_CONFIDENCE: _LOOK_TWICE,
-    K.NOT_FLAT: _LOOK_TWICE,
-    K.CAMERA_FAULT: _LOOK_TWICE,
+    K.NO_GARMENT: (*_LOOK_TWICE, *_TABLE),
+    K.UNKNOWN_GARMENT: (*_LOOK_TWICE, *_TABLE),
+    K.CATEGORY_MISMATCH: (*_LOOK_TWICE, *_TABLE),
+    K.OUT_OF_VIEW: (*_LOOK_TWICE, *_TABLE),
+    K.VIEW_OBSTRUCTED: (*_WAIT_AND_LOOK, *_ask("the hand or the object that hides the view has not gone away")),
+    K.NOT_FLAT: (*_LOOK_TWICE, *_TABLE),
+    K.LOW_CONFIDENCE: (*_LOOK_TWICE, *_TABLE),
+    K.CAMERA_FAULT: (*_LOOK_TWICE, *_CAMERA),
+    K.GARMENT_MOVED: (*((Recovery(Event.LOOK_AGAIN, dwell_s=1.0),) * 3), *_ask("something keeps moving it")),
     # planning
-    K.OPTIMISER_FAILED: (Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC),),
+    K.OPTIMISER_FAILED: (Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC), *_ask("no arc for this fold was found")),
     K.PREDICTION_POOR: (
         Recovery(Event.OPTIMISE_AGAIN, A.OPTIMISE),
         Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC),
+        *_ask("every arc is predicted to fold the garment badly"),
     ),
-    K.UNREACHABLE: _OTHER_WAY,
-    K.IN_COLLISION: _OTHER_WAY,
+    K.UNREACHABLE: (*_OTHER_WAY, *_WAY),
+    K.IN_COLLISION: (*_OTHER_WAY, *_WAY),
+    K.LIMIT_EXCEEDED: (*_MOVE_AGAIN, *_ARMS),
     # moving
-    K.START_MISMATCH: _MOVE_AGAIN,
-    K.TRACKING_ERROR: _MOVE_AGAIN,
-    K.STALE_STATE: _MOVE_AGAIN,
+    K.START_MISMATCH: (*_MOVE_AGAIN, *_ARMS),
+    K.TRACKING_ERROR: (*_MOVE_AGAIN, *_ARMS),
+    K.STALE_STATE: (*_MOVE_TWICE, *_ARMS),
     # gripping
-    K.NO_CONTACT: _GRASP_AGAIN,
-    K.MISSED_GRASP: _GRASP_AGAIN,
-    K.SLIPPED: _HOLD_BETTER,
-    K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN),),
+    K.NO_CONTACT: (*_GRASP_AGAIN, *_GRIP),
+    K.MISSED_GRASP: (*_GRASP_AGAIN, *_GRIP),
+    K.SLIPPED: (*_HOLD_BETTER, *_GRIP),
+    K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN), *_ask("only a person can free the finger")),
+    K.TACTILE_FAULT: (
+        Recovery(Event.GRASP_AGAIN, dwell_s=1.0),
+        Recovery(Event.GRASP_AGAIN, dwell_s=3.0),
+        *_ask("without its pads a hand feels neither the table nor the cloth"),
+    ),
+    K.GRIPPER_FAULT: (
+        Recovery(Event.GRASP_AGAIN, dwell_s=1.0),
+        Recovery(Event.GRASP_AGAIN, dwell_s=3.0),
+        *_ask("the gripper does not do as it is told"),
+    ),
     # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON),),  # the shape is right but displaced: the plan is moved to it
-    K.OFF_TARGET: _GOOD_ENOUGH,
-    K.PILING: _GOOD_ENOUGH,
-    K.TOO_HIGH: _GOOD_ENOUGH,
-    K.SAG: _GOOD_ENOUGH,
-    K.DROPPED_CORNER: _GOOD_ENOUGH,
-    K.MISSED_LAYER: _GOOD_ENOUGH,
+    K.DRIFT: (Recovery(Event.CARRY_ON), *_SHAPE),  # the shape is right but displaced: the plan is moved to it
+    K.OFF_TARGET: (*_GOOD_ENOUGH, *_SHAPE),
+    K.PILING: (*_GOOD_ENOUGH, *_SHAPE),
+    K.TOO_HIGH: (*_GOOD_ENOUGH, *_SHAPE),
+    K.SAG: (*_GOOD_ENOUGH, *_SHAPE),
+    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_SHAPE),
+    K.MISSED_LAYER: (*_GOOD_ENOUGH, *_SHAPE),
+    # the cell itself
+    K.STOPPED: _ask(_PERSON),
+    K.ABORTED: _ask(_PERSON),
+    K.HARDWARE_FAULT: _ask("the robot reports a fault: a person looks at it before it moves again"),
+    K.SKILL_CRASHED: _ask("the program has a bug, and doing the same again would end in the same way"),
+    K.UNRECORDED: _ask("nothing may move that the journal cannot record"),
 }
+
+VERDICTS = frozenset({K.OFF_TARGET, K.PILING, K.TOO_HIGH, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER})
+"""Kinds with which an inspection refuses a fold. A second look may name another of them, so they are counted
+together."""
 
 
 def choose_recovery(
@@ -104,18 +163,33 @@ def choose_recovery(
     attended: bool,
     last_fold: bool = False,
     overlap: float = 1.0,
-    several_variants: bool = True,
+    other_variant: bool = True,
+    deviation: float = 0.0,
+    carried: bool = True,
 ) -> Recovery:
     """Return the recovery after failure number `attempt` (from 1) of this kind in this step.
 
-    overlap: IoU of observed and predicted shape, if an inspection failed. several_variants: whether the garment
-    file has more than one variant of this step. A kind without a row (a stop, a hardware fault, an unexpected
-    garment) has no automatic recovery: the operator is asked, or the run gives up.
+    overlap: IoU of observed and predicted shape, and deviation: the larger of the outline's deviation and the
+    length of cloth left behind [m], if an inspection failed. other_variant: whether the garment file has a variant
+    of this step that was not tried. carried: whether the hands completed the fold; otherwise it cannot be carried
+    on from.
     """
-    row = RECOVERIES.get(kind, ())
-    if row and (attempt <= len(row) or row[-1].event is Event.CARRY_ON):
-        recovery = row[min(attempt, len(row)) - 1]
-        possible = several_variants or recovery.adjust is not Adjustment.OTHER_VARIANT
-        if possible and overlap >= recovery.min_overlap and not (last_fold and recovery.between_folds):
+
+    def allowed(recovery: Recovery) -> bool:
+        good_enough = overlap >= recovery.min_overlap and deviation <= recovery.max_deviation
+        in_place = not (last_fold and recovery.between_folds)
+        return (
+            good_enough
+            and in_place
+            and (carried or recovery.event is not Event.CARRY_ON)
+            and (other_variant or recovery.adjust is not Adjustment.OTHER_VARIANT)
+        )
+
+    *recoveries, ask = RECOVERIES[kind]
+    for recovery in recoveries:
+        if recovery.event is Event.CARRY_ON and allowed(recovery):
             return recovery
-    return Recovery(Event.ASK if attended else Event.GIVE_UP)
+    tries = [r for r in recoveries if r.event is not Event.CARRY_ON]
+    if attempt <= len(tries) and allowed(tries[attempt - 1]):
+        return tries[attempt - 1]
+    return ask if attended else replace(ask, event=Event.GIVE_UP)

@@ -27,13 +27,14 @@ class Sight:
 
     reference: the empty table. refined: the calibration refined from that picture, if it showed the table well
     enough. frame: the latest picture; previous: the picture before it, to detect a frozen camera, which repeats
-    its picture.
+    its picture. digests: of all still pictures of the run, to recognise an old picture with a new stamp.
     """
 
     reference: CameraFrame | None = None
     refined: CameraCalibration | None = None
     frame: CameraFrame | None = None
     previous: CameraFrame | None = None
+    digests: tuple[str, ...] = ()
 
     def calibration(self, nominal: CameraCalibration) -> CameraCalibration:
         """Return the refined calibration if there is one, else the nominal calibration."""
@@ -48,6 +49,8 @@ class RunContext:
     recognition: Recognition | None = None
     first_look: FirstLook | None = None
     """What the first look at the garment showed, since it was laid."""
+    disturbed: bool = False
+    """Whether somebody has moved the garment since it was last recognised."""
     plan: Plan | None = None
     fold: FoldContext = field(default_factory=FoldContext)
     failure: Failure | None = None
@@ -65,6 +68,8 @@ class RunContext:
     """Cell time spent waiting for an operator [s]."""
     reentry: Event | None = None
     """The event with which this run resumed an interrupted run, else None."""
+    asking: str = ""
+    """Why the cell asks the operator and does not go on by itself; empty before the first question."""
 
     @property
     def steps(self) -> tuple[FoldStep, ...]:
@@ -72,8 +77,10 @@ class RunContext:
         return self.plan.steps if self.plan else ()
 
     @property
-    def recoveries_in_step(self) -> int:
-        return sum(1 for index, _ in self.recoveries if index == self.fold.index)
+    def retries(self) -> tuple[int, ...]:
+        """The step index of every recovery that repeated something. Carrying on with a fold repeats nothing."""
+        carried_on = f"-> {Event.CARRY_ON.value}"
+        return tuple(index for index, what in self.recoveries if not what.endswith(carried_on))
 
     def notes(self) -> dict[str, StepNote]:
         """Return fold name -> note for the completed folds and the present fold. Skipped folds have no note."""

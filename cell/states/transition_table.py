@@ -32,6 +32,7 @@ class State(StrEnum):
     OPTIMISING = "optimising"  # look the trajectory up, or optimise it
     PLANNING_MOTION = "planning_motion"
     AWAITING_APPROVAL = "awaiting_approval"
+    CHECKING = "checking"  # whether the garment still lies where the plan expects it
     APPROACHING = "approaching"
     GRASPING = "grasping"
     LIFTING = "lifting"
@@ -103,6 +104,7 @@ class Effect(StrEnum):
     CHOOSE_TRAJECTORY = "choose_trajectory"
     PLAN_MOTION = "plan_motion"
     ASK_APPROVAL = "ask_approval"
+    CHECK_PLACE = "check_place"
     APPROACH = "approach"
     GRASP = "grasp"
     LIFT = "lift"
@@ -147,9 +149,9 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.RECOGNISING, E.DONE, S.PLANNING, Do.PLAN_FOLDS),
     Row(S.PLANNING, E.DONE, S.OPTIMISING, Do.CHOOSE_TRAJECTORY),
     Row(S.OPTIMISING, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
-    Row(S.PLANNING_MOTION, E.DONE, S.APPROACHING, Do.APPROACH),
+    Row(S.PLANNING_MOTION, E.DONE, S.CHECKING, Do.CHECK_PLACE),
     Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
-    Row(S.AWAITING_APPROVAL, E.APPROVE, S.APPROACHING, Do.APPROACH),
+    Row(S.AWAITING_APPROVAL, E.APPROVE, S.CHECKING, Do.CHECK_PLACE),
     Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
     # resume an interrupted run
     Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
@@ -158,6 +160,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.RESUMING, E.LOOK_AGAIN, S.LOOKING, Do.LOOK),
     Row(S.RESUMING, E.LOOK_AFTER, S.LOOKING_AFTER, Do.LOOK),
     # fold
+    Row(S.CHECKING, E.DONE, S.APPROACHING, Do.APPROACH),
     Row(S.APPROACHING, E.DONE, S.GRASPING, Do.GRASP),
     Row(S.GRASPING, E.DONE, S.LIFTING, Do.LIFT),
     Row(S.LIFTING, E.DONE, S.FOLDING, Do.FOLD),
@@ -184,6 +187,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.CHECKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     # failures while the hands are on the cloth
@@ -231,7 +235,7 @@ REENTRIES: Mapping[State, Event] = {
     **dict.fromkeys(
         (
             S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
-            S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
+            S.CHECKING, S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
         ),
         E.LOOK_AGAIN,
     ),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skills.grasping.hand_reading import HandReading, validate_reading
+from skills.grasping.live_pads import dead_pad
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
@@ -92,7 +93,7 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
     """Process the reading of one tick. The result follows after `confirm_readings` readings.
 
     Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
-    than planned), those of `validate_reading`.
+    than planned), TACTILE_FAULT (a pad's readings are constant), those of `validate_reading`.
     """
     invalid = validate_reading(reading, state.settings)
     if invalid:
@@ -107,7 +108,8 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
     )
     if len(state.pads) < state.settings.confirm_readings:
         return state
-    return _evaluate(reading, state)
+    dead = dead_pad(reading.tactile.side, np.array(state.pads), state.settings)
+    return Outcome(failure=dead) if dead else _evaluate(reading, state)
 
 
 def count_layers(opening: float, sigma: float, thickness: float, settings: GraspSettings) -> LayerCount:

@@ -36,8 +36,8 @@ class GripCommand:
 
 
 def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure | None:
-    """Return a failure for an unusable reading: STALE_STATE when a sensor's value is too old, HARDWARE_FAULT when
-    one is not finite. Return None otherwise."""
+    """Return a failure for an unusable reading: STALE_STATE when a sensor's value is too old; when one is not
+    finite, TACTILE_FAULT, GRIPPER_FAULT, or STALE_STATE for the arm's own state. Return None otherwise."""
     for name, stamp, limit in (
         ("tactile cells", reading.tactile.stamp, settings.tactile_stale),
         ("gripper", reading.gripper.stamp, settings.gripper_stale),
@@ -51,12 +51,19 @@ def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure |
                 {"age_s": age, "limit_s": limit},
             )
     if not _finite(reading):
-        return Failure(
-            FailureKind.HARDWARE_FAULT,
-            f"the {reading.tactile.side} hand's sensors give values that are not finite",
-            "check the tactile cells and the gripper",
-        )
+        return _not_finite(reading)
     return None
+
+
+def _not_finite(reading: HandReading) -> Failure:
+    kinds = (
+        (FailureKind.TACTILE_FAULT, "tactile cells", reading.tactile.cells.sum() + reading.tactile.tip.sum()),
+        (FailureKind.GRIPPER_FAULT, "gripper", reading.gripper.opening + reading.gripper.force),
+        (FailureKind.STALE_STATE, "joints", reading.stamp + reading.height + reading.effort.sum()),
+    )
+    kind, name, _ = next(k for k in kinds if not math.isfinite(k[2]))
+    what = f"the {reading.tactile.side} hand's {name} give values that are not numbers"
+    return Failure(kind, what, f"check the {name} and the connection to them")
 
 
 def _finite(reading: HandReading) -> bool:

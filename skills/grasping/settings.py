@@ -19,6 +19,11 @@ class GraspSettings:
     """Maximum age of a gripper state [s]. Electric grippers report at 20 Hz."""
     tare_readings: int = 12
     """Number of tactile readings averaged into the bias."""
+    live_noise: float = 1e-4
+    """Smallest standard deviation of a live pad's readings [N]: a hundredth of the usual noise of a cell. A pad with
+    less gives a constant. 0 switches this check off."""
+    live_readings: int = 10
+    """Number of readings by which a pad that became constant during a fold is found."""
 
     # descend
     approach_speed: float = 0.06
@@ -140,4 +145,5 @@ def without_tactile(settings: GraspSettings) -> GraspSettings:
         kept_force=-math.inf,
         slip_fraction=0.0,
         stuck_force=math.inf,
+        live_noise=0.0,
     )

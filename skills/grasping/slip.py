@@ -17,6 +17,7 @@ import numpy as np
 
 from skills.grasping.confirm import Held
 from skills.grasping.hand_reading import HandReading, validate_reading
+from skills.grasping.live_pads import ConstantPads, watch_pads
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Failure, FailureKind, Outcome
@@ -66,6 +67,7 @@ class SlipWatch:
     opening: Channel
     stamp: float = -np.inf
     gripper_stamp: float = -np.inf
+    constant: ConstantPads = ConstantPads()
 
 
 def start_slip_watch(settings: GraspSettings, bias: TactileBias, held: Held) -> SlipWatch:
@@ -81,20 +83,26 @@ def start_slip_watch(settings: GraspSettings, bias: TactileBias, held: Held) -> 
 
 
 def watch_slip(reading: HandReading, state: SlipWatch) -> SlipWatch | Outcome[SlipWatch]:
-    """Process the reading of one tick. The detection ends only with a failure: SLIPPED, or those of
-    `validate_reading`."""
+    """Process the reading of one tick. The detection ends only with a failure: SLIPPED, TACTILE_FAULT (a pad's
+    readings are constant, so that it would not show a slip), or those of `validate_reading`."""
     invalid = validate_reading(reading, state.settings)
     if invalid:
         return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
     s, now = state.settings, reading.tactile.stamp
-    grip, opening = _update_channel(state.grip, float(state.bias.pads(reading).min()), now, s), state.opening
+    forces = state.bias.pads(reading)
+    constant = watch_pads(reading.tactile.side, forces, state.constant, s)
+    if isinstance(constant, Failure):
+        return Outcome(failure=constant)
+    grip, opening = _update_channel(state.grip, float(forces.min()), now, s), state.opening
     if reading.gripper.stamp > state.gripper_stamp:  # a repeated report is not counted
         opening = _update_channel(opening, reading.gripper.opening - s.empty_opening, now, s)
     if grip.lost or opening.lost:
         return Outcome(failure=_slipped(reading, grip, opening))
-    return replace(state, grip=grip, opening=opening, stamp=now, gripper_stamp=reading.gripper.stamp)
+    return replace(
+        state, grip=grip, opening=opening, stamp=now, gripper_stamp=reading.gripper.stamp, constant=constant
+    )
 
 
 def _update_channel(channel: Channel, value: float, now: float, s: GraspSettings) -> Channel:

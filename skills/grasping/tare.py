@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skills.grasping.hand_reading import HandReading, validate_reading
+from skills.grasping.live_pads import dead_pad
 from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Outcome, frozen
 
@@ -69,7 +70,7 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
 
     Further readings replace rejected outliers, at most `tare_readings` of them.
 
-    Failures: those of `validate_reading`.
+    Failures: TACTILE_FAULT for a pad or a fingertip whose readings are constant, those of `validate_reading`.
     """
     invalid = validate_reading(reading, state.settings)
     if invalid:
@@ -80,7 +81,10 @@ def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileB
     required = state.settings.tare_readings
     if len(cells) < required:
         return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
-    stack = np.array(cells)
+    stack, side = np.array(cells), reading.tactile.side
+    dead = dead_pad(side, stack, state.settings) or dead_pad(side, np.array(tips), state.settings, "fingertip")
+    if dead:
+        return Outcome(failure=dead)
     inliers = ~(_is_outlier(stack) | _is_outlier(np.array(tips)))
     outliers = state.outliers + int(np.count_nonzero(~inliers))
     if not inliers.all() and outliers <= required:

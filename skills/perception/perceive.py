@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
+from skills.perception.monitoring.obstruction import obstructed, obstruction_failure
 from skills.perception.rectification.table_height import table_height
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.registration.energy import segment_lengths
@@ -133,7 +134,7 @@ def perceive(
     reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
     any of them. previous: an earlier picture, to detect a frozen camera.
 
-    Failures: CAMERA_FAULT, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH, LOW_CONFIDENCE.
+    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH, LOW_CONFIDENCE.
     Raises ValueError when `expected` is not among `garments`.
     """
     settings = settings or PerceptionSettings()
@@ -150,6 +151,8 @@ def perceive(
         return Outcome(failure=unseen, notes=stages.notes)
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
+    if (hidden := obstructed(view, seen, empty)) is not None:
+        return Outcome(failure=hidden, notes=stages.notes)
     picture = _Picture(view, seen, empty, height_above(seen, empty))
     stages.done("view")
     outcomes = []
@@ -369,14 +372,12 @@ def _unusable(
 def _not_alone(
     segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT for a second garment, OUT_OF_VIEW for a hand or an arm in the picture, else None."""
+    """Return UNKNOWN_GARMENT for a second garment, VIEW_OBSTRUCTED for something flat that reaches into the picture,
+    else None."""
     share = np.count_nonzero(segmentation.others) / np.count_nonzero(segmentation.mask)
     values = {"other_area_share": float(share)}
     if share > settings.intruder and touches_border(segmentation.others, view.valid, margin):
-        return Failure(
-            FailureKind.OUT_OF_VIEW, "something besides the garment reaches into the picture from its edge",
-            "take hands, arms and tools out of the camera's view", values,
-        )  # fmt: skip
+        return obstruction_failure(view, segmentation.others, "something flat", values)
     if share <= settings.litter:
         return None
     return Failure(

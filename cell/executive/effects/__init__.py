@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from cell.executive.effects import deciding, gripping, inspecting, moving, planning, pressing, seeing
+from cell.executive.effects import checking, deciding, gripping, inspecting, moving, planning, pressing, seeing
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
@@ -60,7 +60,8 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
         cell, c, _plan(c), _required(c.fold.trajectory, "trajectory")
     ),
     Effect.ASK_APPROVAL: deciding.ask_approval,
-    Effect.APPROACH: lambda cell, c: moving.approach(cell, c, _attempt(c)),
+    Effect.CHECK_PLACE: lambda cell, c: checking.check_place(cell, c, _attempt(c), _frame(c)),
+    Effect.APPROACH: lambda cell, c: checking.approach_watched(cell, c, _attempt(c)),
     Effect.GRASP: lambda cell, c: gripping.grasp(cell, c, _plan(c), _attempt(c)),
     Effect.LIFT: gripping.lift,
     Effect.FOLD: lambda cell, c: gripping.fold(cell, c, _attempt(c)),

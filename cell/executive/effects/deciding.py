@@ -10,35 +10,40 @@ from cell.control.ticks import TICK_S
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import Adjustment, Recovery, choose_recovery
+from cell.states.recovery_table import VERDICTS, Adjustment, Recovery, choose_recovery
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Event
-from robots.errors import Failure
+from robots.errors import Failure, FailureKind
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
+
+DWELL_PARTS = 20
+"""Number of parts into which interruptions of the joint state may divide one dwell."""
 
 
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     """Choose the recovery from the table. If the settings' limits of attempts are reached, ask the operator or
     give up."""
     kind, fold = failed.kind, context.fold
-    attempt = context.attempts[(fold.index, kind.value)]
+    attempt = _attempt(context, kind)
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
-    overlap = float(failed.values.get("iou_aligned", 1.0))
-    recovery = choose_recovery(kind, attempt, cell.attended, last_fold, overlap, _several_variants(context))
-    if recovery.event is Event.CARRY_ON:  # the limits do not apply, but the fold must be complete
-        possible = fold.carried
-    else:
-        possible = (
-            context.recoveries_in_step < bounds.attempts_per_step
-            and len(context.recoveries) < bounds.attempts_per_run
-        )
-    if not possible:
-        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP)
+    recovery = choose_recovery(
+        kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
+        max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
+    )  # fmt: skip
+    used_up = (
+        context.retries.count(fold.index) >= bounds.attempts_per_step
+        or len(context.retries) >= bounds.attempts_per_run
+    )
+    if used_up and recovery.event not in {Event.CARRY_ON, Event.ASK, Event.GIVE_UP}:
+        reason = f"it has tried {len(context.retries)} times, as often as `recovery` in cell.yaml allows"
+        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP, reason=reason)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
-        failure = wait(cell.loop, dwell, cell.hands.recording())
+        if kind is FailureKind.VIEW_OBSTRUCTED:
+            cell.tell(f"{failed.what}: the cell looks again in {dwell:.0f} s ({failed.hint})")
+        failure = _dwell(cell, dwell)
         if failure:
             return Result(Event.FAILED, context.with_failure(failure))
     record = {
@@ -48,10 +53,12 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         "change": recovery.adjust.value,
     }
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
-        return Result(recovery.event, context, record)
+        return Result(
+            recovery.event, replace(context, asking=recovery.reason), {**record, "reason": recovery.reason}
+        )
     event: Event = recovery.event
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
-    if event is Event.LOOK_AGAIN or on_cloth:
+    if event is Event.LOOK_AGAIN or on_cloth or not _planned_for(context, event):
         event = _look_event(cell, context)  # a released garment may lie anywhere
     record["recovery"] = event.value
     note = f"{kind.value} -> {event.value}" + (
@@ -59,12 +66,52 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     )
     recoveries = (*context.recoveries, (fold.index, note))
     again = replace(_adjusted(fold, recovery.adjust), held={})
-    return Result(event, replace(context, recoveries=recoveries, fold=again), record)
+    attempts = context.attempts
+    if recovery.adjust is Adjustment.OTHER_VARIANT:  # another fold, whose failures are counted anew
+        attempts = {key: count for key, count in attempts.items() if key[0] != fold.index}
+    return Result(event, replace(context, recoveries=recoveries, fold=again, attempts=attempts), record)
 
 
-def _several_variants(context: RunContext) -> bool:
-    """Whether the garment file has more than one variant of the present fold."""
-    return context.plan is not None and len(context.plan.garment.plan[context.fold.index].variants) > 1
+def _attempt(context: RunContext, kind: FailureKind) -> int:
+    """Return the number of failures of this kind in the present fold. Verdicts of inspections count together."""
+    kinds = VERDICTS if kind in VERDICTS else {kind}
+    return sum(context.attempts.get((context.fold.index, k.value), 0) for k in kinds)
+
+
+def _value(failed: Failure, name: str, otherwise: float) -> float:
+    return float(failed.values.get(name, otherwise))
+
+
+def _dwell(cell: Workcell, seconds: float) -> Failure | None:
+    """Hold the arms for `seconds`. If their state falls silent meanwhile, the rest is waited without set-points,
+    because it may come back: whether it has is checked when the next motion begins."""
+    clock = cell.ports.clock
+    until = clock.now() + seconds
+    for _ in range(DWELL_PARTS):
+        failure = wait(cell.loop, until - clock.now(), cell.hands.recording())
+        if failure is None or failure.kind is not FailureKind.STALE_STATE:
+            return failure
+        if clock.now() >= until:
+            return None
+    return failure
+
+
+def _planned_for(context: RunContext, event: Event) -> bool:
+    """Whether the context has what the state after this event begins with. A failure of a driver may come before
+    the garment was recognised."""
+    plan, recognition = context.plan is not None, context.recognition is not None
+    trajectory = plan and context.fold.trajectory is not None
+    return {
+        Event.GRASP_AGAIN: trajectory, Event.OPTIMISE_AGAIN: plan, Event.PLAN_AGAIN: recognition
+    }.get(event, True)  # fmt: skip
+
+
+def _other_variant(context: RunContext) -> bool:
+    """Whether the garment file has a variant of the present fold that was not tried."""
+    if context.plan is None:
+        return False
+    variants = len(context.plan.garment.plan[context.fold.index].variants)
+    return context.fold.count(Adjustment.OTHER_VARIANT) < variants - 1
 
 
 def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:

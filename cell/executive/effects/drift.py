@@ -11,7 +11,7 @@ from robots.ports import Array, frozen
 from skills.perception.inspection.inspect import Inspection
 from skills.planning.plan import rigid_motion, translate_plan
 
-__all__ = ["apply_drift"]
+__all__ = ["apply_drift", "moved_contour"]
 
 
 def apply_drift(plan: Plan, inspection: Inspection) -> Plan:
@@ -19,7 +19,7 @@ def apply_drift(plan: Plan, inspection: Inspection) -> Plan:
     moved by the observed drift."""
 
     def move(xy: Array) -> Array:
-        return frozen(rigid_motion(xy, inspection.drift, inspection.drift_rad, inspection.drift_about))
+        return moved_contour(xy, inspection)
 
     keypoints = {name: move(p) for name, p in plan.flat.keypoints.items()}
     return replace(
@@ -29,3 +29,8 @@ def apply_drift(plan: Plan, inspection: Inspection) -> Plan:
         mesh=replace(plan.mesh, rest=move(plan.mesh.rest)),
         vertices=frozen(np.column_stack([move(plan.vertices[:, :2]), plan.vertices[:, 2]])),
     )
+
+
+def moved_contour(contour: Array, inspection: Inspection) -> Array:
+    """Return points (n, 2) [m], moved by the observed drift."""
+    return frozen(rigid_motion(contour, inspection.drift, inspection.drift_rad, inspection.drift_about))

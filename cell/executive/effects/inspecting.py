@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.executive.effects.adapting import adapt
 from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
-from cell.executive.effects.drift import apply_drift
+from cell.executive.effects.drift import apply_drift, moved_contour
 from cell.executive.effects.pressing import plan_pressing
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
@@ -137,7 +137,12 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
             figures(inspection),
         )
         return Result(Event.FAILED, context.with_failure(failure), figures(inspection))
-    return Result(Event.DONE, replace(context, plan=apply_drift(plan, inspection)), figures(inspection))
+    context = replace(context, plan=apply_drift(plan, inspection))
+    if context.disturbed and context.first_look is not None:
+        # the claim judges only what the cell has displaced: the place of the first look moves with the garment
+        moved = moved_contour(context.first_look.contour, inspection)
+        context = replace(context, first_look=replace(context.first_look, contour=moved))
+    return Result(Event.DONE, replace(context, disturbed=False), figures(inspection))
 
 
 def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:
@@ -148,7 +153,9 @@ def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:
 def figures(inspection: Inspection) -> dict[str, float]:
     """Return the figures of an inspection as plain numbers, without the values that could not be measured."""
     edge, target = inspection.edge, inspection.target
-    measured = {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
+    behind = [length for length in inspection.left_behind.values() if np.isfinite(length)]
+    measured = {"left_behind_m": max(behind, default=np.nan)}
+    measured |= {"height_m": inspection.height_m, "missing_layer": inspection.missing_layer}
     if edge is not None:
         measured |= {"edge_corner_m": edge.corner, "edge_sag_m": edge.sag}
     if target is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.control.checks import stopped
+from cell.control.checks import fresh_state, stopped
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -168,7 +168,10 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
     inset = INWARD * fold.count(Adjustment.INWARD)
     inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
     paths = tool_paths(inset_trajectory, step, speed)
-    q_now = cell.ports.arms.state().q
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return Result(Event.FAILED, context.with_failure(state.failure))
+    q_now = state.unwrap().q
     searches = fold.count(Adjustment.OTHER_SEARCH)
     avoid = fold.avoided if searches else ()
     planned = cell.compute(

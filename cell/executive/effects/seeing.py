@@ -7,18 +7,21 @@ from dataclasses import replace
 from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
 from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, Sight
 from cell.states.stages import FirstLook, Recognition
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.inspection.camera_bias import estimate_camera_bias
+from skills.perception.monitoring.obstruction import obstructed
+from skills.perception.monitoring.repeated_picture import picture_digests, repeated
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, camera_fault, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
+from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import CameraCalibration, Outcome
 
-__all__ = ["await_garment", "capture", "look", "photograph_table", "recognise"]
+__all__ = ["await_garment", "capture", "look", "photograph_table", "recognise", "take_picture"]
 
 HEAD_TOLERANCE = 0.01
 """Largest accepted deviation of the head's pan from its calibrated value [rad]. A deviation of this size shifts
@@ -62,6 +65,22 @@ def capture(cell: Workcell, refined: CameraCalibration | None = None) -> Outcome
     return Outcome(frame)
 
 
+def take_picture(cell: Workcell, context: RunContext) -> Outcome[Sight]:
+    """Take a picture. Returns the sight with it as the latest picture. Fails as `capture` does, also for a picture
+    that the camera has sent before: in an earlier look or during the present fold."""
+    sight, attempt = context.sight, context.fold.attempt
+    shot = capture(cell, sight.refined)
+    if shot.failure:
+        return Outcome(failure=shot.failure)
+    frame = shot.unwrap()
+    during = (digest for picture in (attempt.pictures if attempt else ()) for digest in picture_digests(picture))
+    old = repeated(frame, (*sight.digests, *during))
+    if old is not None:
+        return Outcome(failure=old)
+    digests = (*sight.digests, *picture_digests(frame))
+    return Outcome(replace(sight, frame=frame, previous=sight.frame, digests=digests))
+
+
 def photograph_table(cell: Workcell, context: RunContext) -> Result:
     """Photograph the empty table: the reference for segmenting the garment."""
     if cell.settings.camera.reference == "none":
@@ -70,11 +89,18 @@ def photograph_table(cell: Workcell, context: RunContext) -> Result:
     if shot.failure:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     frame = shot.unwrap()
-    unusable = camera_fault(frame, cell.calibration, settings=cell.perception)
+    unusable = repeated(frame, context.sight.digests) or camera_fault(
+        frame, cell.calibration, settings=cell.perception
+    )
+    if unusable is None:
+        view = TableView(cell.calibration, cell.table, cell.perception.pixel)
+        unusable = obstructed(view, view.rectify(frame), None)
     if unusable:
         return Result(Event.FAILED, context.with_failure(unusable))
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
-    context = replace(context, sight=replace(context.sight, reference=frame, refined=refined.value))
+    digests = (*context.sight.digests, *picture_digests(frame))
+    sight = replace(context.sight, reference=frame, refined=refined.value, digests=digests)
+    context = replace(context, sight=sight)
     if refined.failure:  # the table is not visible well enough: the calibration stays as it is
         return Result(Event.DONE, context, {"refined": False, "why": refined.failure.what})
     return Result(Event.DONE, context, {"refined": True, **refined.notes})
@@ -91,12 +117,10 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
 
 
 def look(cell: Workcell, context: RunContext) -> Result:
-    sight = context.sight
-    shot = capture(cell, sight.refined)
-    if shot.failure:
-        return Result(Event.FAILED, context.with_failure(shot.failure))
-    sight = replace(sight, frame=shot.unwrap(), previous=sight.frame)
-    return Result(Event.DONE, replace(context, sight=sight))
+    taken = take_picture(cell, context)
+    if taken.failure:
+        return Result(Event.FAILED, context.with_failure(taken.failure))
+    return Result(Event.DONE, replace(context, sight=taken.unwrap()))
 
 
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
@@ -133,11 +157,13 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
         "wall": dict(outcome.notes),
     }
     first_look = context.first_look
-    if first_look is None:
+    if first_look is None or context.disturbed:
         first_look = _first_look(cell, perception)
         record |= {"camera_bias_m": first_look.bias.value, "camera_bias_measured": first_look.bias.measured}
     recognition = Recognition(perception, overlay)
-    return Result(Event.DONE, replace(context, recognition=recognition, first_look=first_look), record)
+    return Result(
+        Event.DONE, replace(context, recognition=recognition, first_look=first_look, disturbed=False), record
+    )
 
 
 def _first_look(cell: Workcell, perception: Perception) -> FirstLook:

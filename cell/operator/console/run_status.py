@@ -169,7 +169,10 @@ class RunStatus:
         if self._state is State.ASKING:
             failure = context.failure
             lay_again = "to try again, first lay the garment as it was before this fold" if context.steps else ""
-            return _sentences(failure.what, failure.hint, lay_again) if failure else "How should the run continue?"
+            why = f"the cell asks because {context.asking}" if context.asking else ""
+            if failure is None:
+                return "How should the run continue?"
+            return _sentences(failure.what, why, failure.hint, lay_again)
         fold, steps, attempt = context.fold, context.steps, context.fold.attempt
         words = (steps[fold.index].name, steps[fold.index].variant) if steps else ("the fold",)
         name = ", ".join(word.replace("_", " ") for word in words if word)

@@ -7,7 +7,7 @@ from typing import TextIO
 from cell.operator.progress.bar import ProgressBar
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
-from cell.states.transition_table import State
+from cell.states.transition_table import Event, State
 
 __all__ = ["ProgressLines"]
 
@@ -37,6 +37,8 @@ class ProgressLines:
         failure = result.context.failure
         if failure is not None and result.event in FAILING:
             self._bar.line(f"{t:8.1f} s    {failure}")
+        if result.event is Event.ASK and result.context.asking:
+            self._bar.line(f"{t:8.1f} s    asked because {result.context.asking}")
 
     def computing(self, done: int, total: int, remark: str) -> None:
         """Show the progress of a long computation."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skills.perception.inspection.result import Inspection, InspectionSettings
-from skills.vocabulary import FailureKind, FoldStep
+from skills.vocabulary import Array, FailureKind, FoldStep
 
 __all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "outline_matches"]
 
@@ -118,14 +118,24 @@ def _confidence(value: float, threshold: float) -> float:
 
 
 def _corner_lag(seen: Inspection) -> float:
-    """Difference of `Inspection.left_behind` between the two grasps [m]; NaN for a fold with one arm."""
-    at_grasps = [reach for name, reach in seen.left_behind.items() if name != "middle"]
-    return max(at_grasps) - min(at_grasps) if len(at_grasps) == 2 else float("nan")
+    """Difference of `Inspection.left_behind` between the two grasps [m]; NaN for a fold with one arm, or if too
+    little is visible at one grasp."""
+    at_grasps = _at_grasps(seen)
+    return float(np.ptp(at_grasps)) if len(at_grasps) == 2 else float("nan")
 
 
 def _min_left_behind(seen: Inspection) -> float:
-    """Smallest value of `Inspection.left_behind` [m]; NaN if there are no values."""
-    return min(seen.left_behind.values()) if seen.left_behind else float("nan")
+    """Smallest known value of `Inspection.left_behind` [m]; NaN if it is not known at every grasp. The middle alone
+    may be unseen."""
+    at_grasps = _at_grasps(seen)
+    if not len(at_grasps) or np.isnan(at_grasps).any():
+        return float("nan")
+    return float(np.fmin(at_grasps.min(), seen.left_behind.get("middle", np.nan)))
+
+
+def _at_grasps(seen: Inspection) -> Array:
+    """`Inspection.left_behind` at each grasp [m]; NaN where too little is visible."""
+    return np.array([reach for name, reach in seen.left_behind.items() if name != "middle"])
 
 
 def _outline_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
@@ -137,8 +147,7 @@ def _outline_defect(seen: Inspection, step: FoldStep | None, settings: Inspectio
     """
     if step is None or not step.targets:
         return FailureKind.OFF_TARGET
-    at_grasps = [reach for name, reach in seen.left_behind.items() if name != "middle"]
-    if "middle" in seen.left_behind and seen.left_behind["middle"] - max(at_grasps) > settings.sag:
+    if "middle" in seen.left_behind and seen.left_behind["middle"] - _at_grasps(seen).max() > settings.sag:
         return FailureKind.SAG
     targets = np.array([t[:2] for t in step.targets.values()])
     near = float(np.linalg.norm(targets - seen.edge_place, axis=1).min())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,18 +22,11 @@ from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
-from skills.perception.perceive import (
-    PerceptionSettings,
-    camera_fault,
-    height_above,
-    smooth_height,
-    table_unseen,
-    touches_border,
-)
-from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.monitoring.silhouette import find_silhouette, open_views
+from skills.perception.perceive import PerceptionSettings, height_above, smooth_height
+from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.segment import methods, segment
 from skills.vocabulary import (
     CameraCalibration,
     CameraFrame,
@@ -45,6 +39,9 @@ from skills.vocabulary import (
 )
 
 __all__ = ["Inspection", "InspectionSettings", "inspect"]
+
+APART = 0.04
+"""What lies nearer than this to the garment or its prediction may be a part of the garment [m]."""
 
 
 def inspect(
@@ -69,27 +66,25 @@ def inspect(
     make it higher than the mesh's middle surface; the prediction is raised by the difference. target: the perfect
     fold, with which the observation is compared as well.
 
-    Failures: CAMERA_FAULT, NO_GARMENT or OUT_OF_VIEW if nothing can be judged. A bad fold is not a failure: the
-    value's `diagnosis` describes it.
+    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if nothing
+    can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
     """
     settings = settings or InspectionSettings()
-    fault = camera_fault(frame, calibration, previous, settings.perception)
-    if fault is not None:
-        return Outcome(failure=fault)
-    view = TableView(calibration, table, settings.perception.pixel)
-    if (unseen := table_unseen(view, settings.perception)) is not None:
-        return Outcome(failure=unseen)
-    seen = view.rectify(frame)
-    empty = view.rectify(reference) if reference is not None else None
-    height = height_above(seen, empty)
-    segmented = _segmented(seen, empty, height, settings.perception)
-    if segmented.failure is not None:
-        return Outcome(failure=segmented.failure)
-    found = segmented.unwrap()
+    opened = open_views(frame, calibration, table, reference, previous, settings.perception)
+    if opened.failure is not None:
+        return Outcome(failure=opened.failure)
+    views = opened.unwrap()
+    silhouette = find_silhouette(views, settings.perception)
+    if silhouette.failure is not None:
+        return Outcome(failure=silhouette.failure)
+    view, seen, empty, height = views.view, views.seen, views.empty, views.height
+    found = silhouette.unwrap()
     expected = draw_shape(view, predicted)
     if flat_top is not None:
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
     figures = _Figures(view, found, height, expected, step, settings)
+    if (second := _second_garment(found, expected, view, settings.perception)) is not None:
+        return Outcome(failure=second)
     edge = None
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:
@@ -116,34 +111,20 @@ def inspect(
     return Outcome(value=inspection, notes=notes)
 
 
-def _segmented(
-    seen: RectifiedView, empty: RectifiedView | None, height: NDArray[np.float32], settings: PerceptionSettings
-) -> Outcome[Segmentation]:
-    """Segment the garment. The result is that of the first method with sufficient confidence, else that of the
-    first method that finds a garment.
-
-    seen, empty: the rectified picture, and that of the empty table (or None). height: (H, W) above the table [m].
-    """
-    bare = empty.rgb if empty is not None else None
-    uncertain: list[Segmentation] = []
-    out_of_view = False
-    for method in methods(settings.method, empty is not None):
-        found = segment(method, seen.rgb, bare, seen.valid, height, settings.segmentation)
-        if not found.found:
-            continue
-        if touches_border(found.mask, seen.valid, 2):
-            out_of_view = True
-        elif found.confidence >= settings.lowest_segmentation:
-            return Outcome(value=found)
-        else:
-            uncertain.append(found)
-    if uncertain:
-        return Outcome(value=uncertain[0])
-    if out_of_view:
-        return Outcome(
-            failure=Failure(FailureKind.OUT_OF_VIEW, "the garment reaches beyond the view", "move it by hand")
-        )
-    return Outcome(failure=Failure(FailureKind.NO_GARMENT, "the garment is no longer visible on the table"))
+def _second_garment(
+    found: Segmentation, expected: NDArray[np.float32], view: TableView, settings: PerceptionSettings
+) -> Failure | None:
+    """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted outline, else None. expected:
+    (H, W) predicted height [m], NaN outside."""
+    size = 2 * round(APART / view.pixel) + 1
+    near = cv2.dilate((np.isfinite(expected) | found.mask).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    share = np.count_nonzero(found.others & ~near) / np.count_nonzero(found.mask)
+    if share <= settings.litter:
+        return None
+    return Failure(
+        FailureKind.UNKNOWN_GARMENT, "something else lies on the table beside the garment",
+        "leave a single garment on the table", {"other_area_share": float(share)},
+    )  # fmt: skip
 
 
 class _Figures:

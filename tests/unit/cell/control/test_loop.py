@@ -197,7 +197,7 @@ def test_a_failure_watched_by_the_motion_ends_it(kind: str) -> None:
     b = bench(kind)
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
     failure = b.run(kind).failure
-    assert failure is not None and failure.kind is K.HARDWARE_FAULT and "left" in failure.what
+    assert failure is not None and failure.kind is K.TACTILE_FAULT and "left" in failure.what
     assert b.cell.now <= AT + (0.65 if kind == "trajectory" else TICK_S)
     assert b.loop.last_command.q == pytest.approx(b.cell.commands[-1][1]), "the arms stay at the last set-point"
 
@@ -306,7 +306,7 @@ def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
         (lambda b: b.ports.stop.trigger("button"), K.STOPPED, 0.0),
         (lambda b: setattr(b.cell, "frozen_since", b.cell.now), K.STALE_STATE, LIMITS.stale_s + 2 * TICK_S),
         (lambda b: push_arms(b.cell), K.TRACKING_ERROR, 0.0),
-        (lambda b: spoil_tactile(b.cell), K.HARDWARE_FAULT, TICK_S),
+        (lambda b: spoil_tactile(b.cell), K.TACTILE_FAULT, TICK_S),
     ],
 )
 def test_resting_arms_are_checked_like_moving_ones(
@@ -325,7 +325,7 @@ def test_the_first_failure_is_reported() -> None:
     b.cell.at(AT, lambda: spoil_tactile(b.cell))
     b.cell.at(AT + 0.1, lambda: setattr(b.cell, "frozen_since", b.cell.now))
     failure = b.run("trajectory").failure
-    assert failure is not None and failure.kind is K.HARDWARE_FAULT
+    assert failure is not None and failure.kind is K.TACTILE_FAULT
 
 
 # the interface between loop and motion

@@ -180,7 +180,7 @@ def test_stale_or_invalid_readings_end_the_descent() -> None:
     hand.tip = np.array([np.nan, 0.0])
     command, end = descend(hand.read(), state)
     assert isinstance(end, Outcome) and end.failure is not None
-    assert end.failure.kind is FailureKind.HARDWARE_FAULT
+    assert end.failure.kind is FailureKind.TACTILE_FAULT
     assert command.hold and command.height == hand.height
 
 

@@ -54,8 +54,20 @@ def test_each_sensor_has_its_own_maximum_age(part: str, name: str, limit: float)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("part", ["height", "opening", "force", "cells", "tip", "effort"])
-def test_a_hand_reading_without_one_of_its_values_is_a_fault(part: str, wrong: float) -> None:
+@pytest.mark.parametrize(
+    ("part", "kind"),
+    [
+        ("height", FailureKind.STALE_STATE),
+        ("effort", FailureKind.STALE_STATE),
+        ("opening", FailureKind.GRIPPER_FAULT),
+        ("force", FailureKind.GRIPPER_FAULT),
+        ("cells", FailureKind.TACTILE_FAULT),
+        ("tip", FailureKind.TACTILE_FAULT),
+    ],
+)
+def test_a_hand_reading_without_one_of_its_values_is_a_fault_of_its_sensor(
+    part: str, kind: FailureKind, wrong: float
+) -> None:
     given = reading()
     cells, effort = given.tactile.cells.copy(), given.effort.copy()
     cells[1, 2, 0] = effort[6] = wrong
@@ -68,7 +80,7 @@ def test_a_hand_reading_without_one_of_its_values_is_a_fault(part: str, wrong: f
         "effort": {"effort": effort},
     }
     found = validate_reading(replace(given, **changes[part]), S)
-    assert found is not None and found.kind is FailureKind.HARDWARE_FAULT
+    assert found is not None and found.kind is kind and found.hint
 
 
 def test_an_open_state_older_than_the_open_command_does_not_count() -> None:

@@ -93,6 +93,6 @@ def test_unusable_readings_are_refused_with_their_reason() -> None:
         assert validate_reading(replace(reading, height=bad), SETTINGS) is not None
         broken = replace(reading, gripper=replace(reading.gripper, opening=bad))
         failure = validate_reading(broken, SETTINGS)
-        assert failure is not None and failure.kind is FailureKind.HARDWARE_FAULT
+        assert failure is not None and failure.kind is FailureKind.GRIPPER_FAULT
     timeless = replace(reading, tactile=replace(reading.tactile, stamp=np.nan))
     assert validate_reading(timeless, SETTINGS) is not None

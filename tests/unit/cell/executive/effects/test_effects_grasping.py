@@ -26,13 +26,15 @@ from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
 from skills.vocabulary import GraspId, Outcome
 from tests.builders.contexts import context_with
-from tests.fakes import FakeCell
+from tests.fakes import FakeCell, live_noise
 from tests.workcells import fake_workcell
 
 K = FailureKind
 ABOVE, LAYER, LAYERS = 0.040, 0.002, 2
 """Height of both tools above the table [m], thickness of a layer [m], and number of layers."""
 STACK = LAYER * LAYERS
+NOISE = 0.03
+"""Largest effect of the fake cells' noise on the mean force of a pad of 12 cells [N]."""
 HOME = -0.1
 """Position of all joints above the grasp [rad]."""
 WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), ABOVE - STACK)
@@ -76,8 +78,9 @@ class Hand:
         self.lowest = min(self.lowest, now)
         tip = 2500.0 * max(0.0, self._table - now) + 0.2  # the tip has an offset
         pressed = self._told < self.between and self._now() <= self.between + 1e-9
-        pads = self.force * pressed * (self.between > 0.0)
-        return TactileReading(self._cell.now, self.side, np.full((2, 4, 3), pads / 12), np.array([tip, 0.5 * tip]))
+        pads, noise = self.force * pressed * (self.between > 0.0), live_noise(self._cell.now)
+        cells, tips = np.full((2, 4, 3), pads / 12 + noise), np.array([tip, 0.5 * tip]) + noise
+        return TactileReading(self._cell.now, self.side, cells, tips)
 
 
 def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell, Workcell, RunContext, Any]:
@@ -104,8 +107,10 @@ def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.event is Event.DONE
     assert {s: held.count.layers for s, held in result.context.fold.held.items()} == dict.fromkeys(Side, LAYERS)
     for side in Side:
-        assert result.context.fold.biases[side].tip == pytest.approx([0.2, 0.1]), "the tare was made in the air"
-        assert result.context.fold.held[side].grip == pytest.approx(work.grasp.grip_force)
+        assert result.context.fold.biases[side].tip == pytest.approx([0.2, 0.1], abs=0.002), (
+            "the tare was made in the air"
+        )
+        assert result.context.fold.held[side].grip == pytest.approx(work.grasp.grip_force, abs=NOISE)
         touched = result.record["contact_height_m"][side]  # type: ignore[index]
         assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
         # the press goes a millimetre below the contact, and further by the height of a leaning hand's other tip
@@ -246,8 +251,8 @@ def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytes
     lifted = gripping.lift(work, context)
     assert lifted.event is Event.DONE
     before, after = context.fold.held[Side.LEFT], lifted.context.fold.held[Side.LEFT]
-    assert after.grip == pytest.approx(0.8 * before.grip) and after.stamp > before.stamp
-    assert lifted.context.fold.held[Side.RIGHT].grip == pytest.approx(before.grip)
+    assert after.grip == pytest.approx(0.8 * before.grip, abs=NOISE) and after.stamp > before.stamp
+    assert lifted.context.fold.held[Side.RIGHT].grip == pytest.approx(before.grip, abs=NOISE)
     assert cell.now > after.stamp - 0.1
 
 
@@ -301,4 +306,4 @@ def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.Mo
     )
     felt[Side.RIGHT] = [float("nan"), 0.5]
     bad = pushes.look(state_of(0.3))
-    assert bad is not None and bad.kind is K.HARDWARE_FAULT and "right" in bad.what
+    assert bad is not None and bad.kind is K.TACTILE_FAULT and "right" in bad.what

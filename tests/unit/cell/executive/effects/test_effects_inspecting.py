@@ -136,6 +136,9 @@ def test_a_last_fold_whose_claim_does_not_hold_is_not_folded(
     failure = result.context.failure
     assert result.event is Event.FAILED and failure is not None
     assert failure.kind is kind and words in failure.what and failure.hint
+    again = EFFECTS[Effect.CHOOSE_RECOVERY](workcell, result.context)
+    assert again.event is not Event.GIVE_UP, "a verdict that ends the run is not taken from one look"
+    result = inspect_fold(workcell, again.context)
     assert EFFECTS[Effect.CHOOSE_RECOVERY](workcell, result.context).event is Event.GIVE_UP
     note = result.context.notes()["quarter"]
     assert not note.accepted and note.claim is not None and not note.claim.holds

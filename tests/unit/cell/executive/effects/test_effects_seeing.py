@@ -140,6 +140,40 @@ def test_a_black_picture_is_no_reference() -> None:
     assert result.context.sight.reference is None
 
 
+@pytest.mark.parametrize("part", ["rgb", "depth"])
+@pytest.mark.parametrize("since", ["reference", "look", "fold"])
+def test_an_old_picture_with_a_fresh_stamp_is_detected(part: str, since: str) -> None:
+    """Also one that is older than the last look, or was taken during the fold, and if only colours or depth are
+    old."""
+    workcell, _ = seeing()
+    first = workcell.ports.camera.capture()
+    noise = np.random.default_rng(1)
+    depth = np.float32(noise.uniform(0.9, 1.1, first.depth.shape))
+    old = replace(first, rgb=noise.integers(0, 255, first.rgb.shape, np.uint8), depth=depth)
+
+    def show(frame: CameraFrame) -> Workcell:
+        return replace(workcell, ports=replace(workcell.ports, camera=Camera(frame)))
+
+    if since == "fold":
+        context = context_with(pictures=(old,))
+    else:
+        context = look(show(old), RunContext()).context
+        context = look(workcell, context).context if since == "reference" else context
+    workcell.ports.clock.sleep_until(20.0)
+    live = workcell.ports.camera.capture()
+    fresh = replace(
+        old,
+        stamp=20.0,
+        sequence=77,
+        **{"depth" if part == "rgb" else "rgb": getattr(live, "depth" if part == "rgb" else "rgb")},
+    )
+    result = look(show(fresh), context)
+    assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.CAMERA_FAULT
+    assert "old picture" in result.context.failure.what
+    assert result.context.sight.frame is context.sight.frame
+    assert look(show(live), result.context).event is Event.DONE, "a live camera is used again"
+
+
 def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch) -> None:
     """In a run with `auto`, a towel that was released half folded looks like a smaller flat one."""
     expected: list[str | None] = []
@@ -221,7 +255,8 @@ def test_no_reference_picture_is_taken_if_it_is_disabled(tmp_path) -> None:
     assert (result.event, result.context.sight.reference, camera.shots) == (Event.DONE, None, 0)
 
 
-def test_an_invisible_table_leaves_the_calibration_unchanged() -> None:
+def test_an_invisible_table_leaves_the_calibration_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cell.executive.effects.seeing.obstructed", lambda *_: None)  # the fake depth is no table
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         result = photograph_table(workcell, RunContext())

@@ -1,0 +1,66 @@
+"""Tells a live tactile pad from a dead one: the readings of a live pad have noise, those of a dead one have none.
+
+A pad that is unplugged, stuck or saturated gives the same numbers again and again, with fresh stamps. It would feel
+neither the table nor the cloth, so it has to be found before a hand relies on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from robots.ports import Side
+from skills.grasping.settings import GraspSettings
+from skills.vocabulary import Array, Failure, FailureKind
+
+__all__ = ["ConstantPads", "dead_pad", "watch_pads"]
+
+_NAMES = ("first", "second")
+
+
+def dead_pad(side: Side, readings: Array, settings: GraspSettings, part: str = "pad") -> Failure | None:
+    """Return TACTILE_FAULT if one pad of a hand gives constant readings, else None.
+
+    readings: (n, 2) or (n, 2, rows, columns) successive readings of both pads [N], n >= 2. A pad is alive if any of
+    its values varies by `settings.live_noise`. part: what the values are of, for the message.
+    """
+    stack = np.asarray(readings)
+    noise = stack.std(axis=0).reshape(2, -1).max(axis=1)
+    dead = int(np.argmin(noise))
+    if not noise[dead] < settings.live_noise:
+        return None
+    return _failure(side, dead, part, float(np.abs(stack[-1, dead]).max()), len(stack), settings)
+
+
+@dataclass(frozen=True)
+class ConstantPads:
+    """How long each pad's force has been constant. forces: of the last reading on both pads [N]; counts: number of
+    readings since each changed."""
+
+    forces: tuple[float, ...] = ()
+    counts: tuple[int, ...] = (0, 0)
+
+
+def watch_pads(side: Side, forces: Array, state: ConstantPads, settings: GraspSettings) -> ConstantPads | Failure:
+    """Process the forces (2,) of one reading on both pads [N]. Returns TACTILE_FAULT once a pad has given the same
+    force in `settings.live_readings` readings."""
+    now = tuple(forces.tolist())
+    if not state.forces:
+        return replace(state, forces=now)
+    pairs = zip(now, state.forces, state.counts, strict=True)
+    counts = tuple(count + 1 if abs(a - b) < settings.live_noise else 0 for a, b, count in pairs)
+    worst = max(counts)
+    if worst >= settings.live_readings:
+        dead = counts.index(worst)
+        return _failure(side, dead, "pad", now[dead], worst, settings)
+    return ConstantPads(now, counts)
+
+
+def _failure(side: Side, pad: int, part: str, force: float, times: int, settings: GraspSettings) -> Failure:
+    return Failure(
+        FailureKind.TACTILE_FAULT,
+        f"the {side} hand's {_NAMES[pad]} {part} gives {force:.2f} N {times} times in a row: it feels nothing",
+        "check the cable and the board of this hand's tactile cells",
+        {"force_n": force, "readings": times, "live_noise_n": settings.live_noise},
+    )

@@ -1,0 +1,112 @@
+"""Measures how the garment has moved between two pictures: before a plan is carried out, the cell compares the
+picture that the plan was made from with a fresh one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from robots.ports import Array
+from skills.perception.monitoring.silhouette import Views, find_silhouette
+from skills.perception.perceive import PerceptionSettings
+from skills.perception.registration.alignment import align, edge_deviation
+from skills.perception.segmentation.covered import mean_height
+from skills.perception.segmentation.mask import Mask
+from skills.perception.segmentation.segment import segment
+from skills.vocabulary import Outcome
+
+__all__ = ["GarmentMotion", "displaced_boundary", "measure_motion"]
+
+_WINDOW = 15
+"""Side of the square over which heights are averaged before they are compared [px]."""
+_RISE = 0.008
+"""A place whose height has changed by more than this counts as changed [m]: five times the noise of the mean."""
+
+_ARM_HEIGHT = 0.020
+"""What stands higher than this above the earlier picture is an arm [m]."""
+_ARM_MARGIN = 0.050
+"""The boundary is not judged nearer than this to an arm, where depth is missing and shadows are deep [m]."""
+_DISPLACED = 0.015
+"""A place of the boundary is displaced if no boundary is left within this distance [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class GarmentMotion:
+    """The motion of a garment between two pictures.
+
+    R (2, 2), t (2,) [m]: the rigid motion p -> R p + t that aligns the earlier outline with the later one. moved_m:
+    largest displacement of a point of the outline by it [m]; turned_rad: its angle [rad]. deviation_m: what remains
+    between the outlines after it [m]. reshaped_m2: area inside the outline whose height has changed [m2]; 0 if the
+    outline itself has moved.
+    """
+
+    R: Array
+    t: Array
+    moved_m: float
+    turned_rad: float
+    deviation_m: float
+    reshaped_m2: float
+
+    def says(self) -> str:
+        """Describe the motion for the operator."""
+        turn = (
+            f" and turned by {np.rad2deg(abs(self.turned_rad)):.0f} degrees" if abs(self.turned_rad) > 0.02 else ""
+        )
+        return f"moved by {self.moved_m * 1e3:.0f} mm{turn}"
+
+
+def measure_motion(before: Views, after: Views, settings: PerceptionSettings) -> Outcome[GarmentMotion]:
+    """Compare the garment's outlines in two pictures of one view. Both are found in the same way, so that what is
+    wrong in both cancels.
+
+    Failures: those of `find_silhouette`, for the later picture first.
+    """
+    found = [find_silhouette(views, settings) for views in (after, before)]
+    for outcome in found:
+        if outcome.failure:
+            return Outcome(failure=outcome.failure)
+    later, earlier = (outcome.unwrap() for outcome in found)
+    outline, observed = (before.view.to_table(s.contour) for s in (earlier, later))
+    R, t = align(outline, observed)
+    aligned = outline @ R.T + t
+    moved = float(np.linalg.norm(aligned - outline, axis=1).max())
+    deviation, _ = edge_deviation(aligned, observed)
+    both = earlier.mask & later.mask
+    reshaped = _reshaped(before, after, both) if moved < _RISE else 0.0
+    return Outcome(GarmentMotion(R, t, moved, float(np.arctan2(R[1, 0], R[0, 0])), abs(deviation), reshaped))
+
+
+def displaced_boundary(before: Views, after: Views, settings: PerceptionSettings) -> float:
+    """Return the length of the garment's boundary that is visible between the arms and has left its place [m].
+
+    before: a picture without arms; after: a later one, with the arms over the table. The result is 0 if the garment
+    is not found in the earlier picture, or if there is no picture of the empty table: without it, arms and garment
+    cannot be told apart.
+    """
+    if after.empty is None or (earlier := find_silhouette(before, settings).value) is None:
+        return 0.0
+    pixel, size = before.view.pixel, 2 * round(_ARM_MARGIN / before.view.pixel) + 1
+    height, known = mean_height(after.seen.height, 9)
+    arms = (~known | (height - mean_height(before.seen.height, 9)[0] > _ARM_HEIGHT)).astype(np.uint8)
+    arms = cv2.morphologyEx(arms, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
+    hidden = (cv2.dilate(arms, np.ones((size, size), np.uint8)) > 0) | ~after.seen.valid
+    found = segment(
+        "reference", after.seen.rgb, after.empty.rgb, after.seen.valid, after.height, settings.segmentation
+    )
+    cloth = (found.mask | found.others).astype(np.uint8)
+    edge = cv2.morphologyEx(cloth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
+    distance = cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 5) * pixel
+    column, row = np.round(earlier.contour).astype(int).T
+    column, row = (np.clip(c, 0, n - 1) for c, n in zip((column, row), before.view.shape[::-1], strict=True))
+    displaced = (distance[row, column] > _DISPLACED) & ~hidden[row, column]
+    return float(np.count_nonzero(displaced)) * pixel
+
+
+def _reshaped(before: Views, after: Views, where: Mask) -> float:
+    """Return the area within a mask whose height has changed by more than `_RISE` [m2]."""
+    (a, seen_a), (b, seen_b) = (mean_height(views.height, _WINDOW) for views in (before, after))
+    changed = where & seen_a & seen_b & (np.abs(b - a) > _RISE)
+    opened = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+    return float(np.count_nonzero(opened)) * before.view.pixel**2
