@@ -8,7 +8,7 @@ two pictures.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import cv2
@@ -288,3 +288,23 @@ def trousers(left=0.0, right=0.0, length=0.92, waist=0.38):
     orr, ir = leg(-1, right)
     half = waist / 2
     return np.array([(length / 2, -half), (length / 2, half), ol, il, (0.16, 0.0), ir, orr])
+
+
+def with_arm(frame, calibration, tip, start, height=0.06, width=0.08, colour=(224, 172, 140)):
+    """The picture `frame` with a person's arm over the table: from `start` to `tip` (2,) [m], `height` above
+    it."""
+    tip, start = np.asarray(tip, float), np.asarray(start, float)
+    across = (tip - start)[::-1] * (1.0, -1.0)
+    across *= 0.5 * width / np.linalg.norm(across)
+    outline = np.array([start + across, tip + across, tip - across, start - across])
+    points = np.column_stack([outline, np.full(4, height)])
+    k, T = calibration.intrinsics, calibration.T_table_camera
+    seen = (points - T[:3, 3]) @ T[:3, :3]
+    pixels = np.round(seen[:, :2] / seen[:, 2:] * (k.fx, k.fy) + (k.cx, k.cy)).astype(np.int32)
+    mask = np.zeros(frame.depth.shape, np.uint8)
+    cv2.fillPoly(mask, [pixels], 1)
+    _, depth = _intersect(calibration, 1, height)
+    rgb, measured = frame.rgb.copy(), frame.depth.copy()
+    rgb[mask > 0] = colour
+    measured[mask > 0] = depth[mask > 0]
+    return replace(frame, rgb=rgb, depth=measured)

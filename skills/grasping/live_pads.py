@@ -1,7 +1,7 @@
 """Tells a live tactile pad from a dead one: the readings of a live pad have noise, those of a dead one have none.
 
-A pad that is unplugged, stuck or saturated gives the same numbers again and again, with fresh stamps. It would feel
-neither the table nor the cloth, so it has to be found before a hand relies on it.
+A pad that is unplugged, stuck or saturated gives the same numbers again and again, with fresh stamps. It would
+feel neither the table nor the cloth, so it has to be found before a hand relies on it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _NAMES = ("first", "second")
 def dead_pad(side: Side, readings: Array, settings: GraspSettings, part: str = "pad") -> Failure | None:
     """Return TACTILE_FAULT if one pad of a hand gives constant readings, else None.
 
-    readings: (n, 2) or (n, 2, rows, columns) successive readings of both pads [N], n >= 2. A pad is alive if any of
-    its values varies by `settings.live_noise`. part: what the values are of, for the message.
+    readings: (n, 2) or (n, 2, rows, columns) successive readings of both pads [N], n >= 2. A pad is alive if any
+    of its values varies by `settings.live_noise`. part: what the values are of, for the message.
     """
     stack = np.asarray(readings)
     noise = stack.std(axis=0).reshape(2, -1).max(axis=1)

@@ -20,8 +20,8 @@ class GraspSettings:
     tare_readings: int = 12
     """Number of tactile readings averaged into the bias."""
     live_noise: float = 1e-4
-    """Smallest standard deviation of a live pad's readings [N]: a hundredth of the usual noise of a cell. A pad with
-    less gives a constant. 0 switches this check off."""
+    """Smallest standard deviation of a live pad's readings [N]: a hundredth of the usual noise of a cell. A pad
+    with less gives a constant. 0 switches this check off."""
     live_readings: int = 10
     """Number of readings by which a pad that became constant during a fold is found."""
 

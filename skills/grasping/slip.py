@@ -11,7 +11,7 @@ once, so a loss that shows only in the opening is detected later.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -67,7 +67,7 @@ class SlipWatch:
     opening: Channel
     stamp: float = -np.inf
     gripper_stamp: float = -np.inf
-    constant: ConstantPads = ConstantPads()
+    constant: ConstantPads = field(default_factory=ConstantPads)
 
 
 def start_slip_watch(settings: GraspSettings, bias: TactileBias, held: Held) -> SlipWatch:

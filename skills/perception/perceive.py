@@ -134,8 +134,8 @@ def perceive(
     reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
     any of them. previous: an earlier picture, to detect a frozen camera.
 
-    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH, LOW_CONFIDENCE.
-    Raises ValueError when `expected` is not among `garments`.
+    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH,
+    LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
     """
     settings = settings or PerceptionSettings()
     wanted = _wanted(garments, expected)
@@ -372,8 +372,8 @@ def _unusable(
 def _not_alone(
     segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT for a second garment, VIEW_OBSTRUCTED for something flat that reaches into the picture,
-    else None."""
+    """Return UNKNOWN_GARMENT for a second garment, VIEW_OBSTRUCTED for something flat that reaches into the
+    picture, else None."""
     share = np.count_nonzero(segmentation.others) / np.count_nonzero(segmentation.mask)
     values = {"other_area_share": float(share)}
     if share > settings.intruder and touches_border(segmentation.others, view.valid, margin):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from cell.control.ticks import TICK_S
 from cell.executive.effects.moving import approach
-from cell.executive.effects.seeing import take_picture
+from cell.executive.effects.seeing import PICTURE_AGE, take_picture
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt
@@ -62,8 +62,8 @@ def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: 
 
 
 def approach_watched(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Move above the grasps, then compare what the arms leave visible of the garment with the picture that the fold
-    was planned from: somebody may have moved it meanwhile."""
+    """Move above the grasps, then compare what the arms leave visible of the garment with the picture that the
+    fold was planned from: somebody may have moved it meanwhile."""
     result = approach(cell, context, attempt)
     sight, planned = context.sight, context.sight.frame
     if result.event is not Event.DONE or planned is None or sight.reference is None:
@@ -104,7 +104,7 @@ def _glance(cell: Workcell) -> CameraFrame | None:
                 raise
             return None
         now = cell.ports.clock.now()
-        if frame is not None and now - frame.stamp <= GLANCE_S:
+        if frame is not None and now - frame.stamp <= PICTURE_AGE:
             return frame
         if now >= deadline:
             return None
@@ -132,9 +132,10 @@ def _moved(cell: Workcell, motion: GarmentMotion) -> Failure | None:
     """Return GARMENT_MOVED if the plan does not fit the garment any more, else None."""
     hint = "keep hands off the table during a fold; the cell looks where the garment lies now"
     if motion.deviation_m > RESHAPED or motion.reshaped_m2 > cell.inspection.piled_area:
+        off, area = f"{motion.deviation_m * 1e3:.0f} mm", f"{motion.reshaped_m2 * 1e4:.0f} cm2"
         what = (
             "the garment does not lie as it did when this fold was planned: "
-            f"its edge is {motion.deviation_m * 1e3:.0f} mm off, {motion.reshaped_m2 * 1e4:.0f} cm2 changed in height"
+            f"its edge is {off} off, and {area} have changed in height"
         )
         return Failure(FailureKind.GARMENT_MOVED, what, hint, _figures(motion))
     if motion.moved_m > MOVED:

@@ -66,8 +66,8 @@ def inspect(
     make it higher than the mesh's middle surface; the prediction is raised by the difference. target: the perfect
     fold, with which the observation is compared as well.
 
-    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if nothing
-    can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
+    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
+    nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
     """
     settings = settings or InspectionSettings()
     opened = open_views(frame, calibration, table, reference, previous, settings.perception)
@@ -114,8 +114,8 @@ def inspect(
 def _second_garment(
     found: Segmentation, expected: NDArray[np.float32], view: TableView, settings: PerceptionSettings
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted outline, else None. expected:
-    (H, W) predicted height [m], NaN outside."""
+    """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted outline, else None.
+    expected: (H, W) predicted height [m], NaN outside."""
     size = 2 * round(APART / view.pixel) + 1
     near = cv2.dilate((np.isfinite(expected) | found.mask).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     share = np.count_nonzero(found.others & ~near) / np.count_nonzero(found.mask)

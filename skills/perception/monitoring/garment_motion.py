@@ -36,10 +36,10 @@ _DISPLACED = 0.015
 class GarmentMotion:
     """The motion of a garment between two pictures.
 
-    R (2, 2), t (2,) [m]: the rigid motion p -> R p + t that aligns the earlier outline with the later one. moved_m:
-    largest displacement of a point of the outline by it [m]; turned_rad: its angle [rad]. deviation_m: what remains
-    between the outlines after it [m]. reshaped_m2: area inside the outline whose height has changed [m2]; 0 if the
-    outline itself has moved.
+    R (2, 2), t (2,) [m]: the rigid motion p -> R p + t that aligns the earlier outline with the later one.
+    moved_m: largest displacement of a point of the outline by it [m]; turned_rad: its angle [rad]. deviation_m:
+    what remains between the outlines after it [m]. reshaped_m2: area inside the outline whose height has changed
+    [m2]; 0 if the outline itself has moved.
     """
 
     R: Array
@@ -81,9 +81,9 @@ def measure_motion(before: Views, after: Views, settings: PerceptionSettings) ->
 def displaced_boundary(before: Views, after: Views, settings: PerceptionSettings) -> float:
     """Return the length of the garment's boundary that is visible between the arms and has left its place [m].
 
-    before: a picture without arms; after: a later one, with the arms over the table. The result is 0 if the garment
-    is not found in the earlier picture, or if there is no picture of the empty table: without it, arms and garment
-    cannot be told apart.
+    before: a picture without arms; after: a later one, with the arms over the table. The result is 0 if the
+    garment is not found in the earlier picture, or if there is no picture of the empty table: without it, arms and
+    garment cannot be told apart.
     """
     if after.empty is None or (earlier := find_silhouette(before, settings).value) is None:
         return 0.0

@@ -24,8 +24,8 @@ is at most `PerceptionSettings.flat_height` high, and a folded stack does not re
 MIN_AREA = 0.004
 """Smallest area of an obstruction [m2]: half a hand. The elbows of parked arms show at most 0.0016."""
 SPREAD = 0.03
-"""Length by which parts of the robot that the picture of the empty table shows are widened [m], because the arms do
-not park at exactly the same place again."""
+"""Length by which parts of the robot that the picture of the empty table shows are widened [m], because the arms
+do not park at exactly the same place again."""
 _WINDOW = 9
 """Side of the square over which the height is averaged [px]."""
 _BORDER = 5
@@ -33,8 +33,8 @@ _BORDER = 5
 
 
 def obstructed(view: TableView, seen: RectifiedView, empty: RectifiedView | None) -> Failure | None:
-    """Return VIEW_OBSTRUCTED if something high reaches into the picture, else None. empty: the picture of the empty
-    table, or None."""
+    """Return VIEW_OBSTRUCTED if something high reaches into the picture, else None. empty: the picture of the
+    empty table, or None."""
     known = standing_parts(empty, view.pixel) if empty is not None else None
     found = find_obstruction(seen, known, view.pixel)
     if not found.any():
@@ -44,8 +44,8 @@ def obstructed(view: TableView, seen: RectifiedView, empty: RectifiedView | None
 
 
 def obstruction_failure(view: TableView, found: Mask, name: str, values: Mapping[str, float]) -> Failure:
-    """Return VIEW_OBSTRUCTED for an object, with the edge of the picture from which it reaches in. found: (H, W) the
-    object; name: what it is, for the message."""
+    """Return VIEW_OBSTRUCTED for an object, with the edge of the picture from which it reaches in. found: (H, W)
+    the object; name: what it is, for the message."""
     rows, columns = np.nonzero(found & _border(view.valid))
     sides = {
         "far": rows / view.shape[0], "near": 1.0 - rows / view.shape[0],
@@ -91,8 +91,9 @@ def standing_parts(empty: RectifiedView, pixel: float) -> Mask:
 
 
 def _levelled(seen: RectifiedView) -> tuple[Field, Mask]:
-    """Return the height (H, W) above the table [m], averaged over `_WINDOW`, and where it is known. Its median is 0,
-    because the calibration may be a few centimetres off, and most of the view shows the table or a flat garment."""
+    """Return the height (H, W) above the table [m], averaged over `_WINDOW`, and where it is known. Its median is
+    0, because the calibration may be a few centimetres off, and most of the view shows the table or a flat
+    garment."""
     mean, measured = mean_height(seen.height, _WINDOW)
     measured = measured & seen.valid
     return mean - (float(np.median(mean[measured])) if measured.any() else 0.0), measured

@@ -1,4 +1,5 @@
-"""Finds the garment's silhouette in a picture, without recognising it: after a fold, and before the hands go down."""
+"""Finds the garment's silhouette in a picture, without recognising it: after a fold, and before the hands go
+down."""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ def open_views(
     settings: PerceptionSettings,
     arms_in_view: bool = False,
 ) -> Outcome[Views]:
-    """Rectify a picture. previous: an earlier picture, to detect a frozen camera. arms_in_view: whether the robot's
-    own arms are over the table, so that something reaches into the picture in any case.
+    """Rectify a picture. previous: an earlier picture, to detect a frozen camera. arms_in_view: whether the
+    robot's own arms are over the table, so that something reaches into the picture in any case.
 
     Fails with CAMERA_FAULT for an unusable picture, or with VIEW_OBSTRUCTED if something reaches into it.
     """
@@ -60,7 +61,8 @@ def find_silhouette(views: Views, settings: PerceptionSettings) -> Outcome[Silho
     """Segment the garment. The result is that of the first method with sufficient confidence, else that of the
     first method that finds a garment.
 
-    Failures: NO_GARMENT, OUT_OF_VIEW, VIEW_OBSTRUCTED (something flat reaches into the picture, beside the garment).
+    Failures: NO_GARMENT, OUT_OF_VIEW, VIEW_OBSTRUCTED (something flat reaches into the picture, beside the
+    garment).
     """
     seen, empty = views.seen, views.empty
     bare = empty.rgb if empty is not None else None

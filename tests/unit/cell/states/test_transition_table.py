@@ -84,8 +84,8 @@ def test_a_failure_with_hands_on_the_cloth_leads_to_clearing() -> None:
 
 
 def test_arms_approach_only_after_motion_planning_or_its_approval_and_a_look_at_the_garment() -> None:
-    """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there, and the garment must
-    still lie where it was planned."""
+    """Approaching moves the arms on a plan: only a fresh plan (or its approval) may lead there, and the garment
+    must still lie where it was planned."""
     sources = {r.state for r in ROWS if r.target is State.APPROACHING}
     assert sources == {State.CHECKING}
     assert {r.state for r in ROWS if r.target is State.CHECKING} == {
