@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
-from skills.perception.monitoring.obstruction import obstructed, obstruction_failure
 from skills.perception.rectification.table_height import table_height
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.registration.energy import segment_lengths
 from skills.perception.registration.register import Registration, RegistrationSettings, register
 from skills.perception.segmentation.mask import Segmentation, SegmentationSettings
+from skills.perception.segmentation.obstruction import obstructed, obstruction_failure
 from skills.perception.segmentation.segment import methods, segment
 from skills.perception.template import GarmentOutline
 from skills.vocabulary import (

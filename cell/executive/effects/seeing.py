@@ -13,12 +13,12 @@ from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.inspection.camera_bias import estimate_camera_bias
-from skills.perception.monitoring.obstruction import obstructed
 from skills.perception.monitoring.repeated_picture import picture_digests, repeated
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, camera_fault, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.obstruction import obstructed
 from skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise", "take_picture"]

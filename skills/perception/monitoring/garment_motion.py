@@ -89,8 +89,8 @@ def displaced_boundary(before: Views, after: Views, settings: PerceptionSettings
         return 0.0
     pixel, size = before.view.pixel, 2 * round(_ARM_MARGIN / before.view.pixel) + 1
     height, known = mean_height(after.seen.height, 9)
-    arms = (~known | (height - mean_height(before.seen.height, 9)[0] > _ARM_HEIGHT)).astype(np.uint8)
-    arms = cv2.morphologyEx(arms, cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
+    higher = ~known | (height - mean_height(before.seen.height, 9)[0] > _ARM_HEIGHT)
+    arms = cv2.morphologyEx(higher.astype(np.uint8), cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
     hidden = (cv2.dilate(arms, np.ones((size, size), np.uint8)) > 0) | ~after.seen.valid
     found = segment(
         "reference", after.seen.rgb, after.empty.rgb, after.seen.valid, after.height, settings.segmentation

@@ -10,8 +10,9 @@ from collections.abc import Iterable
 from hashlib import blake2b
 
 import numpy as np
+from numpy.typing import NDArray
 
-from skills.vocabulary import Array, CameraFrame, Failure, FailureKind
+from skills.vocabulary import CameraFrame, Failure, FailureKind
 
 __all__ = ["picture_digests", "repeated"]
 
@@ -40,5 +41,5 @@ def repeated(frame: CameraFrame, earlier: Iterable[str]) -> Failure | None:
     )
 
 
-def _digest(pixels: Array) -> str:
+def _digest(pixels: NDArray) -> str:
     return blake2b(np.ascontiguousarray(pixels).tobytes(), digest_size=12).hexdigest()

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.monitoring.obstruction import obstructed, obstruction_failure
 from skills.perception.perceive import PerceptionSettings, camera_fault, height_above, table_unseen, touches_border
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.segmentation.mask import Segmentation
+from skills.perception.segmentation.obstruction import obstructed, obstruction_failure
 from skills.perception.segmentation.segment import methods, segment
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 

@@ -66,7 +66,7 @@ def test_a_hand_in_the_picture_is_refused(calibration, towels):
     arm = np.array([[0.21, 0.45], [0.21, 0.53], [0.42, 0.50], [0.42, 0.46]])
     scene = Scene(seed=3, polygons=[place(TOWEL, 0.6, 0.0, 0.0), arm])
     outcome = perceive(render(scene), calibration, TABLE, empty(scene), towels)
-    assert failure(outcome) is FailureKind.OUT_OF_VIEW
+    assert failure(outcome) is FailureKind.VIEW_OBSTRUCTED
     assert "hands" in outcome.failure.hint
 
 

@@ -227,6 +227,18 @@ def test_a_run_has_a_limit_on_retries_over_all_steps(tmp_path: Path) -> None:
     assert Event.GIVE_UP not in events[:3] and events[3] is Event.GIVE_UP
 
 
+def test_folds_that_are_carried_on_from_use_up_no_attempts(tmp_path: Path) -> None:
+    """They repeat nothing. A garment of many folds drifts a little in each, and must still be grasped again."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=2))
+    context = context_with(SEEN, carried=True)
+    for index in range(5):
+        result = choose_next(workcell, failed(K.DRIFT, context=context_with(context, index=index)))
+        assert result.event is Event.CARRY_ON
+        context = result.context
+    missed = choose_next(workcell, failed(K.MISSED_GRASP, context=context_with(context, index=4, carried=False)))
+    assert missed.event is not Event.GIVE_UP and len(missed.context.recoveries) == 6
+
+
 @pytest.mark.parametrize("bounds", [{"attempts_per_step": 2}, {"attempts_per_run": 2}, {"attempts_per_step": 0}])
 def test_a_good_enough_fold_is_accepted_at_the_retry_limit(tmp_path: Path, bounds: dict[str, int]) -> None:
     """Accepting a fold is not a retry. Otherwise a garment whose last fold was displaced would count as not

@@ -172,6 +172,23 @@ def test_a_claim_that_does_not_hold_ends_the_run_as_not_folded_whatever_leads_to
     assert claim is not None and claim.holds, "the claim stays after the run's end"
 
 
+@pytest.mark.parametrize("disturbed", [True, False])
+def test_a_shove_by_a_person_does_not_count_as_the_cells_drift(
+    disturbed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The claim compares the plan's place with that of the first look, so both move with a shoved garment."""
+    shift = np.array([0.08, -0.02])
+    look(monkeypatch, seen(K.DRIFT, drift=shift, drift_m=float(np.linalg.norm(shift))))
+    context = context_with(last_fold(), disturbed=disturbed)
+    assert context.plan is not None and context.sight.frame is not None
+    result = inspecting.find_folded(fake_workcell(FakeCell()), context, context.plan, context.sight.frame)
+    after = result.context
+    assert result.event is Event.DONE and not after.disturbed and after.plan is not None
+    np.testing.assert_allclose(after.plan.flat.contour, SQUARE + shift)
+    assert after.first_look is not None
+    np.testing.assert_allclose(after.first_look.contour, SQUARE + (shift if disturbed else 0.0))
+
+
 def test_the_next_fold_starts_with_a_new_context() -> None:
     """Otherwise values of the previous fold would affect recoveries, pressing and inspection."""
     before = made(

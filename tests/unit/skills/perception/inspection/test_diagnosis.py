@@ -1,5 +1,7 @@
 """The verdict on a fold from its figures: limits, defect and confidence."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -175,3 +177,20 @@ def test_a_fold_is_refused_exactly_if_a_figure_is_beyond_its_limit():
 def test_figures_beyond_their_limit_are_reported_with_units(figures, named):
     (told,) = beyond_limits(inspection(**figures), S)
     assert told.startswith(named)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(("left", "right", "middle"))))
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        ({"left": 0.08, "right": 0.07, "middle": 0.075}, FailureKind.MISSED_LAYER),
+        ({"left": 0.08, "right": 0.07, "middle": np.nan}, FailureKind.MISSED_LAYER),
+        ({"left": 0.08, "right": np.nan, "middle": 0.075}, FailureKind.OFF_TARGET),
+        ({"left": np.nan, "right": np.nan, "middle": 0.08}, FailureKind.OFF_TARGET),
+        ({"left": 0.08, "right": 0.0, "middle": np.nan}, FailureKind.DROPPED_CORNER),
+    ],
+)
+def test_places_that_are_not_seen_have_the_same_effect_in_any_order(order, values, kind):
+    """A missed layer needs both grasps to be seen: one of them may as well have a dropped corner beside it."""
+    seen = inspection(edge_deviation_m=0.05, iou_aligned=0.7, left_behind={name: values[name] for name in order})
+    assert diagnose(seen, None, InspectionSettings())[0] is kind

@@ -9,9 +9,9 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.perception.inspection.inspect import inspect
-from skills.perception.monitoring.obstruction import find_obstruction, standing_parts
 from skills.perception.perceive import perceive
 from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.obstruction import find_obstruction, standing_parts
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 
