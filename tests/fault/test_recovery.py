@@ -236,7 +236,8 @@ def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
     at = onlooker.performed.index((Effect.GRASP, Event.FAILED))
     following = [effect for effect, _ in onlooker.performed[at + 1 : at + 7]]
     assert following == [
-        Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.PLAN_MOTION, Effect.CHECK_PLACE, Effect.APPROACH, Effect.GRASP,
+        Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.PLAN_MOTION, Effect.CHECK_PLACE, Effect.APPROACH,
+        Effect.GRASP,
     ]  # fmt: skip
     assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second grasp holds"
     assert result.steps[0]["recoveries"] == ["missed_grasp -> grasp_again (lower)"]
