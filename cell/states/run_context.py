@@ -82,6 +82,11 @@ class RunContext:
         carried_on = f"-> {Event.CARRY_ON.value}"
         return tuple(index for index, what in self.recoveries if not what.endswith(carried_on))
 
+    @property
+    def recoveries_in_step(self) -> int:
+        """Number of retries in the present step."""
+        return self.retries.count(self.fold.index)
+
     def notes(self) -> dict[str, StepNote]:
         """Return fold name -> note for the completed folds and the present fold. Skipped folds have no note."""
         notes, present = {note.name: note for note in self.done}, self.fold.note()

@@ -33,8 +33,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
     )  # fmt: skip
     used_up = (
-        context.retries.count(fold.index) >= bounds.attempts_per_step
-        or len(context.retries) >= bounds.attempts_per_run
+        context.recoveries_in_step >= bounds.attempts_per_step or len(context.retries) >= bounds.attempts_per_run
     )
     if used_up and recovery.event not in {Event.CARRY_ON, Event.ASK, Event.GIVE_UP}:
         reason = f"it has tried {len(context.retries)} times, as often as `recovery` in cell.yaml allows"

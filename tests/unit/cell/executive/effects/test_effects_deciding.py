@@ -106,10 +106,14 @@ def test_a_fold_that_was_not_carried_is_not_accepted(kind: FailureKind) -> None:
     assert choose_next(fake_workcell(FakeCell()), failed(kind, context=SEEN)).event is not Event.CARRY_ON
 
 
+ONE_WAY: Any = SimpleNamespace(plan=[SimpleNamespace(variants=(None,))] * 9)
+"""A garment with one variant of each fold."""
+
+
 def planned(**changes: Any) -> RunContext:
     """A context in which all stages before the approach are done."""
     known: dict[str, Any] = {
-        "garment": load_garment("t_shirt"), "perception": None, "trajectory": SimpleNamespace(source="library")
+        "garment": ONE_WAY, "perception": None, "trajectory": SimpleNamespace(source="library")
     }  # fmt: skip
     return context_with(SEEN, **{**known, **changes})
 
