@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from cell.control.checks import ExecutionLimits, followed, fresh_state, start_mismatch, stopped
 from cell.control.last_command import LastCommand
 from cell.control.motion import Feedback, Motion, SetPoint
 from cell.control.path_clock import PathControl
+from cell.control.path_record import PathRecord
 from cell.control.pausing import Interruptions
 from cell.control.ticks import Ticks
 from robots.errors import FailureKind
@@ -30,11 +31,13 @@ V = TypeVar("V")
 
 @dataclass(frozen=True, eq=False)
 class ControlLoop:
-    """The control loop. last_command: carries the last set-point over from one motion to the next."""
+    """The control loop. last_command: carries the last set-point over from one motion to the next. path: records
+    the set-points."""
 
     ports: Ports
     limits: ExecutionLimits
     last_command: LastCommand
+    path: PathRecord = field(default_factory=PathRecord)
 
     def run(
         self,
@@ -91,7 +94,9 @@ class ControlLoop:
         if sends:
             sent = self.ports.arms.command(point.q, point.qd)
             self.last_command.q = point.q
-            return ticks.wait(), followed(self.ports, point.q, sent, self.limits)
+            self.path.add(point.q)
+            late = ticks.wait()
+            return late, followed(self.ports, point.q, sent, self.limits, late)
         late, failure = ticks.wait(), stopped(self.ports)
         return late, Outcome(failure=failure) if failure else Outcome(self.ports.arms.state())
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from scipy.optimize import minimize_scalar
+
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event
@@ -13,6 +16,10 @@ from robots.ports import ArmTrajectory, Array
 from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
 
 __all__ = ["PathClock", "PathControl"]
+
+BEHIND_S, AHEAD_S = 0.2, 1.0
+"""Part of the path, before and after the last set-point, on which arms can come to rest that got no set-points
+[s]. They go on until the command timeout, and then brake."""
 
 
 @dataclass(eq=False)
@@ -90,18 +97,38 @@ class PathClock:
     def stop(self) -> None:
         self._change(0.0, self._control.stop, self._control.stop_s)
 
+    def rest(self) -> None:
+        """Rest at the present time, without slowing down first, because the arms rest already."""
+        self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0
+
     def go(self) -> None:
         self._change(1.0, self._control.go, STOP_TIME)
 
-    def begin_again(self) -> bool:
-        """Restart after a tick that came so late that the arms have come to rest: the clock speeds up from rest at
-        the last set-point, as after a pause. Returns False and changes nothing if the clock was slowing down or at
-        rest."""
-        if self._goal != 1.0:
-            return False
-        self._base, self._ticks, self._warp, self._goal = self.t, 0, None, 0.0
-        self.go()
-        return True
+    def rejoin(self, q: Array) -> Array:
+        """Continue from where the arms have come to rest after a tick that came too late: at the path's point
+        nearest to q (14,), which may lie behind or ahead of the last set-point. Returns this point (14,) [rad].
+
+        A running clock speeds up from rest, as after a pause. A clock that was slowing down rests there.
+        """
+        runs, self._base, self._ticks, self._warp = self._goal == 1.0, self._nearest(q), 0, None
+        self.rest()
+        if runs:
+            self.go()
+        return self._trajectory.at(self.t)[0]
+
+    def _nearest(self, q: Array) -> float:
+        """Return the time of the path's point nearest to q (14,), near the clock's present time [s]."""
+
+        def distance(t: float) -> float:
+            return float(np.square(self._trajectory.at(t)[0] - q).sum())
+
+        first, last = max(0.0, self.t - BEHIND_S), min(self._trajectory.duration, self.t + AHEAD_S)
+        times = np.linspace(first, max(first, last), round((BEHIND_S + AHEAD_S) / TICK_S) + 1)
+        t = float(times[np.argmin([distance(x) for x in times])])
+        near = minimize_scalar(
+            distance, bounds=(t - TICK_S, t + TICK_S), method="bounded", options={"xatol": 1e-9}
+        )
+        return float(np.clip(near.x, first, last))
 
     def _rate(self) -> tuple[float, float]:
         if self._warp is None:

@@ -18,12 +18,15 @@ __all__ = ["draw_chart"]
 
 ON_FAILURE = {
     State.RECOVERING: ("#2f6fd0", "#eaf1fb"),
+    State.LAYING_BACK: ("#7d3c98", "#f4ecf7"),
     State.CLEARING: ("#c0392b", "#fbeceb"),
+    State.CLEARING_AGAIN: ("#c0392b", "#f5d5d0"),
     State.MAKING_SAFE: ("#96600b", "#fdf2dc"),
 }
 """State -> border and fill colour. The chart draws every state whose failure leads to the key in these colours."""
 LEGEND = (
-    "On a failure: blue goes to recovering, red to clearing, amber to making safe.\\l"
+    "On a failure: blue goes to recovering, purple to laying back, red to clearing, dark red to clearing again, "
+    "amber to making safe.\\l"
     "Everywhere: stop ends in stopped, abort in giving up, a crash in making safe, a lost journal in fault.\\l"
     "Between two effects a run may be paused; resume enters the state anew.\\l"
 )

@@ -27,8 +27,9 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
 
     A pause happens between two effects. RESUME enters the interrupted state again: the machine returns the same
     effect again, and the effect checks its start conditions itself. While the cell makes itself safe, it accepts
-    no abort and no pause.
+    no abort and no pause. A state with its own row for ABORT gets no other.
     """
+    own_abort = {row.state for row in rows if row.event is Event.ABORT}
     working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
     added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # `handle` sets the target
     for s in [*working, State.PAUSED]:
@@ -38,7 +39,8 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
             added.append(Row(s, Event.CRASH, State.FAULT, Effect.HOLD))
             continue
         added.append(Row(s, Event.CRASH, State.MAKING_SAFE, Effect.MAKE_SAFE))
-        added.append(Row(s, Event.ABORT, State.GIVING_UP, Effect.MAKE_SAFE))
+        if s not in own_abort:
+            added.append(Row(s, Event.ABORT, State.GIVING_UP, Effect.MAKE_SAFE))
         if s is not State.PAUSED:
             added.append(Row(s, Event.PAUSE, State.PAUSED, Effect.WAIT))
     return (*rows, *added)
@@ -100,7 +102,9 @@ class Executive:
             self._machine.set_state(target.value, self._model)
             self._interrupted, self._effect = None, effect
             return Step(source, event, target, effect)
-        row = self._transition(source, event)
+        if event is Event.ABORT and source is State.PAUSED and self._interrupted:
+            self._machine.set_state(self._interrupted[0].value, self._model)  # its hands may carry cloth
+        row = self._transition(self.state, event)
         if row is None:
             raise InternalError(
                 f"event '{event}' in state '{source}'", f"known there: {', '.join(self.allowed()) or 'none'}"

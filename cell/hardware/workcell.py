@@ -14,6 +14,7 @@ from cell.control.checks import ExecutionLimits, stopped
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
+from cell.control.path_record import PathRecord
 from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
 from robots.errors import DriverError, FailureKind
@@ -74,13 +75,15 @@ class Workcell:
     """Writes an event that occurs within an effect to the journal: name, figures."""
     last_command: LastCommand = field(default_factory=LastCommand)
     """The last set-point sent to the arms."""
+    path: PathRecord = field(default_factory=PathRecord)
+    """The set-points sent since the arms last stood parked."""
     watched_stop: Stop | None = None
     """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
     wait. Whether the run stops is decided by `ports.stop`, which is read once after the wait."""
 
     @property
     def loop(self) -> ControlLoop:
-        return ControlLoop(self.ports, self.execution, self.last_command)
+        return ControlLoop(self.ports, self.execution, self.last_command, self.path)
 
     @property
     def hands(self) -> Hands:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cell.states.run_context import RunContext
-from cell.states.transition_table import REENTRIES, Event, State
+from cell.states.transition_table import HANDS_CARRY_CLOTH, REENTRIES, Event, State
 
 __all__ = ["reentered", "reentry_event"]
 
@@ -19,6 +19,9 @@ def reentry_event(states: Sequence[State], context: RunContext) -> Event:
     event = events[-1] if events else context.reentry or Event.START_OVER
     if event is Event.LOOK_AFTER and context.fold.attempt is None:  # the next fold has not begun
         return Event.LOOK_AGAIN
+    last = next((state for state in reversed(states) if state in REENTRIES), None)
+    if last in HANDS_CARRY_CLOTH and context.fold.carried:  # the hands completed the fold; the release lacks
+        return Event.LOOK_AFTER
     return event
 
 
@@ -26,7 +29,7 @@ def reentered(context: RunContext, event: Event) -> RunContext:
     """Return the context to resume with. Grasps, waiting time and failure are removed from it."""
     if event is Event.START_OVER:
         return RunContext(reentry=event)
-    fold = replace(context.fold, held={}, biases={})
-    if fold.attempt:  # the saved `carried` is also true if the release began but did not end
+    fold = replace(context.fold, held={}, biases={}, carrying=())
+    if fold.attempt:  # the saved `carried` is also true if the release did not end
         fold = replace(fold, attempt=replace(fold.attempt, carried=event is Event.LOOK_AFTER))
-    return replace(context, reentry=event, fold=fold, failure=None, waited_s=0.0)
+    return replace(context, reentry=event, fold=fold, failure=None, cause=None, waited_s=0.0)

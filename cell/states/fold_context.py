@@ -11,7 +11,7 @@ import numpy as np
 from cell.states.recovery_table import Adjustment
 from cell.states.stages import Attempt
 from cell.states.step_note import StepNote
-from robots.ports import Side
+from robots.ports import ArmTrajectory, Side
 from skills.grasping.confirm import Held
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
@@ -38,6 +38,9 @@ class FoldContext:
     """For each hand in use: its tactile bias, measured above the garment."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
+    carrying: tuple[ArmTrajectory, ...] = ()
+    """The checked trajectories on which the hands carried the cloth in this attempt: the lift, then the arc. The
+    last one may have ended on its way."""
     layer_thickness: float | None = None
     """Thickness of a layer between the pads, if the hands hold the planned layers [m]."""
 

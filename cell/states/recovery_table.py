@@ -7,19 +7,37 @@ operator; it states why the cell does not go on by itself.
 
 A verdict that would end a fold or a run is never taken from one look: rows of seeing and judging look again first,
 after a dwell. Together the dwells of a row outlast a disturbance of 3 s.
+
+Before a recovery is chosen, the cell lays down the cloth that the hands still hold (LAYING) and moves the hands
+away, twice if need be (CLEARING_DWELL_S).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from cell.states.transition_table import Event
 from robots.errors import FailureKind
+from robots.ports import Side
 
-__all__ = ["GOOD_ENOUGH_M", "RECOVERIES", "VERDICTS", "Adjustment", "Recovery", "choose_recovery"]
+__all__ = [
+    "CLEARING_DWELL_S",
+    "GOOD_ENOUGH_M",
+    "LAYING",
+    "LAYING_DWELL_S",
+    "LAYING_TRIES",
+    "RECOVERIES",
+    "VERDICTS",
+    "Adjustment",
+    "Laying",
+    "LayingRule",
+    "Recovery",
+    "choose_laying",
+    "choose_recovery",
+]
 
 GOOD_ENOUGH_M = 0.030
 """Largest deviation of the outline from the prediction, and largest length of cloth that was left behind, on which
@@ -155,6 +173,59 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
 VERDICTS = frozenset({K.OFF_TARGET, K.PILING, K.TOO_HIGH, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER})
 """Kinds with which an inspection refuses a fold. A second look may name another of them, so they are counted
 together."""
+
+
+CLEARING_DWELL_S = 2.0
+"""After a failure of CLEARING, the cell waits for this time before CLEARING_AGAIN [s]. It is longer than most
+transients, such as an arm that hangs for a moment."""
+
+
+class Laying(StrEnum):
+    """What the hands do with the cloth that they carry when a fold has to end."""
+
+    BACK = "back"  # return along the checked arc, release at its start
+    ONWARD = "onward"  # go on along the checked arc, release at the target
+    RELEASE = "release"  # open the hands where they are: they hold nothing
+
+
+@dataclass(frozen=True)
+class LayingRule:
+    """From which share of the path, lift and arc, the hands go on to the target instead of returning.
+
+    all_hold: if every hand still holds its cloth; some_hold: if one hand lost it. NEVER: the hands always return.
+    """
+
+    all_hold: float = 0.5
+    some_hold: float = 0.8
+
+
+NEVER = 2.0
+
+LAYING: Mapping[FailureKind, LayingRule] = {
+    # something may stand in the way, and the way back was free
+    K.TRACKING_ERROR: LayingRule(all_hold=0.9, some_hold=NEVER),
+    K.IN_COLLISION: LayingRule(NEVER, NEVER),
+}
+"""Failure kind -> rule. Kinds without an entry, the operator's abort among them, have the rule `LayingRule()`: the
+hands take the shorter way, but with a lost corner they return, unless the fold is nearly done."""
+
+LAYING_TRIES = 3
+"""Number of times that the hands try to follow the path. Each time the arms come to rest first."""
+LAYING_DWELL_S = 0.8
+"""Pause between two of these tries [s]."""
+
+
+def choose_laying(kind: FailureKind, progress: float, held: Collection[Side], holding: Collection[Side]) -> Laying:
+    """Choose what to do with the cloth in the hands after a failure of this kind.
+
+    progress: share of the path, lift and arc, that the hands have come; held: the hands that took cloth; holding:
+    those of them that still hold it.
+    """
+    if not holding:
+        return Laying.RELEASE
+    rule = LAYING.get(kind, LayingRule())
+    onward_from = rule.all_hold if set(holding) == set(held) else rule.some_hold
+    return Laying.ONWARD if progress >= onward_from else Laying.BACK
 
 
 def choose_recovery(

@@ -54,6 +54,9 @@ class RunContext:
     plan: Plan | None = None
     fold: FoldContext = field(default_factory=FoldContext)
     failure: Failure | None = None
+    cause: Failure | None = None
+    """The failure after which the cell lays back and clears. A failure of laying back or clearing does not replace
+    it: the recovery is chosen for this one."""
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)
     """Number of failures of a kind in a step: (step index, kind) -> count."""
     recoveries: tuple[tuple[int, str], ...] = ()

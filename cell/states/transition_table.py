@@ -6,7 +6,8 @@ DONE if it succeeded, FAILED if not (the context contains the failure), or the e
 `cell/executive/machine.py` adds five rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
 (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT) and UNRECORDED -> FAULT (HOLD). The last row
 exists because nothing may move without a journal. GIVING_UP and MAKING_SAFE are exceptions: they have no ABORT and
-no PAUSE, and their CRASH leads to FAULT (HOLD).
+no PAUSE, and their CRASH leads to FAULT (HOLD). A state with a row of its own for ABORT keeps this row. An abort
+in a pause takes the ABORT row of the interrupted state.
 """
 
 from __future__ import annotations
@@ -15,7 +16,17 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
-__all__ = ["HANDS_ON_CLOTH", "REENTRIES", "TERMINAL", "TRANSITIONS", "Effect", "Event", "Row", "State"]
+__all__ = [
+    "HANDS_CARRY_CLOTH",
+    "HANDS_ON_CLOTH",
+    "REENTRIES",
+    "TERMINAL",
+    "TRANSITIONS",
+    "Effect",
+    "Event",
+    "Row",
+    "State",
+]
 
 
 class State(StrEnum):
@@ -43,7 +54,9 @@ class State(StrEnum):
     INSPECTING = "inspecting"
     AWAITING_PRESSING = "awaiting_pressing"  # the operator approves the pressing
     PRESSING = "pressing"  # flatten high places of a fold by dabs, then look again
-    CLEARING = "clearing"  # after a failure: open the hands, rise, park
+    LAYING_BACK = "laying_back"  # after a failure: lay down the cloth that the hands still hold
+    CLEARING = "clearing"  # after a failure: open the hands, park
+    CLEARING_AGAIN = "clearing_again"  # the second and last attempt, after a dwell
     RECOVERING = "recovering"  # choose what to try next
     ASKING = "asking"  # the operator decides
     PAUSED = "paused"
@@ -114,7 +127,9 @@ class Effect(StrEnum):
     INSPECT = "inspect"
     PRESS = "press"
     NEXT_STEP = "next_step"
+    LAY_BACK = "lay_back"
     CLEAR = "clear"
+    CLEAR_AGAIN = "clear_again"
     CHOOSE_RECOVERY = "choose_recovery"
     ASK_OPERATOR = "ask_operator"
     WAIT = "wait"
@@ -134,10 +149,12 @@ S, E, Do = State, Event, Effect
 TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 
 HANDS_ON_CLOTH = frozenset(
-    {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING}
+    {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING, S.LAYING_BACK}
 )
 """States whose failure leaves the hands near the garment. After such a failure, CLEARING first moves the hands
 away."""
+HANDS_CARRY_CLOTH = frozenset({S.LIFTING, S.FOLDING})
+"""States in which the hands carry the garment. After a failure or an abort, LAYING_BACK first lays it down."""
 
 TRANSITIONS: tuple[Row, ...] = (
     # see and plan
@@ -193,13 +210,20 @@ TRANSITIONS: tuple[Row, ...] = (
     # failures while the hands are on the cloth
     Row(S.APPROACHING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.GRASPING, E.FAILED, S.CLEARING, Do.CLEAR),
-    Row(S.LIFTING, E.FAILED, S.CLEARING, Do.CLEAR),
-    Row(S.FOLDING, E.FAILED, S.CLEARING, Do.CLEAR),
+    Row(S.LIFTING, E.FAILED, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.LIFTING, E.ABORT, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.FOLDING, E.FAILED, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.FOLDING, E.ABORT, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.LAYING_BACK, E.DONE, S.CLEARING, Do.CLEAR),
+    Row(S.LAYING_BACK, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),  # the operator ended the run
+    Row(S.LAYING_BACK, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.RELEASING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.RETREATING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.PRESSING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.CLEARING, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
-    Row(S.CLEARING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
+    Row(S.CLEARING, E.FAILED, S.CLEARING_AGAIN, Do.CLEAR_AGAIN),
+    Row(S.CLEARING_AGAIN, E.DONE, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.CLEARING_AGAIN, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     # failures while the cell waits: an arm was pushed, or its position is unknown
     Row(S.RECOVERING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
     Row(S.ASKING, E.FAILED, S.MAKING_SAFE, Do.MAKE_SAFE),
@@ -244,6 +268,7 @@ REENTRIES: Mapping[State, Event] = {
         (S.RELEASING, S.RETREATING, S.LOOKING_AFTER, S.INSPECTING, S.AWAITING_PRESSING, S.PRESSING), E.LOOK_AFTER
     ),
 }  # fmt: skip
-"""Interrupted state -> event that resumes the run. A run is never resumed in the middle of a motion. States
-without an entry (clearing, asking, paused, making safe, terminal states) give no information about the garment. If
-a run was interrupted in one of them, the latest earlier state with an entry is used."""
+"""Interrupted state -> event that resumes the run. A run is never resumed in the middle of a motion. In FOLDING, a
+fold that the hands completed is inspected instead (`Attempt.carried`). States without an entry (laying back,
+clearing, asking, paused, making safe, terminal states) give no information about the garment. If a run was
+interrupted in one of them, the latest earlier state with an entry is used."""

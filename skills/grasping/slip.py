@@ -155,6 +155,7 @@ def _slipped(reading: HandReading, grip: Channel, opening: Channel) -> Failure:
         f"the {reading.tactile.side} hand lost the cloth ({by} fell)",
         "check where the garment lies; grasp more cloth or use more force",
         {
+            "side": reading.tactile.side.value,
             "by": by,
             "force_n": float(reading.tactile.grip),
             "force_baseline_n": grip.baseline,

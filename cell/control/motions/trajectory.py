@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cell.control.checks import start_mismatch
 from cell.control.last_command import blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
@@ -32,7 +33,11 @@ def follow(
     loop: ControlLoop, trajectory: ArmTrajectory, watch: Watch | None, control: PathControl
 ) -> Motion[JointState]:
     """Follow the trajectory. The motion ends when the arms are within `settled` of the trajectory's last point, at
-    the latest settle_s after the trajectory's end."""
+    the latest settle_s after the trajectory's end.
+
+    After a tick that came so late that the arms have come to rest, the motion continues from where they stand. It
+    ends with START_MISMATCH if they do not stand on the path.
+    """
     path, offset = PathClock(trajectory, control), loop.last_command.offset(trajectory.q[0])
     settling, failure, k = 0.0, None, 0
     while True:
@@ -44,8 +49,17 @@ def follow(
         if feedback.order is Order.GO:
             path.go()
         arrived = path.arrived
-        if not (feedback.late and path.begin_again()):
+        if not feedback.late or path.resting:
             path.advance()
+        elif feedback.fresh:
+            joined = path.rejoin(feedback.state.q)
+            offset, k, arrived = feedback.state.q - joined, 0, False
+            failure = start_mismatch(feedback.state, joined, loop.limits)
+            if failure:
+                path.rest()
+                continue
+        else:  # nothing is sent to arms whose position is unknown
+            path.rest()
         if not feedback.fresh:
             continue
         failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while the motion comes to rest

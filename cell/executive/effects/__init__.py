@@ -10,7 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from cell.executive.effects import checking, deciding, gripping, inspecting, moving, planning, pressing, seeing
+from cell.executive.effects import (
+    checking,
+    deciding,
+    gripping,
+    inspecting,
+    laying,
+    moving,
+    planning,
+    pressing,
+    seeing,
+)
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
@@ -72,7 +82,9 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
         cell, c, _attempt(c), _required(_attempt(c).press_plan, "plan for pressing")
     ),
     Effect.NEXT_STEP: inspecting.next_step,
+    Effect.LAY_BACK: lambda cell, c: laying.lay_back(cell, c, _attempt(c)),
     Effect.CLEAR: moving.clear,
+    Effect.CLEAR_AGAIN: moving.clear_again,
     Effect.CHOOSE_RECOVERY: lambda cell, c: deciding.choose_next(cell, c, _required(c.failure, "failure")),
     Effect.ASK_OPERATOR: deciding.ask_operator,
     Effect.WAIT: deciding.pause,

@@ -14,7 +14,8 @@ from cell.control.motions.hands import commanding, each_hand
 from cell.control.motions.lowering import Lowering
 from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
-from cell.executive.effects.moving import PREGRASP_OPENING, move, pausable, with_waiting_time
+from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
+from cell.executive.effects.moving import PREGRASP_OPENING
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -37,7 +38,7 @@ from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.lift import plan_lift
 from skills.vocabulary import CameraCalibration, Grasp, Outcome
 
-__all__ = ["fold", "grasp", "lift", "release_garment"]
+__all__ = ["RELEASE_OPENING", "fold", "grasp", "lift", "release_garment"]
 
 RELEASE_OPENING = 0.020
 """Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
@@ -107,8 +108,10 @@ def lift(cell: Workcell, context: RunContext) -> Result:
         cell.settings.grasp.lift_height,
         limits=cell.limits,
     )
+    if up.ok:
+        context = replace(context, fold=replace(fold, carrying=(up.unwrap(),)))
     control = pausable(cell)
-    failure = up.failure or move(cell, up.unwrap(), fingertips=True, control=control)
+    failure = up.failure or as_failure(lambda: move(cell, up.unwrap(), fingertips=True, control=control))
     context = with_waiting_time(context, control)
     if failure:
         return Result(Event.FAILED, context.with_failure(failure))
@@ -116,7 +119,7 @@ def lift(cell: Workcell, context: RunContext) -> Result:
     still_held = each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s))
     if still_held.failure:
         return Result(Event.FAILED, context.with_failure(still_held.failure))
-    return Result(Event.DONE, replace(context, fold=replace(fold, held=still_held.unwrap())))
+    return Result(Event.DONE, replace(context, fold=replace(context.fold, held=still_held.unwrap())))
 
 
 def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
@@ -128,17 +131,21 @@ def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     if arc.failure:
         return Result(Event.FAILED, context.with_failure(arc.failure))
     trajectory = arc.unwrap().fold
+    lift = context.fold.carrying[:1]  # without the arc of an earlier call, which ended before it moved
+    context = replace(context, fold=replace(context.fold, carrying=(*lift, trajectory)))
     pictures: list[CameraFrame] = []
     moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
     calibration = context.sight.calibration(cell.calibration)
     watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
     control = pausable(cell)
-    moved = stream(cell.loop, trajectory, cell.hands.recording(watch), control)
+    failure = as_failure(lambda: stream(cell.loop, trajectory, cell.hands.recording(watch), control).failure)
     executed = replace(attempt.motion, arc=arc.unwrap())  # friction is learned from the executed arc
     attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
     context = with_waiting_time(context.with_attempt(attempt), control)
-    if moved.failure:
-        return Result(Event.FAILED, context.with_failure(moved.failure))
+    if failure:
+        return Result(Event.FAILED, context.with_failure(failure))
+    # a run that is interrupted from now on is resumed with a look at the completed fold
+    context = context.with_attempt(replace(attempt, carried=True))
     return Result(Event.DONE, context, {"duration_s": trajectory.duration})
 
 

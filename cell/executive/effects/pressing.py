@@ -11,8 +11,8 @@ from cell.control.motion import Tick
 from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import each_hand
 from cell.control.motions.trajectory import stream
+from cell.executive.effects.checked_motion import move, pausable, with_waiting_time
 from cell.executive.effects.drift import apply_drift
-from cell.executive.effects.moving import move, pausable, with_waiting_time
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt, Plan, PressPlan

@@ -42,6 +42,12 @@ def photographed(cell: Any, context: RunContext) -> Result:
     return Result(Event.DONE, context_with(context, reference=cell.ports.camera.capture()))
 
 
+def laid_back(cell: Any, context: RunContext) -> Result:
+    """Laying back succeeds. After an abort it ends the run."""
+    assert context.failure is not None
+    return Result(Event.GIVE_UP if context.failure.kind is K.ABORTED else Event.DONE, context)
+
+
 class Rig:
     """A runner whose effects take one second of cell time and do nothing else, except those that a test
     replaces."""
@@ -58,6 +64,7 @@ class Rig:
             Effect.WAIT: pause,
             Effect.CHOOSE_RECOVERY: EFFECTS[Effect.CHOOSE_RECOVERY],
             Effect.PHOTOGRAPH_TABLE: photographed,
+            Effect.LAY_BACK: laid_back,
             Effect.INSPECT: lambda c, x: Result(Event.ALL_FOLDED, x),
         }
         self.observers: tuple[Any, ...] = ()
@@ -208,11 +215,29 @@ def test_observers_receive_every_step(rig: Rig) -> None:
 # failures
 
 
-def test_hands_near_the_garment_are_cleared_before_the_next_attempt(rig: Rig) -> None:
+def test_the_cloth_is_laid_back_and_the_hands_are_cleared_before_the_next_attempt(rig: Rig) -> None:
     rig.special[Effect.FOLD] = failing(K.SLIPPED)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(Effect.FOLD)
-    assert rig.performed[at : at + 4] == [Effect.FOLD, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+    assert rig.performed[at : at + 5] == [
+        Effect.FOLD, Effect.LAY_BACK, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK,
+    ]  # fmt: skip
+
+
+def test_a_second_clearing_follows_a_failed_one_and_a_third_does_not(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.special[Effect.CLEAR] = failing(K.TRACKING_ERROR)
+    assert rig.run().state is State.FOLDED, "a transient is over at the second clearing"
+    at = rig.performed.index(Effect.CLEAR)
+    assert rig.performed[at : at + 3] == [Effect.CLEAR, Effect.CLEAR_AGAIN, Effect.CHOOSE_RECOVERY]
+    assert ("failed", "making_safe") not in rig.transitions()
+
+
+def test_only_a_second_failed_clearing_makes_the_cell_safe(rig: Rig) -> None:
+    rig.special[Effect.GRASP] = failing(K.MISSED_GRASP)
+    rig.special |= {effect: failing(K.TRACKING_ERROR) for effect in (Effect.CLEAR, Effect.CLEAR_AGAIN)}
+    assert rig.run().state is State.FAULT
+    assert rig.performed[-4:] == [Effect.CLEAR, Effect.CLEAR_AGAIN, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
 @pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
@@ -225,7 +250,9 @@ def test_a_garment_released_during_a_fold_is_located_in_a_new_picture(
     rig.special[effect] = failing(kind)
     assert rig.run().state is State.FOLDED
     at = rig.performed.index(effect)
-    assert rig.performed[at : at + 4] == [effect, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK]
+    assert rig.performed[at : at + 5] == [
+        effect, Effect.LAY_BACK, Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.LOOK,
+    ]  # fmt: skip
 
 
 def test_a_garment_that_was_not_grasped_is_grasped_again_without_a_new_picture(rig: Rig) -> None:
@@ -535,10 +562,17 @@ def test_a_run_can_be_paused_twice(rig: Rig) -> None:
 
 
 def test_a_paused_run_can_be_aborted(rig: Rig) -> None:
+    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
+    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-4:] == [Effect.LOOK, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
+
+
+def test_an_abort_in_a_pause_with_cloth_in_the_hands_lays_it_back(rig: Rig) -> None:
     rig.after[Effect.LIFT] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.ABORT))
     assert rig.run().state is State.NOT_FOLDED
-    assert rig.performed[-4:] == [Effect.LIFT, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.performed[-5:] == [Effect.LIFT, Effect.WAIT, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
 def test_a_paused_run_can_be_stopped(rig: Rig) -> None:
@@ -555,7 +589,7 @@ def test_the_result_names_the_final_cause_and_not_a_recovered_failure(rig: Rig) 
     assert end.context.failure.kind is K.ABORTED and end.context.failure.hint
 
 
-@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.LIFT])
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
 def test_an_abort_between_two_effects_makes_the_cell_safe(rig: Rig, effect: Effect) -> None:
     rig.after[effect] = rig.say(Event.ABORT)
     assert rig.run().state is State.NOT_FOLDED
@@ -567,8 +601,15 @@ def test_an_abort_during_a_motion_is_not_followed_by_a_question(rig: Rig) -> Non
     rig.special[Effect.FOLD] = failing(K.ABORTED)
     end = rig.run()
     assert end.state is State.NOT_FOLDED and end.context.failure.kind is K.ABORTED
-    assert rig.performed[-3:] == [Effect.FOLD, Effect.MAKE_SAFE, Effect.NOTHING]
-    assert rig.transitions()[-2][0] == "abort"
+    assert rig.performed[-4:] == [Effect.FOLD, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.transitions()[-3] == ("abort", "laying_back")
+
+
+def test_an_abort_of_laying_back_opens_the_hands_at_once(rig: Rig) -> None:
+    rig.special[Effect.FOLD] = failing(K.SLIPPED)
+    rig.special[Effect.LAY_BACK] = failing(K.ABORTED)
+    assert rig.run().state is State.NOT_FOLDED
+    assert rig.performed[-3:] == [Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
 def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:

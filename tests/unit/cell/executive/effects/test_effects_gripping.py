@@ -11,7 +11,7 @@ import pytest
 
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects import EFFECTS, gripping, moving
+from cell.executive.effects import EFFECTS, checked_motion, gripping, moving, parking
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -178,7 +178,7 @@ def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
 def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
     monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
-    monkeypatch.setattr(moving, "check_trajectory", lambda *_, **__: Outcome("checked"))
+    monkeypatch.setattr(checked_motion, "check_trajectory", lambda *_, **__: Outcome("checked"))
     assert gripping.lift(workcell, context).event is Event.DONE
     cell.q = np.zeros(14)
     workcell.last_command.q = None
@@ -214,7 +214,7 @@ def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
     cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s is side else 0.0 for s in Side}
     gone: list[Any] = []
     away = Retreat("up", "home")  # type: ignore[arg-type]
-    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: Outcome(away))
+    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: Outcome(away))
 
     def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
         gone.append((motion, fingertips))

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.moving as moving
+import cell.executive.effects.parking as parking
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.moving import clear, hold_still, make_safe, move, prepare, retreat
+from cell.executive.effects.checked_motion import move
+from cell.executive.effects.moving import clear, hold_still, make_safe, prepare, retreat
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -67,8 +69,8 @@ def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
 
 def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
-    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: no_way)
-    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: no_way)
+    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: no_way)
+    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: no_way)
     result = make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST)
     assert result.event is Event.FAILED
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
@@ -79,14 +81,14 @@ def test_arms_that_violate_only_the_planning_margin_are_parked(monkeypatch: pyte
     execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
-    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: too_near)
+    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: too_near)
 
     def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Retreat]:
         risen.append(sides)
         return way if checker is execution_checker else too_near
 
-    monkeypatch.setattr(moving, "plan_retreat", plan)
-    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    monkeypatch.setattr(parking, "plan_retreat", plan)
+    monkeypatch.setattr(parking, "move", lambda cell, motion, **_: moved.append(motion))
     cell = FakeCell(q=np.full(14, 0.5))
     assert make_safe(fake_workcell(cell, execution_checker=execution_checker), FIRST).event is Event.DONE
     assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands rise if both can"
@@ -96,11 +98,11 @@ def test_arms_that_violate_only_the_planning_margin_are_parked(monkeypatch: pyte
 def test_one_hand_rises_if_the_other_cannot(free: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
-    monkeypatch.setattr(moving, "plan_free_motion", lambda *_, **__: blocked)
+    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: blocked)
     monkeypatch.setattr(
-        moving, "plan_retreat", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
+        parking, "plan_retreat", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
     )
-    monkeypatch.setattr(moving, "move", lambda cell, motion, **_: moved.append(motion))
+    monkeypatch.setattr(parking, "move", lambda cell, motion, **_: moved.append(motion))
     assert make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST).event is Event.DONE
     assert moved == ["up", "home"]
     moved.clear()
@@ -131,7 +133,7 @@ def test_a_driver_error_while_making_safe_is_reported(monkeypatch: pytest.Monkey
     def refuse(*_: Any) -> None:
         raise DriverError(K.HARDWARE_FAULT, "the motors are off", "see the robot's screen")
 
-    monkeypatch.setattr(moving, "wait", refuse)
+    monkeypatch.setattr(parking, "wait", refuse)
     result = make_safe(fake_workcell(FakeCell()), FIRST)
     assert (result.event, result.context.failure.kind) == (Event.FAILED, K.HARDWARE_FAULT)
 
@@ -198,7 +200,7 @@ def test_preparing_the_cell_parks_the_arms(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """If the direct path is free, the arms do not rise first."""
-    monkeypatch.setattr(moving, "plan_retreat", lambda *_, **__: pytest.fail("no retreat is planned"))
+    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: pytest.fail("no retreat is planned"))
     cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
     assert prepare(fake_workcell(cell, **baxter), RunContext()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
@@ -217,7 +219,7 @@ def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
 def test_arms_without_a_valid_state_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        moving, "plan_retreat", lambda *_, **__: pytest.fail("no motion is planned from an unknown state")
+        parking, "plan_retreat", lambda *_, **__: pytest.fail("no motion is planned from an unknown state")
     )
     cell = FakeCell(q=np.full(14, 0.5))
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))

@@ -1,0 +1,132 @@
+"""The effect that lays down the cloth in the hands when a fold has to end: back where it was taken, or on at its
+target (cell/states/recovery_table.py)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.control.checks import fresh_state
+from cell.control.motions.hold_position import wait
+from cell.control.path_clock import PathControl
+from cell.control.rest import await_rest, stand_by
+from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
+from cell.executive.effects.gripping import RELEASE_OPENING
+from cell.executive.effects.parking import OPENING_S, plan_rise, still_closed
+from cell.hardware.workcell import Workcell
+from cell.states.fold_context import FoldContext
+from cell.states.recovery_table import LAYING_DWELL_S, LAYING_TRIES, Laying, choose_laying
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.ports import ArmTrajectory, Array, Side
+from skills.grasping.hand_reading import GripCommand
+from skills.grasping.settings import GraspSettings
+from skills.motion.moves.retrace import plan_along, share_done
+from skills.vocabulary import Outcome
+
+__all__ = ["carried_path", "lay_back", "progress", "still_holding"]
+
+_ENDING = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
+"""Failures after which the hands do not try to follow the path again."""
+
+
+def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
+    """Lead the hands along the path on which they carried the cloth, backwards or on to the target, release the
+    cloth there, and rise.
+
+    If a motion fails, the arms come to rest and the hands try again, at most LAYING_TRIES times. Without a path
+    the hands open where they are. If the operator ended the run, the event is GIVE_UP, otherwise DONE. The failure
+    that led here stays the one for which the recovery is chosen.
+    """
+    cause, fold, control = context.cause or context.failure, context.fold, pausable(cell)
+    assert cause is not None
+    aborted = cause.kind is FailureKind.ABORTED
+    failure = await_rest(cell.ports, cell.execution)
+    path, q = carried_path(fold.carrying), cell.ports.arms.state().q
+    done = progress(fold.carrying, q)
+    holding = still_holding(cell, fold, cause)
+    laying = choose_laying(cause.kind, done, tuple(fold.held), holding)
+    record: dict[str, object] = {
+        "laying": laying.value, "progress": round(done, 3), "holding": sorted(side.value for side in holding)
+    }  # fmt: skip
+    if failure is None and laying is not Laying.RELEASE and len(path):
+        way, speed = path if laying is Laying.ONWARD else path[::-1], attempt.tool_speed
+        failure = as_failure(lambda: _follow(cell, way, speed, control))
+    if failure is None:
+        failure = as_failure(lambda: _release_and_rise(cell, tuple(fold.held)))
+        if laying is Laying.ONWARD and failure is None:
+            context = context.with_attempt(replace(attempt, carried=True))
+    context = replace(with_waiting_time(context, control), cause=cause)
+    if failure is None:
+        return Result(Event.GIVE_UP if aborted else Event.DONE, replace(context, failure=cause), record)
+    if aborted and failure.kind is not FailureKind.STOPPED:
+        record["unfinished"] = str(failure)
+        return Result(Event.GIVE_UP, replace(context, failure=cause), record)
+    return Result(Event.FAILED, replace(context, failure=failure), record)
+
+
+def carried_path(carrying: tuple[ArmTrajectory, ...]) -> Array:
+    """Return the joints (n, 14) along the trajectories on which the hands carried the cloth; n may be 0."""
+    return np.vstack([trajectory.q for trajectory in carrying]) if carrying else np.zeros((0, 14))
+
+
+def progress(carrying: tuple[ArmTrajectory, ...], q: Array) -> float:
+    """Return the share of lift and arc that the hands have come when the joints are at q (14,): 0 while they lift,
+    because the arc is not known then."""
+    return share_done(carried_path(carrying), q) if len(carrying) > 1 else 0.0
+
+
+def still_holding(cell: Workcell, fold: FoldContext, cause: Failure) -> frozenset[Side]:
+    """Return the hands that still hold the cloth that they took. A hand without readings counts as holding."""
+    slipped = cause.values.get("side") if cause.kind is FailureKind.SLIPPED else None
+    openings = {side: cell.ports.grippers[side].state().opening for side in fold.held}
+    return frozenset(
+        side
+        for side, held in fold.held.items()
+        if side != slipped and not _closed_further(openings[side], held.opening, cell.grasp)
+    )
+
+
+def _closed_further(opening: float, confirmed: float, settings: GraspSettings) -> bool:
+    """Whether pads that held cloth at the opening `confirmed` have closed so far that the cloth is gone [m]."""
+    empty = settings.empty_opening
+    return bool(opening - empty < settings.slip_opening_fraction * (confirmed - empty))
+
+
+def _follow(cell: Workcell, path: Array, tool_speed: float, control: PathControl) -> Failure | None:
+    """Follow the path (n, 14) to its end, from its point nearest to the arms. Each try is planned and checked
+    anew."""
+    for attempt in range(1, LAYING_TRIES + 1):
+        planned = _plan(cell, path, tool_speed)
+        failure = planned.failure or move(cell, planned.unwrap(), fingertips=True, control=control)
+        if failure is None or failure.kind in _ENDING or planned.failure:
+            return failure
+        if attempt < LAYING_TRIES:
+            stand_by(cell.ports, LAYING_DWELL_S)
+            failure = await_rest(cell.ports, cell.execution)
+            if failure:
+                return failure
+    return failure
+
+
+def _plan(cell: Workcell, path: Array, tool_speed: float) -> Outcome[ArmTrajectory]:
+    state = fresh_state(cell.ports, cell.execution)
+    if state.failure:
+        return Outcome(failure=state.failure)
+    return plan_along(
+        cell.robot, cell.execution_checker, state.unwrap().q, path, limits=cell.limits, tool_speed=tool_speed
+    )
+
+
+def _release_and_rise(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
+    """Open the hands just wide enough to release the cloth, and lift them straight up."""
+    for side in sides:
+        cell.hands.command(side, GripCommand(RELEASE_OPENING, cell.grasp.release_force))
+    failure = wait(cell.loop, OPENING_S, cell.hands.recording()) or still_closed(cell)
+    if failure:
+        return failure
+    up = plan_rise(cell, sides)
+    return up.failure or move(cell, up.unwrap().retreat, fingertips=True, control=unpausable(cell))

@@ -1,0 +1,120 @@
+"""Plans a motion along a path that the arms have already followed, or along the rest of one: backwards after a
+failure, or forwards to its end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.errors import Failure, FailureKind
+from robots.model import JointLimits, RobotModel
+from robots.ports import ArmTrajectory, Array, Side, arm_slice
+from skills.motion.kinematics import ik
+from skills.motion.timing.inputs import TimingError
+from skills.motion.timing.timing import hold, time_path
+from skills.motion.validation.collision import CollisionChecker
+from skills.motion.validation.failures import too_near
+from skills.motion.validation.inputs import validate_state, validate_tool_speed
+from skills.motion.validation.trajectory_check import contact_along
+from skills.vocabulary import Outcome
+
+__all__ = ["nearest_on", "plan_along", "share_done", "without_loops"]
+
+SPACING = 0.02
+"""Joint motion between two samples of a path [rad]."""
+FARTHEST = 0.35
+"""If a joint is further than this from the path, the path says nothing about the arms' surroundings [rad]."""
+FADE = 0.3
+"""Joint motion along the path in which the arms' distance from it fades out [rad]."""
+LOOP = 1.5 * SPACING
+"""Two samples that are nearer to each other than this are joined, and the path between them is left out [rad]."""
+
+
+def plan_along(
+    model: RobotModel,
+    checker: CollisionChecker,
+    q_now: Array,
+    path: Array,
+    *,
+    sides: tuple[Side, ...] = tuple(Side),
+    limits: JointLimits | None = None,
+    tool_speed: float | None = None,
+) -> Outcome[ArmTrajectory]:
+    """Plan the motion from q_now (14,), at rest, to the end of `path` (n, 14).
+
+    The motion joins the path at its sample nearest to q_now, and the distance from it fades out. The fingers may
+    touch the table. tool_speed: maximum speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a
+    valid state), UNREACHABLE (q_now is too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
+    """
+    invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
+    if invalid:
+        return Outcome(failure=invalid)
+    k = nearest_on(path, q_now)
+    offset = q_now - path[k]
+    joint = int(np.abs(offset).argmax())
+    if abs(offset[joint]) > FARTHEST:
+        return Outcome(failure=_too_far(model, joint, float(offset[joint])))
+    rest = _spaced(path[k:])
+    left = 1.0 - np.clip(_travelled(rest) / min(FADE, max(float(_travelled(rest)[-1]), SPACING)), 0.0, 1.0)
+    q = rest + (left**2 * (3.0 - 2.0 * left))[:, None] * offset
+    if np.abs(q[-1] - path[-1]).max() > 1e-9:  # the rest of the path is shorter than the fade
+        q = np.vstack([q, path[-1:]])
+    if np.abs(q - q_now).max() < 1e-6:
+        return Outcome(hold(q_now))
+    lengths = np.stack([_tool_travelled(model, side, q) for side in sides], axis=1)
+    try:
+        motion = time_path(q, limits or model.planning, lengths=lengths, speed=tool_speed)
+    except TimingError as e:
+        return Outcome(failure=e.failure())
+    contact = contact_along(checker, motion, allow_fingertips=True)
+    if contact is not None:
+        return Outcome(failure=too_near("the way along the earlier path", str(contact)))
+    return Outcome(motion)
+
+
+def nearest_on(path: Array, q: Array) -> int:
+    """Return the index of the sample of path (n, 14) that is nearest to q (14,)."""
+    return int(np.linalg.norm(path - q, axis=1).argmin())
+
+
+def share_done(path: Array, q: Array) -> float:
+    """Return the share of path (n, 14) that lies before its sample nearest to q (14,): 0 at its start, 1 at its
+    end."""
+    travelled = _travelled(path)
+    return float(travelled[nearest_on(path, q)] / travelled[-1]) if travelled[-1] > 0.0 else 0.0
+
+
+def without_loops(path: Array) -> Array:
+    """Return path (n, 14) without the parts that lead back to where they began, such as down and up again."""
+    kept, k = [0], 0
+    while k < len(path) - 1:
+        near = np.flatnonzero(np.abs(path[k + 1 :] - path[k]).max(axis=1) < LOOP)
+        k = k + 1 + (int(near[-1]) if len(near) else 0)
+        kept.append(k)
+    return np.asarray(path[kept])
+
+
+def _spaced(path: Array) -> Array:
+    """Return the samples of path (n, 14) that are SPACING apart, with both ends."""
+    travelled = _travelled(path)
+    marks = np.searchsorted(travelled, np.arange(0.0, travelled[-1], SPACING))
+    return np.asarray(path[np.unique([*marks.tolist(), 0, len(path) - 1])])
+
+
+def _travelled(path: Array) -> Array:
+    """Return the joint motion (n,) from the path's start to each sample: the sum of the largest steps [rad]."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path, axis=0)).max(axis=1))])
+
+
+def _tool_travelled(model: RobotModel, side: Side, q: Array) -> Array:
+    """Return the distance (n,) that a tool has travelled at each sample of q (n, 14) [m]."""
+    position = np.array([ik.tool_pose(model.chains[side], row)[:3, 3] for row in q[:, arm_slice(side)]])
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+
+
+def _too_far(model: RobotModel, joint: int, off: float) -> Failure:
+    return Failure(
+        FailureKind.UNREACHABLE,
+        f"{model.joint_names[joint]} is {np.rad2deg(abs(off)):.0f} degrees from the path that the arms came along",
+        "move the arms by hand",
+        {"joint": model.joint_names[joint], "off_rad": off},
+    )
