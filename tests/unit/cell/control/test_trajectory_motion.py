@@ -420,3 +420,72 @@ def test_after_a_stall_a_motion_starts_from_rest(at: float) -> None:
     assert abs(after[0]) < 0.05, "the restart is as slow as after a pause"
     assert np.abs(np.diff(after)).max() / TICK_S <= PROTECTIVE.acceleration[0]
     assert np.diff(q).min() > -1e-12 and np.abs(after).max() <= PLANNING.velocity[0]
+
+
+class Coasting:
+    """A clock whose program stalls once while the arms go on along the path, or beside it, and come to rest."""
+
+    def __init__(
+        self, cell: FakeCell, at: float, path: ArmTrajectory, ahead_s: float, beside: float = 0.0
+    ) -> None:
+        self._cell, self._at, self._path = cell, at, path
+        self._ahead_s, self._beside = ahead_s, beside
+
+    def now(self) -> float:
+        return self._cell.now
+
+    def sleep_until(self, t: float) -> None:
+        clock = self._cell.ports().clock
+        if t <= self._at:
+            clock.sleep_until(t)
+            return
+        self._at = np.inf
+        q, _ = self._path.at(self._cell.now + self._ahead_s)
+        self._cell.q = q + self._beside * np.r_[1.0, np.zeros(13)]
+        clock.sleep_until(t + 0.4)
+
+
+@pytest.mark.parametrize("ahead_s", [0.10, -0.05, 0.0])
+@pytest.mark.parametrize("at", [0.2, 0.5, 0.8])
+def test_after_a_stall_the_path_continues_from_where_the_arms_stand(at: float, ahead_s: float) -> None:
+    """Without set-points the arms go on until the command timeout and then brake, up to 0.1 rad further on."""
+    cell = FakeCell()
+    ports = replace(cell.ports(), clock=Coasting(cell, at, ramp(), ahead_s))
+    outcome = stream(loop(ports), ramp(), None, control())
+    assert outcome.ok and cell.q == pytest.approx(0.5)
+    times, q = np.array([t for t, _ in cell.commands]), np.array([q[0] for _, q in cell.commands])
+    k = int(np.argmax(np.diff(times) > 0.1)) + 1
+    stood = ramp().at(times[k - 1] + ahead_s)[0][0]
+    assert q[k] == pytest.approx(stood, abs=1e-6), "the first set-point is where the arms stand"
+    after = np.diff(q[k:]) / TICK_S
+    assert after.min() > -1e-9 and after[0] < 0.05, "from there the arms only move on, from rest"
+    assert np.abs(np.diff(after)).max() / TICK_S <= PROTECTIVE.acceleration[0]
+
+
+def test_arms_that_do_not_stand_on_the_path_after_a_stall_get_no_further_set_point() -> None:
+    """Somebody pushed an arm in the meantime: the checked path says nothing about its surroundings."""
+    cell = FakeCell()
+    ports = replace(cell.ports(), clock=Coasting(cell, 0.5, ramp(), 0.0, beside=0.1))
+    failure = stream(loop(ports), ramp(), None, control()).failure
+    assert failure is not None and failure.kind is FailureKind.START_MISMATCH
+    assert failure.values["off_rad"] > LIMITS.start
+    assert max(t for t, _ in cell.commands) < 0.55
+
+
+def test_no_set_point_follows_a_stall_after_which_the_state_is_unknown() -> None:
+    cell = FakeCell()
+    ports = replace(cell.ports(), clock=Coasting(cell, 0.5, ramp(), 0.1))
+    cell.at(0.45, lambda: setattr(cell, "frozen_since", cell.now))
+    failure = stream(loop(ports), ramp(), None, control()).failure
+    assert failure is not None and failure.kind is FailureKind.STALE_STATE
+    assert max(t for t, _ in cell.commands) < 0.55
+
+
+def test_a_stall_while_a_pause_brings_the_arms_to_rest_leaves_them_where_they_stand() -> None:
+    cell, commands = FakeCell(), CommandQueue()
+    cell.at(0.4, lambda: commands.put(Event.PAUSE))
+    cell.at(2.0, lambda: commands.put(Event.RESUME))
+    ports = replace(cell.ports(), clock=Coasting(cell, 0.5, ramp(), 0.08))
+    assert stream(loop(ports), ramp(), None, control(commands)).ok and cell.q == pytest.approx(0.5)
+    rest = np.array([q[0] for t, q in cell.commands if 0.6 < t < 2.0])
+    assert len(rest) > 20 and np.ptp(rest) < 1e-3

@@ -33,6 +33,7 @@ FOLD = [S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATI
 SHAPE = PredictedShape(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 2)))
 NOTHING: Any = None
 PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion=NOTHING)
+CARRIED = context_with(PLANNED, carried=True)
 
 
 @pytest.mark.parametrize(
@@ -47,6 +48,9 @@ PLANNED = context_with(predicted=SHAPE, trajectory=NOTHING, step=NOTHING, motion
         (SEEN + FOLD[:1], PLANNED, E.LOOK_AGAIN),
         (SEEN + FOLD[:4], PLANNED, E.LOOK_AGAIN),  # the garment was in the hands: it is released and located
         (SEEN + FOLD[:5], PLANNED, E.LOOK_AFTER),  # the garment was carried to its target
+        (SEEN + FOLD[:4], CARRIED, E.LOOK_AFTER),  # so it was, but the release had not begun
+        ([*SEEN, *FOLD[:4], S.LAYING_BACK, S.CLEARING], CARRIED, E.LOOK_AFTER),  # it was laid down at its target
+        ([*SEEN, *FOLD[:4], S.LAYING_BACK, S.CLEARING], PLANNED, E.LOOK_AGAIN),  # it was laid back
         (SEEN + FOLD, PLANNED, E.LOOK_AFTER),
         # the fold was inspected, and the plan is at the next fold
         (SEEN + FOLD, context_with(index=1), E.LOOK_AGAIN),

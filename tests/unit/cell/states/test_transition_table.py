@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.executive.machine import Executive, complete_table
-from cell.states.recovery_table import RECOVERIES, choose_recovery
+from cell.states.recovery_table import RECOVERIES, Laying, choose_laying, choose_recovery
 from cell.states.transition_table import (
     HANDS_CARRY_CLOTH,
     HANDS_ON_CLOTH,
@@ -20,6 +20,7 @@ from cell.states.transition_table import (
     State,
 )
 from robots.errors import FailureKind, InternalError
+from robots.ports import Side
 
 ROWS = complete_table()
 WORKING = [s for s in State if s not in TERMINAL and s is not State.IDLE]
@@ -143,6 +144,20 @@ def test_an_unknown_event_is_an_error_that_names_the_known_ones() -> None:
     assert "start" in e.value.hint
 
 
+def test_an_abort_of_a_pause_is_an_abort_of_the_interrupted_state() -> None:
+    """Between two effects the hands may carry cloth."""
+    for events, target in (
+        ([Event.START], State.GIVING_UP),
+        ([Event.START, *[Event.DONE] * 11], State.LAYING_BACK),
+    ):
+        machine = Executive()
+        for event in [*events, Event.PAUSE]:
+            machine.handle(event)
+        step = machine.handle(Event.ABORT)
+        assert (step.source, step.target) == (State.PAUSED, target)
+        assert machine.state is target
+
+
 def test_resume_enters_the_interrupted_state_again() -> None:
     machine = Executive()
     entered = machine.handle(Event.START)
@@ -209,7 +224,12 @@ def test_stops_hardware_faults_and_aborts_are_never_recovered_automatically(kind
 
 
 @pytest.mark.parametrize(
-    ("kind", "dwells"), [(FailureKind.TRACKING_ERROR, [0.5]), (FailureKind.STALE_STATE, [0.5, 3.0])]
+    ("kind", "dwells"),
+    [
+        (FailureKind.TRACKING_ERROR, [0.5]),
+        (FailureKind.LIMIT_EXCEEDED, [0.5]),
+        (FailureKind.STALE_STATE, [0.5, 3.0]),
+    ],
 )
 def test_a_motion_of_strayed_arms_is_repeated_once_and_of_silent_arms_twice(
     kind: FailureKind, dwells: list[float]
@@ -278,3 +298,23 @@ SENSES = (
 @pytest.mark.parametrize("kind", SENSES)
 def test_the_dwells_of_a_sense_outlast_a_disturbance_of_three_seconds(kind: FailureKind) -> None:
     assert sum(r.dwell_s for r in RECOVERIES[kind]) > 3.0
+
+
+@pytest.mark.parametrize("kind", list(FailureKind))
+def test_cloth_is_laid_at_one_end_of_its_path_and_never_dropped_by_a_hand_that_holds_it(kind: FailureKind) -> None:
+    """It goes back from the beginning, on to the target from the end at the earliest, and turns round once."""
+    both = tuple(Side)
+    for holding in (both, both[:1]):
+        chosen = [choose_laying(kind, share, both, holding) for share in (0.0, 0.2, 0.49, 0.7, 0.85, 1.0)]
+        assert chosen[:3] == [Laying.BACK] * 3 and Laying.RELEASE not in chosen
+        turns = [a is not b for a, b in zip(chosen, chosen[1:], strict=False)]
+        assert sum(turns) <= 1
+    assert choose_laying(kind, 0.5, both, ()) is Laying.RELEASE
+
+
+def test_a_lost_corner_makes_the_way_back_the_better_one_for_longer() -> None:
+    both = tuple(Side)
+    assert choose_laying(FailureKind.STALE_STATE, 0.6, both, both) is Laying.ONWARD
+    assert choose_laying(FailureKind.SLIPPED, 0.6, both, both[:1]) is Laying.BACK
+    assert choose_laying(FailureKind.SLIPPED, 0.9, both, both[:1]) is Laying.ONWARD
+    assert choose_laying(FailureKind.TRACKING_ERROR, 0.8, both, both) is Laying.BACK, "something may be in the way"

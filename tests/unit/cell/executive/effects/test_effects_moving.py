@@ -14,8 +14,9 @@ import cell.executive.effects.parking as parking
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.checked_motion import move
-from cell.executive.effects.moving import clear, hold_still, make_safe, prepare, retreat
+from cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat
 from cell.hardware.workcell import Workcell
+from cell.states.recovery_table import CLEARING_DWELL_S
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
@@ -390,3 +391,137 @@ def test_a_gripper_that_opens_slowly_is_waited_for() -> None:
     hand.state = lambda: replace(still(), moving=True)  # type: ignore[method-assign]
     cell.at(2.0, lambda: cell.openings.update({Side.LEFT: 0.04}))
     assert clear(with_left(cell, hand), FIRST).event is Event.DONE
+
+
+# clearing
+
+
+CAUSE = Failure(K.SLIPPED, "the left hand lost the cloth")
+OUT = BAXTER.q_park + np.r_[0.4, -0.2, np.zeros(5), -0.4, -0.2, np.zeros(5)]
+
+
+def come_along(cell: FakeCell, workcell: Workcell) -> None:
+    """The arms come from the parked posture to OUT."""
+    cell.q = BAXTER.q_park.copy()
+    assert move(workcell, free_motion(BAXTER.q_park, OUT, BAXTER.planning)) is None
+    cell.commands.clear()
+
+
+def test_clearing_begins_when_the_arms_have_come_to_rest(baxter: dict[str, Any]) -> None:
+    """A transient moves the arms for 0.8 s. Until it is over, no set-point is sent and no hand opens."""
+    cell = FakeCell(q=OUT)
+    cell.openings = dict.fromkeys(Side, 0.002)
+    for k in range(80):
+        cell.at(0.01 * k, lambda: cell.q.__iadd__(0.001))
+    cell.at(0.79, lambda: opened.append(max(cell.openings.values())))
+    opened: list[float] = []
+    assert clear(fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)).event is Event.DONE
+    assert cell.commands[0][0] > 0.8 and opened == [0.002]
+    assert cell.q == pytest.approx(BAXTER.q_park)
+
+
+def test_a_state_that_was_unknown_for_a_second_does_not_end_a_clearing(baxter: dict[str, Any]) -> None:
+    cell = FakeCell(q=OUT)
+    cell.now, cell.frozen_since = 5.0, 4.5
+    cell.at(6.0, lambda: setattr(cell, "frozen_since", None))
+    result = clear(fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE))
+    assert result.event is Event.DONE and result.context.failure is CAUSE
+    assert cell.commands[0][0] > 6.0 and cell.q == pytest.approx(BAXTER.q_park)
+
+
+@pytest.mark.parametrize("blocked", [0, 1, 2, 3])
+def test_the_ways_out_are_tried_in_turn(
+    blocked: int, baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Directly, straight up, and back along the path that the arms came."""
+    cell = FakeCell()
+    workcell = fake_workcell(cell, **baxter)
+    come_along(cell, workcell)
+    for plan in ("plan_free_motion", "plan_retreat", "plan_along")[:blocked]:
+        no_way = Outcome[Any](failure=Failure(K.IN_COLLISION, f"{plan} found nothing", "move the arms by hand"))
+        monkeypatch.setattr(parking, plan, lambda *_, no_way=no_way, **__: no_way)
+    result = clear(workcell, RunContext().with_failure(CAUSE))
+    if blocked < 3:
+        assert result.event is Event.DONE and cell.q == pytest.approx(BAXTER.q_park, abs=0.011)
+        return
+    assert result.event is Event.FAILED and cell.q == pytest.approx(OUT)
+    assert result.context.failure.kind is K.IN_COLLISION and "plan_along" in result.context.failure.what
+
+
+def test_the_way_back_follows_the_path_that_was_checked(
+    baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell = FakeCell()
+    workcell = fake_workcell(cell, **baxter)
+    come_along(cell, workcell)
+    no_way = Outcome[Any](failure=Failure(K.IN_COLLISION, "something stands there"))
+    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: no_way)
+    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: no_way)
+    assert clear(workcell, RunContext().with_failure(CAUSE)).event is Event.DONE
+    path = free_motion(BAXTER.q_park, OUT, BAXTER.planning).q
+    assert max(np.abs(path - q).max(axis=1).min() for _, q in cell.commands) < 0.012
+    assert len(workcell.path.back()) <= 1, "the arms stand parked, so the path is forgotten"
+
+
+def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(
+    baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the two the arms come to rest."""
+    cell, begun, through = FakeCell(q=OUT), [], parking.move
+
+    def first_fails(workcell: Workcell, trajectory: ArmTrajectory, **options: Any) -> Failure | None:
+        begun.append(cell.now)
+        return (
+            Failure(K.TRACKING_ERROR, "the arm hangs")
+            if len(begun) == 1
+            else through(workcell, trajectory, **options)
+        )
+
+    monkeypatch.setattr(parking, "move", first_fails)
+    assert clear(fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)).event is Event.DONE
+    assert len(begun) == 3 and begun[1] - begun[0] > 0.2, "the second way has two parts"
+
+
+def test_a_failed_clearing_keeps_the_failure_that_led_to_it(baxter: dict[str, Any]) -> None:
+    """The recovery is chosen, and counted, for the failure of the fold."""
+    cell = FakeCell(q=OUT)
+    cell.follows = False
+    workcell, before = fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)
+    failed = clear(workcell, before)
+    assert (failed.event, failed.context.failure.kind) == (Event.FAILED, K.TRACKING_ERROR)
+    assert failed.context.cause is CAUSE and failed.context.attempts == before.attempts
+    ended, cell.follows = cell.now, True
+    again = clear_again(workcell, failed.context)
+    assert again.event is Event.DONE and again.context.failure is CAUSE and again.context.cause is None
+    first = next(t for t, _ in cell.commands if t > ended)
+    assert first - ended >= CLEARING_DWELL_S, "the transient gets time to pass"
+
+
+def test_a_driver_that_fails_during_a_clearing_does_not_replace_the_cause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise DriverError(K.STALE_STATE, "the positions of the arms are unknown")
+
+    monkeypatch.setattr(parking, "wait", refuse)
+    result = clear(fake_workcell(FakeCell()), RunContext().with_failure(CAUSE))
+    assert (result.event, result.context.failure.kind) == (Event.FAILED, K.STALE_STATE)
+    assert result.context.cause is CAUSE
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_run_ends_when_the_arms_rest(stopped: bool) -> None:
+    """They brake for 0.4 s after the stop, or after the command to hold."""
+    cell = FakeCell(q=np.full(14, 0.3))
+    cell.follows = False
+    for k in range(40):
+        cell.at(0.01 * k, lambda: cell.q.__iadd__(0.004))
+    workcell = fake_workcell(cell)
+    if stopped:
+        workcell.ports.stop.trigger("button")
+    result = hold_still(workcell, FIRST)
+    assert result.event is Event.DONE and "kind" not in result.record
+    at_end = cell.q.copy()
+    workcell.ports.clock.sleep_until(cell.now + 1.0)
+    assert cell.q == pytest.approx(at_end, abs=0.01)
+    assert len(cell.commands) == (0 if stopped else 1)
