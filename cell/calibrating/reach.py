@@ -14,7 +14,7 @@ from cell.calibrating.touch import park_other
 from cell.control.checks import fresh_state
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.moving import move
+from cell.executive.effects.checked_motion import move
 from cell.hardware.assembly import SLACK
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind

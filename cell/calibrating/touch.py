@@ -13,7 +13,7 @@ from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects.moving import move
+from cell.executive.effects.checked_motion import move
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import JointState, Side, arm_slice

@@ -253,6 +253,52 @@ def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
     assert again.same and again.broken_off is None, "the replay repeats the recovery and the abort"
 
 
+# laying back
+
+
+def test_cloth_in_the_hands_is_laid_back_when_the_joint_state_is_lost_for_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The garment lies as before the fold, up to the slack of the cloth, and is found there."""
+    onlooker, request = Onlooker(), fold_request(tmp_path, seed=5, record=True)
+    lost: list[Any] = []
+    shapes: list[Any] = []
+
+    def note_shape(*_: Any) -> None:
+        assert onlooker.cell is not None and onlooker.cell.simulated is not None
+        garment = onlooker.cell.simulated.truth.now().garment
+        assert garment is not None
+        shapes.append(garment.vertices)
+
+    def lose(ports: Ports, effect: Effect, t: float) -> None:
+        if effect is not Effect.FOLD or lost:
+            return
+        began.append(t)
+        if t - began[0] > 0.6:
+            arms = type(ports.arms)
+            last, now = ports.arms.state(), arms.state
+            lost.append(t)
+            monkeypatch.setattr(arms, "state", lambda port: last if ports.clock.now() < t + 1.0 else now(port))
+
+    began: list[float] = []
+    onlooker.at_set_point = lose
+    onlooker.before[Effect.GRASP] = note_shape
+    onlooker.after[Effect.CLEAR] = note_shape
+    onlooker.after[Effect.RECOGNISE] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
+    result = onlooker.fold(request)
+    assert onlooker.kinds()[:1] == ["stale_state"]
+    at = onlooker.performed.index((Effect.FOLD, Event.FAILED))
+    assert onlooker.performed[at + 1 : at + 6] == [
+        (Effect.LAY_BACK, Event.DONE), (Effect.CLEAR, Event.DONE), (Effect.CHOOSE_RECOVERY, Event.LOOK_AGAIN),
+        (Effect.LOOK, Event.DONE), (Effect.RECOGNISE, Event.DONE),
+    ]  # fmt: skip
+    moved = np.linalg.norm(shapes[1] - shapes[0], axis=1)
+    assert moved.mean() < 0.01 and np.quantile(moved, 0.95) < 0.03, moved
+    assert (result.state, result.exit_code) == ("not_folded", 2) and parked(onlooker)
+    again = decided_again(request.logs)
+    assert again.same and again.broken_off is None, "the replay lays the cloth back too"
+
+
 # stop
 
 
@@ -278,7 +324,8 @@ def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
     assert max(onlooker.openings) < 0.02, "the stop does not open the hands"
     (ended,) = [e for e in told(request) if e.name == "fold" and e.kind == "result"]
     assert ended.payload["kind"] == "stopped"
-    assert told(request)[-1].cell_time - stopped_at[0] < 0.05
+    assert ended.cell_time - stopped_at[0] < 0.05
+    assert told(request)[-1].cell_time - stopped_at[0] < 1.0, "the run ends when the arms rest"
     again = decided_again(request.logs)
     assert again.same and again.broken_off is None and again.set_points == len(onlooker.set_points)
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from cell.recording.journal import Journal
-from cell.runs.checkpoint_writer import Interrupted, interrupted_run
+from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted, interrupted_run
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from cell.support.files.packing import packed
 from robots.baxter.model import load_model
@@ -89,6 +90,31 @@ def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it
     shutil.rmtree(Path(result.run_dir) / "began_with")
     with pytest.raises(StorageError, match="its initial checkpoint is missing"):
         decided_again(request.logs)
+
+
+def test_a_run_that_died_between_the_arc_and_the_release_inspects_the_fold(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checkpoint says that the hands have carried the cloth to its target, where the resumed run lets go."""
+    request, keep = fold_request(tmp_path), CheckpointWriter.keep
+
+    def keep_and_die(writer: CheckpointWriter, context: RunContext) -> None:
+        keep(writer, context)
+        if context.fold.carried:
+            raise Died
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CheckpointWriter, "keep", keep_and_die)
+        first = Onlooker()
+        with pytest.raises(Died):
+            first.fold(request)
+    assert first.performed[-1] == (Effect.FOLD, Event.DONE)
+    resumed = Onlooker(after={Effect.INSPECT: lambda ports, commands, n: commands.put(Event.ABORT)})
+    interrupted = last_run(request)
+    resumed.fold(interrupted.request, interrupted=interrupted)
+    assert resumed.performed[:3] == [
+        (Effect.REENTER, Event.LOOK_AFTER), (Effect.LOOK, Event.DONE), (Effect.INSPECT, Event.NEXT_FOLD),
+    ]  # fmt: skip
 
 
 SHIFT = 0.03  # [m]

@@ -12,7 +12,7 @@ from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motion import Tick
 from cell.control.motions.hold_position import wait
-from cell.control.motions.trajectory import stream
+from cell.control.motions.trajectory import OFF_PATH, stream
 from cell.control.path_clock import PathControl
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
@@ -468,7 +468,7 @@ def test_arms_that_do_not_stand_on_the_path_after_a_stall_get_no_further_set_poi
     ports = replace(cell.ports(), clock=Coasting(cell, 0.5, ramp(), 0.0, beside=0.1))
     failure = stream(loop(ports), ramp(), None, control()).failure
     assert failure is not None and failure.kind is FailureKind.START_MISMATCH
-    assert failure.values["off_rad"] > LIMITS.start
+    assert failure.values["off_rad"] > OFF_PATH
     assert max(t for t, _ in cell.commands) < 0.55
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -307,7 +308,7 @@ def test_cloth_is_laid_at_one_end_of_its_path_and_never_dropped_by_a_hand_that_h
     for holding in (both, both[:1]):
         chosen = [choose_laying(kind, share, both, holding) for share in (0.0, 0.2, 0.49, 0.7, 0.85, 1.0)]
         assert chosen[:3] == [Laying.BACK] * 3 and Laying.RELEASE not in chosen
-        turns = [a is not b for a, b in zip(chosen, chosen[1:], strict=False)]
+        turns = [a is not b for a, b in pairwise(chosen)]
         assert sum(turns) <= 1
     assert choose_laying(kind, 0.5, both, ()) is Laying.RELEASE
 
