@@ -13,11 +13,14 @@ import pytest
 from cell.commands.main import build_parser
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments
-from cell.control import checks, ticks
+from cell.control import checks, rest, ticks
+from cell.control.motions import trajectory
 from cell.executive.effects import seeing
+from cell.states import recovery_table
 from robots import setpoint
 from robots.baxter.ros import electric_gripper
 from robots.baxter.ros.ports import arms
+from robots.errors import FailureKind
 from skills.motion.timing import timing
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -166,7 +169,7 @@ def test_every_link_in_the_docs_has_a_target() -> None:
 
 def test_the_safety_page_states_the_figures_of_the_cell() -> None:
     """People stand beside the arms and rely on these figures."""
-    shipped = load_settings()
+    shipped, strayed = load_settings(), recovery_table.LAYING[FailureKind.TRACKING_ERROR]
     told = {
         "0.2 s and the brake": arms.COMMAND_TIMEOUT == 0.2,
         "not been heard of for 0.2 s": arms.COMMAND_TIMEOUT == 0.2,
@@ -175,7 +178,15 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "`motion.max_state_age_s`, 0.1 s": shipped.motion.max_state_age_s == 0.1,
         "0.002 rad off": checks.ExecutionLimits().altered == 0.002,
         "no further from the last one than the joints go in 40 ms at full speed": setpoint.JUMP_TIME == 0.040,
-        "After a stall of more than 50 ms it accelerates from rest": ticks.STALL_S == 0.050,
+        "After a stall of more than 50 ms the arms have come to rest": ticks.STALL_S == 0.050,
+        "more than 0.04 rad beside the path": trajectory.OFF_PATH == 0.04,
+        "by less than 0.004 rad in 0.25 s": (rest.STILL_RAD, rest.STILL_S) == (0.004, 0.25),
+        "in 0.25 s, for at most 3 s": rest.REST_S == 3.0,
+        "the cell waits 2 s and clears once more": recovery_table.CLEARING_DWELL_S == 2.0,
+        "A motion that fails is tried three times": recovery_table.LAYING_TRIES == 3,
+        "(something may stand ahead) | on to the target from 90 %": strayed.all_hold == 0.9,
+        "the abort | on to the target from 50 %, else back": recovery_table.LayingRule().all_hold == 0.5,
+        "| on to the target from 80 %, else back |": recovery_table.LayingRule().some_hold == 0.8,
         "One of more than 2 s in the middle of a motion": ticks.LOST_S == 2.0,
         "`grasp.press_force` (25 N as shipped)": shipped.grasp.press_force == 25.0,
         "`pressing.force` (20 N)": shipped.pressing.force == 20.0,
