@@ -36,7 +36,16 @@ from skills.planning.folding import fold_xy
 from skills.planning.plan import ways_to_fold
 from skills.vocabulary import Array, FoldLine
 
-__all__ = ["KINDS", "OTHER_KINDS", "IdealGarment", "drawn_garment", "ideal_garment", "judged", "spoiled"]
+__all__ = [
+    "KINDS",
+    "OTHER_KINDS",
+    "IdealGarment",
+    "drawn_garment",
+    "ideal_garment",
+    "in_own_frame",
+    "judged",
+    "spoiled",
+]
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "score.md"
 KINDS = {
@@ -50,6 +59,10 @@ OTHER_KINDS = {"sag_middle": "the middle half of the moved edge is 40 mm short, 
 """Kinds of failure that the score finds only if the moved edge belongs to an edge pair of the garment file."""
 DRIFT, PILE, SAG, CORNER = 0.060, 0.030, 0.040, 0.060
 """Severities of the kinds of failure [m]."""
+DRIFT_TURN = 2.4
+"""Angle between the directions of the two variants of a drift [rad]."""
+EDGE_SHARE = 0.9
+"""The moved edge reaches at least this share of the largest distance from the fold line."""
 PILED_SHARE = 0.10
 """Share of the folded area that a pile covers."""
 FADE = 0.03
@@ -70,11 +83,15 @@ class IdealGarment:
 
 def drawn_garment(name: str, seed: int) -> GarmentTruth:
     """Return the flat garment with the fabric and the outline that are drawn for `seed`, in its own frame."""
-    world = WorldGarment(load_garment(name), load_noise().garment, np.random.default_rng(seed), False)
+    return in_own_frame(WorldGarment(load_garment(name), load_noise().garment, np.random.default_rng(seed), False))
+
+
+def in_own_frame(world: WorldGarment) -> GarmentTruth:
+    """Return a garment of the simulated world as it lies flat, in its own frame."""
     c, s = np.cos(world.pose.angle), np.sin(world.pose.angle)
     back = np.array([[c, -s], [s, c]])
     return GarmentTruth(
-        name=name,
+        name=world.name,
         vertices=world.mesh.lay_flat(world.material.thickness),
         triangles=world.mesh.triangles,
         material=world.mesh.rest,
@@ -84,7 +101,7 @@ def drawn_garment(name: str, seed: int) -> GarmentTruth:
         layers=world.layers,
         mesh=world.mesh,
         traits=world.traits,
-        solver="xpbd",
+        solver=world.solver,
     )
 
 
@@ -108,27 +125,28 @@ def judged(ideal: IdealGarment, vertices: Array) -> Score:
     )  # fmt: skip
 
 
-def spoiled(ideal: IdealGarment, kind: str) -> Array:
-    """Return the vertices (n, 3) of the ideal fold with a failure of this kind."""
+def spoiled(ideal: IdealGarment, kind: str, variant: int = 0) -> Array:
+    """Return the vertices (n, 3) of the ideal fold with a failure of this kind. variant: 0 or 1, another
+    direction, place, end or corner."""
     x, line = ideal.vertices.copy(), ideal.lines[-1]
     before = ideal.lines[:-1]
     moved = line.signed_distance(fold_xy(before, ideal.garment.material)) > 0.0
     if kind == "drift":
-        x[:, 0] += DRIFT
+        angle = variant * DRIFT_TURN
+        x[:, :2] += DRIFT * np.array([np.cos(angle), np.sin(angle)])
     elif kind == "pile":
-        x[:, 2] += PILE * _in_a_tenth(ideal)
+        x[:, 2] += PILE * _in_a_tenth(ideal, variant)
     elif kind in ("sag", "sag_middle"):
         along = (x[:, :2] - line.point) @ line.direction
         share = (along - along[moved].min()) / np.ptp(along[moved])
         fade = FADE / np.ptp(along[moved])
-        low, high = (-1.0, 0.5) if kind == "sag" else (0.25, 0.75)
+        low, high = ((-1.0, 0.5), (0.5, 2.0))[variant] if kind == "sag" else (0.25, 0.75)
         short = np.clip(np.minimum(share - low, high - share) / fade + 1.0, 0.0, 1.0)
         away = -line.signed_distance(x[:, :2])
         short *= np.where(moved, np.clip(away / away[moved].max(), 0.0, 1.0), 0.0)
         x[:, :2] += SAG * short[:, None] * line.normal
     elif kind == "dropped_corner":
-        reach = {n: line.signed_distance(fold_xy(before, p)) for n, p in ideal.garment.keypoints.items()}
-        corner = fold_xy(ideal.lines, ideal.garment.keypoints[max(reach, key=lambda n: reach[n])])
+        corner = _corners(ideal)[variant]
         near = np.exp(-(((x[:, :2] - corner) / (2.0 * FADE)) ** 2).sum(axis=1))
         x[:, :2] += np.where(moved, CORNER * near, 0.0)[:, None] * line.normal
     else:
@@ -136,9 +154,22 @@ def spoiled(ideal: IdealGarment, kind: str) -> Array:
     return x
 
 
-def _in_a_tenth(ideal: IdealGarment) -> Array:
+def _corners(ideal: IdealGarment) -> tuple[Array, Array]:
+    """Return the places (2,) of two corners of the moved part: that of the key point farthest from the fold line,
+    and the other end of the moved edge."""
+    line, before = ideal.lines[-1], ideal.lines[:-1]
+    points = np.array(list(ideal.garment.keypoints.values()))
+    corner = points[int(line.signed_distance(fold_xy(before, points)).argmax())]
+    reach = line.signed_distance(fold_xy(before, ideal.garment.material))
+    edge = fold_xy(ideal.lines, ideal.garment.material[reach > EDGE_SHARE * reach.max()])
+    first = fold_xy(ideal.lines, corner)
+    return first, edge[int(np.linalg.norm(edge - first, axis=1).argmax())]
+
+
+def _in_a_tenth(ideal: IdealGarment, variant: int) -> Array:
     """Return (n,) 1 for the vertices in a disc that covers PILED_SHARE of the silhouette, 0 away from it. The
-    disc's centre is as far as possible from creases and from the outline."""
+    disc's centre is as far as possible from creases and from the outline. variant 1: from the centre of that disc
+    as well."""
     xy = ideal.vertices[:, :2]
     grid = TableRaster.around(xy)
     top, _ = grid.render(ideal.vertices, ideal.garment.triangles)
@@ -146,6 +177,10 @@ def _in_a_tenth(ideal: IdealGarment) -> Array:
     creases = fold_mesh(ideal.garment.material, ideal.garment.triangles, ideal.lines, xy).creases
     inner = silhouette & grid.away_from(creases, CREASE_MARGIN)
     depth = cv2.distanceTransform(inner.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    if variant:
+        first = np.array(np.unravel_index(int(depth.argmax()), depth.shape))
+        away = np.linalg.norm(np.indices(depth.shape).transpose(1, 2, 0) - first, axis=-1)
+        depth = np.where(inner, np.minimum(depth, away), 0.0)
     centre = np.array(np.unravel_index(int(depth.argmax()), depth.shape))[::-1]
     pixels = np.argwhere(silhouette)[:, ::-1]
     radius = float(np.quantile(np.linalg.norm(pixels - centre, axis=1), PILED_SHARE)) * PIXEL

@@ -383,9 +383,9 @@ class World:
             self.sleep_until(self._time + self._camera_faults.lateness(self._time, self._fold))
         return frame
 
-    def glimpse(self) -> CameraFrame:
-        """Take one exposure, without waiting."""
-        return self._picture(1)
+    def glimpse(self, exposures: int = 1) -> CameraFrame:
+        """Take a picture without waiting: one exposure, or the mean of several."""
+        return self._picture(exposures)
 
     def _picture(self, exposures: int) -> CameraFrame:
         if self._camera_faults is None:

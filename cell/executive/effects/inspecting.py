@@ -24,7 +24,7 @@ from skills.perception.inspection.target_view import FoldTarget
 from skills.perception.registration.alignment import edge_deviation
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
-__all__ = ["find_folded", "inspect_fold", "judged_as_before", "next_step"]
+__all__ = ["find_folded", "inspect_fold", "judge_fold", "judged_as_before", "next_step"]
 
 DISPLACED = 0.010
 """If pressing displaces the outline by at least this [m], the outline after pressing is judged, because something
@@ -45,15 +45,11 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
     if not cell.settings.inspection.enabled:
         return next_step(cell, context)
     step = plan.steps[context.fold.index]
-    target = fold_target(plan, context.fold.index)
-    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before, target)
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure))
-    inspection = outcome.unwrap()
-    if attempt.pressed:
-        inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
-    claim = make_claim(cell, context, plan, attempt, inspection)
-    attempt = replace(attempt, inspection=inspection, claim=claim)
+    judged = judge_fold(cell, context, plan, attempt, frame)
+    if judged.failure:
+        return Result(Event.FAILED, context.with_failure(judged.failure))
+    attempt, inspection = judged.unwrap()
+    claim = attempt.claim
     context = context.with_attempt(attempt)
     record = _record(inspection, claim)
     cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
@@ -83,6 +79,22 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
         figures(inspection),
     )
     return Result(Event.FAILED, context.with_failure(failure), record)
+
+
+def judge_fold(
+    cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
+) -> Outcome[tuple[Attempt, Inspection]]:
+    """Inspect the fold in the picture, and make the claim about the last fold. Return the attempt with both, and
+    the inspection."""
+    step, target = plan.steps[context.fold.index], fold_target(plan, context.fold.index)
+    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before, target)
+    if outcome.failure:
+        return Outcome(failure=outcome.failure)
+    inspection = outcome.unwrap()
+    if attempt.pressed:
+        inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
+    claim = make_claim(cell, context, plan, attempt, inspection)
+    return Outcome((replace(attempt, inspection=inspection, claim=claim), inspection))
 
 
 def judged_as_before(

@@ -119,6 +119,11 @@ class WorldGarment:
         self._body, self.away = self._build(self._wrinkled()), False
         self._cloth.advance(round(self._noise.settle_time * FRAME_RATE))
 
+    def put(self, vertices: Array) -> None:
+        """Put the garment on the table at rest at `vertices` (n, 3), table frame [m], for pictures of a known
+        shape. It moves from there as soon as time passes."""
+        self._body = self._build(vertices)
+
     def _build(self, positions: Array) -> ClothBody:
         pads = PadGeometry(friction=self.pad_friction)
         return build_body(self.solver, self.mesh, self.material, positions, self.traits, pads)
