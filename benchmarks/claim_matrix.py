@@ -63,7 +63,8 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
     ideal = [v for v in found if v.kind == "ideal" and v.good]
     spoiled = [v for v in found if v.kind in KINDS and not v.good]
     missed = [v for v in ideal if not v.claimed]
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+    described = ["git", "describe", "--always", "--exclude=*", "--dirty=+"]
+    commit = subprocess.run(described, capture_output=True, text=True, check=False)
     seeds = sorted({v.seed for v in found})
     kinds = [(kind, [v for v in found if v.kind == kind and not v.good]) for kind in (*KINDS, *OTHER_KINDS)]
     kind_rows = [[kind, *_share(vs), _caught(vs)] for kind, vs in kinds]
@@ -88,7 +89,7 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
         f"{time.strftime('%Y-%m-%d')}, commit {commit.stdout.strip() or 'unknown'}, {platform.machine()}, seeds",
         f"{', '.join(map(str, seeds))}: `{command}`.",
         "",
-        f"- False claims: {' '.join(_share(spoiled))}.",
+        f"- False claims: {', '.join(_share(spoiled))}.",
         f"- Ideal folds not claimed: {len(missed)} of {len(ideal)}, {_interval(len(missed), len(ideal))}.",
         *(f"- Not judged: {text}." for text in unseen),
         "",

@@ -89,7 +89,8 @@ def inspect(
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:
         height_before = height_above(view.rectify(before), empty)
-        edge = moved_edge(height, height_before, predicted, step, view, figures.R, figures.t)
+        flat = None if target is None else target.shape
+        edge = moved_edge(height, height_before, predicted, step, view, figures.R, figures.t, flat=flat)
     inspection = figures.inspection(seen.rgb, edge)
     if target is not None:
         compared = view_target(

@@ -33,7 +33,12 @@ class EdgeSettings:
     """Lengths [m]."""
 
     strips: int = 9
-    """Number of strips into which the moved edge is divided along its length."""
+    """Smallest number of strips into which the moved edge is divided along its length."""
+    strip_width: float = 0.012
+    strip_rise: float = 0.0042
+    """A strip may be as narrow as `strip_width` if the layers raise the surface by `strip_rise` or more, so that a
+    small corner that is turned in is wider than two strips. The noise of a strip's mean falls with the square root
+    of its width: strips of thinner layers are wider by the square of the ratio of the rises."""
     outside: float = 0.024
     inside: float = 0.120
     """The edge is searched from `outside` in front of its predicted place to `inside` behind this place."""
@@ -42,8 +47,10 @@ class EdgeSettings:
     rim: float = 0.010
     """Length ignored at the two ends of the edge, where depth is missing."""
     loop: float = 0.006
-    """Cloth that was higher than the stack's median height by more than this before the fold belongs to the loop
-    of an earlier crease. New layers press it down, so no rise is measured there."""
+    min_loop: float = 0.002
+    """Cloth that was higher than the stack's median height by more than the new layers' rise, at least `min_loop`
+    and at most `loop`, belongs to the loop of an earlier crease. New layers press it down, so no rise is measured
+    there."""
     min_rise: float = 0.0010
     """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
     sample: float = 0.002
@@ -66,8 +73,8 @@ class MovedEdge:
 
     @property
     def wholly_seen(self) -> bool:
-        """Whether both ends, and enough of the edge between them, are visible."""
-        return bool(np.isfinite([*self._ends(), self.sag]).all())
+        """Whether both ends, up to their last strip, and enough of the edge between them are visible."""
+        return bool(np.isfinite([self.lag[0], self.lag[-1], *self._ends(), self.sag]).all())
 
     @property
     def sag(self) -> float:
@@ -96,11 +103,12 @@ class MovedEdge:
 
     @staticmethod
     def _end(lag: Array) -> float:
-        """Lag of the end at which `lag` begins [m]: the smaller lag of the first two visible strips in the first
-        third of the edge. The smaller lag is used to avoid false alarms. NaN if no strip is visible there."""
+        """Lag of the end at which `lag` begins [m]: the median of the first three visible strips in the first
+        third of the edge, or the smaller lag of the first two. A single misplaced strip does not count, neither as
+        a false alarm nor by hiding a corner. NaN if no strip is visible there."""
         seen = lag[: len(lag) // 3]
-        seen = seen[np.isfinite(seen)][:2]
-        return float(seen.min()) if len(seen) else float("nan")
+        seen = np.sort(seen[np.isfinite(seen)][:3])
+        return float(seen[(len(seen) - 1) // 2]) if len(seen) else float("nan")
 
 
 def _median(values: Array) -> float:
@@ -117,12 +125,15 @@ def moved_edge(
     R: Array,
     t: Array,
     settings: EdgeSettings | None = None,
+    flat: PredictedShape | None = None,
 ) -> MovedEdge | None:
     """Locate the edge by the rise of height during the fold; None if it cannot be measured.
 
     height, before: (H, W) height in `view` after and before the fold, above the same empty table [m]. R (2, 2), t
     (2,) [m]: the rigid motion that aligns the prediction with the observation. It is assumed that the cloth below
-    has made the same motion.
+    has made the same motion. flat: the perfectly flat fold, with the triangles of `predicted`; it tells how thick
+    the moved layers are. Without it, they count as thick as they stand behind the edge. Loose layers stand higher
+    there than at their edge, which is then found too far behind.
     """
     settings = settings or EdgeSettings()
     expected = _expected_edge(predicted, step, settings)
@@ -137,16 +148,43 @@ def moved_edge(
     places = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
     rise = _sampled(height, view, places @ R.T + t) - _sampled(before, view, places)
     height_before = _sampled(smooth_height(before), view, places)
-    rise[height_before > _median(height_before[:, depth > 0]) + settings.loop] = np.nan
     rise[across > -settings.crease] = np.nan
-    profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
-    inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
-    # A low quantile is used, because the median can lie in a pile of cloth; a single layer next to the pile would
-    # then be missed.
-    layer = float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
+    raised = height_before - _median(height_before[:, depth > 0])
+    layer = _layer(np.where(raised > settings.loop, np.nan, rise), depth, settings)
+    rise[raised > np.clip(layer, settings.min_loop, settings.loop)] = np.nan
+    layer = _layer(rise, depth, settings)
     if layer < settings.min_rise:
         return None
-    return MovedEdge(np.array([_step_place(p, depth, layer) for p in profiles]), layer)
+    width = settings.strip_width * max(1.0, settings.strip_rise / layer) ** 2
+    count = max(settings.strips, round(len(rise) * settings.sample / width))
+    edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), settings.min_rise))
+    return MovedEdge(
+        np.array([_step_place(_mean(part), depth, edge) for part in np.array_split(rise, count)]), layer
+    )
+
+
+def _thickness_moved(flat: PredictedShape, step: FoldStep) -> float:
+    """Return how thick the moved layers are at the edge, in the perfectly flat fold [m]: the median over short
+    pieces of the edge. The lowest vertices of the fold lie half a thickness above the table."""
+    thickness = 2.0 * float(flat.vertices[:, 2].min())
+    moved = step.line.signed_distance(fold_xy(step.earlier, flat.material)) > 0
+    x = flat.vertices[moved]
+    reach, along = -step.line.signed_distance(x[:, :2]), (x[:, :2] - step.line.point) @ step.line.direction
+    outer = reach > 0.6 * reach.max()
+    piece, z = np.floor(along[outer] / 0.03).astype(int), x[outer, 2]
+    spreads = [float(np.ptp(z[piece == k])) for k in np.unique(piece)]
+    return thickness + float(np.median(spreads))
+
+
+def _layer(rise: Array, depth: Array, settings: EdgeSettings) -> float:
+    """Return the height of the moved layers [m], well behind the edge; 0 if nothing is known there.
+
+    A low quantile is used, because the median can lie in a pile of cloth; a single layer next to the pile would
+    then be missed.
+    """
+    profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
+    inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
+    return float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
 
 
 def _expected_edge(
