@@ -62,6 +62,8 @@ class FailureKind(StrEnum):
     MISSED_LAYER = "missed_layer"
     DROPPED_CORNER = "dropped_corner"
     OFF_TARGET = "off_target"
+    HALF_FOLDED = "half_folded"
+    HEAPED = "heaped"
     # the cell itself
     STOPPED = "stopped"
     ABORTED = "aborted"

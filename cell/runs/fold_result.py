@@ -88,6 +88,7 @@ def _steps(context: RunContext) -> Iterator[dict[str, Any]]:
             "pressed_from_m": [before.height_m for before in note.pressed] if note else [],
             "attempts": note.grasps if note else (context.fold.grasps if index == context.fold.index else 0),
             "recoveries": [text for i, text in context.recoveries if i == index],
+            "estimates": [note.says for note in context.estimates if note.fold == index],
         }
 
 

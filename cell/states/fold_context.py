@@ -15,6 +15,7 @@ from robots.ports import ArmTrajectory, Side
 from skills.grasping.confirm import Held
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
+from skills.perception.state_estimate.estimate import StateEstimate
 from skills.vocabulary import GraspTrajectory
 
 __all__ = ["FoldContext"]
@@ -36,6 +37,10 @@ class FoldContext:
     """Hand postures of earlier attempts. The search after the recovery OTHER_SEARCH excludes these postures."""
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
     """For each hand in use: its tactile bias, measured above the garment."""
+    touched: bool = False
+    """Whether the hands may have moved the garment since it was last found."""
+    estimate: StateEstimate | None = None
+    """The state of the garment after the last failure of this fold, with the best fit of each state."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
     carrying: tuple[ArmTrajectory, ...] = ()
@@ -48,6 +53,11 @@ class FoldContext:
     def carried(self) -> bool:
         """Whether the hands completed the fold (`Attempt.carried`)."""
         return self.attempt is not None and self.attempt.carried
+
+    @property
+    def uncertain(self) -> bool:
+        """Whether the garment may lie in any state of the fold: it was touched, and the fold was not completed."""
+        return self.touched and self.attempt is not None and not self.carried
 
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)

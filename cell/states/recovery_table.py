@@ -83,6 +83,7 @@ K, A = FailureKind, Adjustment
 
 _LOOK_TWICE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
 _WAIT_AND_LOOK = (*_LOOK_TWICE, Recovery(Event.LOOK_AGAIN, dwell_s=5.0))
+_LOOK_ONCE_MORE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0),)
 _GRASP_AGAIN = (
     Recovery(Event.GRASP_AGAIN, A.LOWER),
     Recovery(Event.GRASP_AGAIN, A.INWARD),
@@ -112,6 +113,7 @@ _ARMS = _ask("the arms do not follow or do not answer, and the cause may be an o
 _WAY = _ask("the arms reach this fold in none of the ways that the garment file allows")
 _GRIP = _ask("another grasp of the same kind would fail again and drag the garment")
 _SHAPE = _ask("the next folds do not mend what is off now, and the fold is not the one that was planned")
+_LIES = _ask("the garment lies neither as before nor as after the fold, and no grasp of the plan fits it")
 _PERSON = "a person ended the motion, and only a person begins it again"
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
@@ -162,6 +164,9 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SAG: (*_GOOD_ENOUGH, *_SHAPE),
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_SHAPE),
     K.MISSED_LAYER: (*_GOOD_ENOUGH, *_SHAPE),
+    # the garment lies neither as before nor as after the fold: the estimate must be the same twice
+    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_LIES),
+    K.HEAPED: (*_LOOK_ONCE_MORE, *_LIES),
     # the cell itself
     K.STOPPED: _ask(_PERSON),
     K.ABORTED: _ask(_PERSON),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from cell.states.estimate_note import EstimateNote
 from cell.states.fold_context import FoldContext
 from cell.states.stages import Attempt, FirstLook, Plan, Recognition
 from cell.states.step_note import StepNote
@@ -61,6 +62,8 @@ class RunContext:
     """Number of failures of a kind in a step: (step index, kind) -> count."""
     recoveries: tuple[tuple[int, str], ...] = ()
     """Every recovery so far: (step index, "failure kind -> event")."""
+    estimates: tuple[EstimateNote, ...] = ()
+    """The estimates of the garment's state after failures."""
     done: tuple[StepNote, ...] = ()
     """The completed folds."""
     layer_thickness: float | None = None

@@ -38,6 +38,7 @@ class State(StrEnum):
     PHOTOGRAPHING = "photographing"  # the empty table, as reference
     AWAITING_GARMENT = "awaiting_garment"
     LOOKING = "looking"
+    ESTIMATING = "estimating"  # after a failure: in which state of the fold the garment lies
     RECOGNISING = "recognising"
     PLANNING = "planning"
     OPTIMISING = "optimising"  # look the trajectory up, or optimise it
@@ -75,6 +76,8 @@ class Event(StrEnum):
     DONE = "done"
     FAILED = "failed"
     # choices
+    TOUCHED = "touched"  # the hands may have moved the garment since it was found
+    FOLD_MADE = "fold_made"  # the garment lies as after the fold
     APPROVAL_NEEDED = "approval_needed"
     PRESS = "press"
     NEXT_FOLD = "next_fold"
@@ -112,6 +115,7 @@ class Effect(StrEnum):
     PHOTOGRAPH_TABLE = "photograph_table"
     AWAIT_GARMENT = "await_garment"
     LOOK = "look"
+    ESTIMATE = "estimate"
     RECOGNISE = "recognise"
     PLAN_FOLDS = "plan_folds"
     CHOOSE_TRAJECTORY = "choose_trajectory"
@@ -170,6 +174,10 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
     Row(S.AWAITING_APPROVAL, E.APPROVE, S.CHECKING, Do.CHECK_PLACE),
     Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
+    # after a failure: estimate the state of the garment
+    Row(S.LOOKING, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
+    Row(S.ESTIMATING, E.DONE, S.RECOGNISING, Do.RECOGNISE),
+    Row(S.ESTIMATING, E.FOLD_MADE, S.INSPECTING, Do.INSPECT),
     # resume an interrupted run
     Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
     Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
@@ -200,6 +208,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PHOTOGRAPHING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.AWAITING_GARMENT, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.ESTIMATING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.RECOGNISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.PLANNING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
@@ -258,8 +267,8 @@ REENTRIES: Mapping[State, Event] = {
     # the garment was not touched, or was released during the fold: find it
     **dict.fromkeys(
         (
-            S.LOOKING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION, S.AWAITING_APPROVAL,
-            S.CHECKING, S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
+            S.LOOKING, S.ESTIMATING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION,
+            S.AWAITING_APPROVAL, S.CHECKING, S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
         ),
         E.LOOK_AGAIN,
     ),

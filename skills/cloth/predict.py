@@ -14,9 +14,10 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
 
-__all__ = ["FoldPrediction", "predict_fold"]
+__all__ = ["HANDS", "FoldPrediction", "predict_fold", "sample_paths"]
 
-HANDS = (GraspId.LEFT, GraspId.RIGHT)  # hand 0 and 1 of the simulation
+HANDS = (GraspId.LEFT, GraspId.RIGHT)
+"""Grasps of hand 0 and hand 1 of the simulation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def predict_fold(
     frame = simulation.settings.frame
     duration = max(float(path.t[-1]) for path in paths.values())
     frames = max(1, round(duration / frame))
-    p, r = _sample(paths, frames, frame)
+    p, r = sample_paths(paths, frames, frame)
     pinches = {
         grasp_id: simulation.grip(hand, p[0, hand], r[0, hand], grip_force)
         for hand, grasp_id in enumerate(HANDS)
@@ -96,7 +97,7 @@ def predict_fold(
     )
 
 
-def _sample(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
+def sample_paths(paths: Mapping[GraspId, ToolPath], frames: int, frame: float) -> tuple[Array, Array]:
     """Return the poses of both hands at the frame boundaries: positions (frames + 1, 2, 3), rotations (frames + 1,
     2, 3, 3)."""
     t = np.arange(frames + 1) * frame

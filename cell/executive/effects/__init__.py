@@ -13,6 +13,7 @@ from typing import TypeVar
 from cell.executive.effects import (
     checking,
     deciding,
+    estimating,
     gripping,
     inspecting,
     laying,
@@ -63,6 +64,7 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.PHOTOGRAPH_TABLE: seeing.photograph_table,
     Effect.AWAIT_GARMENT: seeing.await_garment,
     Effect.LOOK: seeing.look,
+    Effect.ESTIMATE: lambda cell, c: estimating.estimate(cell, c, _plan(c), _attempt(c), _frame(c)),
     Effect.RECOGNISE: lambda cell, c: seeing.recognise(cell, c, _frame(c)),
     Effect.PLAN_FOLDS: lambda cell, c: planning.plan_steps(cell, c, _required(c.recognition, "garment")),
     Effect.CHOOSE_TRAJECTORY: lambda cell, c: planning.choose_trajectory(cell, c, _plan(c)),

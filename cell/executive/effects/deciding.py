@@ -154,7 +154,7 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
-    fold = replace(answer.context.fold, attempt=None)
+    fold = replace(answer.context.fold, attempt=None, touched=False)
     return replace(answer, event=event, context=replace(answer.context, fold=fold))
 
 

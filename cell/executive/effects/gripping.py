@@ -69,7 +69,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     biases = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
     if biases.failure:
         return Result(Event.FAILED, context.with_failure(biases.failure))
-    fold = replace(fold, biases=biases.unwrap())
+    fold = replace(fold, biases=biases.unwrap(), touched=True)
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
     contacts = _descend(cell, attempt, fold.biases, settings, lowering)

@@ -9,6 +9,7 @@ import numpy as np
 from cell.executive.effects.adapting import adapt
 from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
 from cell.executive.effects.drift import apply_drift, moved_contour
+from cell.executive.effects.estimating import note_estimate
 from cell.executive.effects.pressing import plan_pressing
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
@@ -22,6 +23,7 @@ from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diag
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
 from skills.perception.inspection.target_view import FoldTarget
 from skills.perception.registration.alignment import edge_deviation
+from skills.perception.state_estimate.hypothesis import FoldState
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
 __all__ = ["find_folded", "inspect_fold", "judge_fold", "judged_as_before", "next_step"]
@@ -72,9 +74,10 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
         context = replace(context, plan=replace(plan, garment=garment))
         advanced = next_step(cell, context)
         return replace(advanced, record={**record, **learned, **advanced.record})
+    context, state = _estimated(cell, context, plan, attempt, frame)
     failure = Failure(
         inspection.diagnosis,
-        f"fold {step.name}: {', '.join(beyond_limits(inspection, cell.inspection))}",
+        f"fold {step.name}: {', '.join(beyond_limits(inspection, cell.inspection))}{state}",
         HINTS.get(inspection.diagnosis, "compare the observed with the predicted shape in the recording"),
         figures(inspection),
     )
@@ -95,6 +98,22 @@ def judge_fold(
         inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
     claim = make_claim(cell, context, plan, attempt, inspection)
     return Outcome((replace(attempt, inspection=inspection, claim=claim), inspection))
+
+
+def _estimated(
+    cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
+) -> tuple[RunContext, str]:
+    """Estimate the state of a garment whose outline is not as predicted, once per fold. Returns the context with
+    the estimate, and the state in words for the failure; empty if the fold is made or nothing was estimated."""
+    seen = attempt.inspection
+    if context.fold.estimate is not None or seen is None or outline_matches(seen, cell.inspection):
+        return context, ""
+    outcome = note_estimate(cell, context, plan, attempt, frame)
+    if outcome.failure:
+        return context, ""
+    estimated, found = outcome.unwrap()
+    made = found.state is FoldState.AFTER
+    return estimated, "" if made else f"; {estimated.estimates[-1].says}"
 
 
 def judged_as_before(
@@ -154,7 +173,8 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
         # the claim judges only what the cell has displaced: the place of the first look moves with the garment
         moved = moved_contour(context.first_look.contour, inspection)
         context = replace(context, first_look=replace(context.first_look, contour=moved))
-    return Result(Event.DONE, replace(context, disturbed=False), figures(inspection))
+    found = replace(context, disturbed=False, fold=replace(context.fold, touched=False))
+    return Result(Event.DONE, found, figures(inspection))
 
 
 def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:

@@ -110,17 +110,19 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
     """Wait until a person has laid the garment on the table."""
     began = cell.ports.clock.now()
     cell.ports.attendant.lay_garment()
-    context = replace(context, first_look=None)
+    context = replace(context, first_look=None, fold=replace(context.fold, touched=False))
     if cell.ports.simulated:  # the simulated attendant's time counts as robot time
         return Result(Event.DONE, context)
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
 
 
 def look(cell: Workcell, context: RunContext) -> Result:
+    """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold."""
     taken = take_picture(cell, context)
     if taken.failure:
         return Result(Event.FAILED, context.with_failure(taken.failure))
-    return Result(Event.DONE, replace(context, sight=taken.unwrap()))
+    estimated = context.fold.uncertain and cell.settings.inspection.enabled
+    return Result(Event.TOUCHED if estimated else Event.DONE, replace(context, sight=taken.unwrap()))
 
 
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
@@ -161,9 +163,9 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
         first_look = _first_look(cell, perception)
         record |= {"camera_bias_m": first_look.bias.value, "camera_bias_measured": first_look.bias.measured}
     recognition = Recognition(perception, overlay)
-    return Result(
-        Event.DONE, replace(context, recognition=recognition, first_look=first_look, disturbed=False), record
-    )
+    fold = replace(context.fold, touched=False)
+    found = replace(context, recognition=recognition, first_look=first_look, disturbed=False, fold=fold)
+    return Result(Event.DONE, found, record)
 
 
 def _first_look(cell: Workcell, perception: Perception) -> FirstLook:

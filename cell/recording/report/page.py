@@ -135,6 +135,8 @@ class RunRecord:
     """Why the ideal fold is not valid, so that the heights are not judged and the run has not passed."""
     pictures: tuple[Picture, ...] = ()
     """Pictures of the whole run: the empty table, the recognised garment, the last picture."""
+    estimates: tuple[Picture, ...] = ()
+    """Estimates of the garment's state after failures: the candidates over the picture, and the state in words."""
     versions: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     recording: str = ""

@@ -29,7 +29,7 @@ __all__ = ["TrueFrame", "report"]
 TrueFrame = tuple[float, Array, Mapping[Side, Array]]
 """(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment, for pictures only."""
 
-LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator"}
+LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator", "estimate": "note"}
 UNITS = {"drift_rad": "rad", "iou": ""}
 """Units of the figures of the score; all others are lengths."""
 KEY_FRAMES = 6
@@ -83,6 +83,7 @@ def report(
         verdicts={name: result.score.get(name) for name in ("shape", "flat")} if result.score else {},
         invalid_ideal=str(((result.score or {}).get("ideal") or {}).get("reason") or ""),
         pictures=(*_pictures(end), *_questions(folder)),
+        estimates=tuple(_estimates(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
         settings=request.settings.model_dump(mode="json", by_alias=True),
         recording="run.rrd",
@@ -216,6 +217,14 @@ def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
     for name, limit in known.get("limits", {}).items():
         ideal, unit = known.get(f"ideal_{name}"), UNITS.get(name, "m")
         yield ScoreRow(name, known[name], limit, at_least=name == "iou", unit=unit, ideal=ideal)
+
+
+def _estimates(end: RunEnd) -> Iterator[Picture]:
+    """Yield the candidates of each estimate, drawn over the picture, with the estimate in words."""
+    names = [step.name for step in end.context.steps]
+    for note in end.context.estimates:
+        name = names[note.fold] if note.fold < len(names) else f"fold {note.fold + 1}"
+        yield Picture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
 
 
 def _pictures(end: RunEnd) -> Iterator[Picture]:

@@ -1,4 +1,4 @@
-"""An observer of the runner. It collects failures, recoveries and commands for the report."""
+"""An observer of the runner. It collects failures, estimates, recoveries and commands for the report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["RunEvent", "RunEvents"]
 
 @dataclass(frozen=True)
 class RunEvent:
-    """One event at cell time t [s]. kind: 'failure', 'recovery' or 'command'."""
+    """One event at cell time t [s]. kind: 'failure', 'recovery', 'estimate' or 'command'."""
 
     t: float
     kind: str
@@ -22,7 +22,7 @@ class RunEvent:
 
 
 class RunEvents:
-    """Collects failures, recoveries and the operator's commands in order."""
+    """Collects failures, estimates, recoveries and the operator's commands in order."""
 
     def __init__(self) -> None:
         self.list: list[RunEvent] = []
@@ -43,6 +43,8 @@ class RunEvents:
             text = str(result.record.get("change", "none")).replace("_", " ")
             title = result.event.value.replace("_", " ")
             self.list.append(RunEvent(t, "recovery", title, "" if text == "none" else f"change: {text}"))
+        elif step.effect is Effect.ESTIMATE:
+            self.list.append(RunEvent(t, "estimate", "state of the garment", str(result.record.get("says", ""))))
         elif "command" in result.record:
             self.list.append(RunEvent(t, "command", str(result.record["command"]), f"while {where}"))
         elif result.event is Event.PAUSE:

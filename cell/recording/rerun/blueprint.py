@@ -47,6 +47,7 @@ def _camera() -> rrb.Tabs:
         rrb.Spatial2DView(origin=CAMERA, contents=[f"+ {CAMERA}/depth/**"], name="Depth"),
         rrb.Spatial2DView(origin="perception", contents=["+ perception/overlay/**"], name="Recognised"),
         rrb.Spatial2DView(origin="perception", contents=["+ perception/fitting/**"], name="Fitting"),
+        rrb.Spatial2DView(origin="perception", contents=["+ perception/estimate/**"], name="After a failure"),
         active_tab=0,
     )
 

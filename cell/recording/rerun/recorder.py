@@ -202,6 +202,11 @@ class Recorder:
         """Record an observed contour (n, 2) or height points (n, 3) [m]."""
         self._submit(partial(scene.observed_entries, t, _copy(points)), points.nbytes)
 
+    def estimated(self, t: float, says: str, picture: NDArray, shape: PredictedShape | None) -> None:
+        """Record the estimated state of the garment after a failure: in words, with the candidates drawn over the
+        picture (H, W, 3), and the shape of the best one (None for a heap)."""
+        self._submit(partial(scene.estimate_entries, t, says, picture, shape), picture.nbytes, essential=True)
+
     def candidate(
         self,
         t: float,

@@ -131,7 +131,7 @@ def camera_entries(t: float, frame: CameraFrame, calibration: CameraCalibration)
     if not ok:
         raise ValueError(f"depth of picture {frame.sequence} could not be encoded")
     depth = rr.EncodedDepthImage(png.tobytes(), media_type="image/png", meter=1000.0)
-    stale = (f"{CAMERA}/mask", f"{TABLE}/perceived", f"{TABLE}/observed")
+    stale = (f"{CAMERA}/mask", f"{TABLE}/perceived", f"{TABLE}/observed", f"{TABLE}/estimated")
     return [
         *(Log(path, t, (rr.Clear(recursive=True),)) for path in stale),
         Log(CAMERA, t, (pose, pinhole)),
@@ -249,6 +249,18 @@ def observed_entries(t: float, points: Array) -> list[Entry]:
     if points.shape[1] == 2:
         return [Log(path, t, (_closed(points, style.OBSERVED, 0.0025),))]
     return [Log(path, t, (rr.Points3D(points, radii=0.002, colors=[style.OBSERVED]),))]
+
+
+def estimate_entries(t: float, says: str, picture: NDArray, shape: PredictedShape | None) -> list[Entry]:
+    """Return an estimated state of the garment: the sentence in the log, the candidates over the picture, and the
+    shape of the best candidate on the table."""
+    path = f"{TABLE}/estimated"
+    mesh = rr.Clear(recursive=True) if shape is None else _mesh(shape.vertices, shape.triangles, (*style.MASK, 90))
+    return [
+        *log_entries(t, says, "WARN"),
+        Log("perception/estimate", t, (jpeg(picture),)),
+        Log(path, t, (mesh,)),
+    ]
 
 
 def truth_entries(t: float, vertices: Array, triangles: NDArray, first: bool) -> list[Entry]:

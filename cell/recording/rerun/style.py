@@ -35,6 +35,7 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
     State.PHOTOGRAPHING: _SEEING,
     State.AWAITING_GARMENT: _WAITING,
     State.LOOKING: _SEEING,
+    State.ESTIMATING: _SEEING,
     State.RECOGNISING: _SEEING,
     State.PLANNING: _THINKING,
     State.OPTIMISING: _THINKING,

@@ -314,3 +314,10 @@ def test_times_that_include_waiting_for_the_operator_are_labelled_as_cell_time(r
     text = Page(render(replace(run, robot_time_s=18.6, stage_times_s={"asking": 582.2}))).text
     assert text.count("Robot time") == 1 and "Cell time" in text and "9 min 42 s" in text
     assert "include waiting for the operator" in text
+
+
+def test_the_page_shows_what_lay_there_after_a_failure(run: RunRecord) -> None:
+    says = "the fold is half made: the left corner slipped out 40 % along the way (confidence 0.80)"
+    page = render(replace(run, estimates=(Picture(np.zeros((20, 30, 3), np.uint8), says),)))
+    assert "What lay there" in page and page.count(says) == 2  # under the picture, and as its description
+    assert "What lay there" not in render(run)

@@ -36,3 +36,11 @@ def test_the_begin_and_end_of_a_pause_between_effects_are_announced() -> None:
     assert told(PAUSED, Result(Event.RESUME, RunContext(), {"command": "resume"})) == [
         RunEvent(9.0, "command", "resume", "while paused")
     ]
+
+
+def test_the_estimated_state_of_the_garment_is_part_of_the_timeline() -> None:
+    estimating = Step(State.LOOKING, Event.TOUCHED, State.ESTIMATING, Effect.ESTIMATE)
+    says = "the garment lies as before the fold (confidence 0.97)"
+    assert told(estimating, Result(Event.DONE, RunContext(), {"says": says})) == [
+        RunEvent(9.0, "estimate", "state of the garment", says)
+    ]

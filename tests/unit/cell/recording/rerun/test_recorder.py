@@ -31,6 +31,7 @@ from cell.states.transition_table import State
 from robots.baxter.meshes import baxter_visual, visual_glb_urdf
 from robots.baxter.model import load_model
 from robots.ports import JointState, Side
+from skills.vocabulary import PredictedShape
 
 
 def rows(path: Path) -> dict[str, list[pa.RecordBatch]]:
@@ -429,3 +430,13 @@ def test_robot_meshes_keep_their_shape_and_have_no_collision_bodies():
         assert glb.is_file()
         bounds = trimesh.load_scene(glb).bounds
         np.testing.assert_allclose(bounds, trimesh.load_scene(original[glb.stem]).bounds, atol=0.004)
+
+
+def test_the_estimated_state_is_recorded_as_sentence_picture_and_shape_and_a_heap_has_no_shape():
+    triangle = PredictedShape(np.eye(3), np.array([[0, 1, 2]], np.int32), np.eye(3)[:, :2])
+    picture, says = np.zeros((20, 30, 3), np.uint8), "the fold is half made"
+    half, heap = (scene.estimate_entries(3.0, says, picture, shape) for shape in (triangle, None))
+    assert (
+        [e.path for e in half] == [e.path for e in heap] == ["log", "perception/estimate", "world/table/estimated"]
+    )
+    assert isinstance(half[2].parts[0], rerun.Mesh3D) and isinstance(heap[2].parts[0], rerun.Clear)

@@ -1,0 +1,124 @@
+"""The effect that estimates in which state of a fold the garment lies after a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cell.control.checks import stopped
+from cell.executive.effects.planning import simulated_paths
+from cell.hardware.workcell import Workcell
+from cell.states.estimate_note import EstimateNote
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import Attempt, Plan
+from cell.states.transition_table import Event
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import Array, CameraFrame
+from skills.perception.state_estimate.drawing import draw_estimate
+from skills.perception.state_estimate.estimate import StateEstimate, estimate_state
+from skills.perception.state_estimate.hypothesis import FoldState, Interruption
+from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
+from skills.perception.state_estimate.observation import Observation, observe
+from skills.perception.state_estimate.wording import describe
+from skills.vocabulary import Outcome, PredictedShape
+
+__all__ = ["estimate", "note_estimate"]
+
+SURE = 0.8
+"""Smallest confidence with which the state of the garment ends the attempt. Below it, the more probable
+of the states before and after the fold is assumed, and recognition or inspection decides whether it is true."""
+
+
+def estimate(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
+    """Estimate whether the garment lies as before the fold, half folded, as after the fold, or in a heap, and
+    choose the event: find the garment again, inspect the fold, or fail with the state in words."""
+    outcome = note_estimate(cell, context, plan, attempt, frame)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    context, found = outcome.unwrap()
+    says = context.estimates[-1].says
+    record = _record(found, says)
+    state = found.state
+    if found.confidence < SURE:  # recognition or inspection decides
+        state = max((FoldState.BEFORE, FoldState.AFTER), key=lambda s: found.probabilities[s])
+    if state is FoldState.AFTER:
+        context = context.with_attempt(replace(attempt, carried=True))
+        return Result(Event.FOLD_MADE, context, record)
+    if state is FoldState.BEFORE:
+        return Result(Event.DONE, context, record)
+    failure = Failure(
+        FailureKind.HEAPED if state is FoldState.HEAP else FailureKind.HALF_FOLDED,
+        f"fold {attempt.step.name}: {says}",
+        "lay the garment as it was before this fold (its outline is in the report), then retry",
+        {"confidence": found.confidence},
+    )
+    return Result(Event.FAILED, context.with_failure(failure), record)
+
+
+def note_estimate(
+    cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
+) -> Outcome[tuple[RunContext, StateEstimate]]:
+    """Estimate the state of the garment. Returns the context with the estimate, which is also recorded."""
+    outcome = _estimated(cell, context, plan, attempt, frame)
+    if outcome.failure:
+        return Outcome(failure=outcome.failure)
+    seen, found = outcome.unwrap()
+    hands = {posture.path: arm.value for arm, posture in attempt.motion.postures.items()}
+    says, now = describe(found, hands), cell.ports.clock.now()
+    note = EstimateNote(context.fold.index, now, says, draw_estimate(seen, found))
+    cell.recorder.estimated(now, says, note.picture, found.best.shape if found.best else None)
+    fold = replace(context.fold, estimate=found.condensed())
+    return Outcome((replace(context, fold=fold, estimates=(*context.estimates, note)), found))
+
+
+def _estimated(
+    cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
+) -> Outcome[tuple[Observation, StateEstimate]]:
+    """Compute the estimate on a worker. The simulated cell charges its time for an inspection and for each
+    simulation."""
+    sight, costs = context.sight, cell.settings.computing
+    calibration, paths = sight.calibration(cell.calibration), simulated_paths(cell, attempt.motion)
+    before = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
+    top = context.recognition.perception.top if context.recognition else 0.0
+    lift = max(top - float(plan.vertices[:, 2].min()), 0.0)
+    several_layers = any(grasp.layers > 1 for grasp in attempt.step.grasps.values())
+
+    def proceed() -> None:
+        failure = stopped(cell.ports)
+        if failure:
+            raise DriverError(failure.kind, failure.what, failure.hint)
+
+    def simulate(ways: Sequence[Interruption]) -> list[Array]:
+        return simulate_interruptions(
+            plan.mesh, plan.vertices, plan.garment.material, paths, ways, cell.grasp.grip_force, proceed
+        )
+
+    def work() -> Outcome[tuple[Observation, StateEstimate]]:
+        seen = observe(frame, calibration, cell.table, sight.reference, sight.previous, cell.perception)
+        if seen.failure:
+            return Outcome(failure=seen.failure)
+        found = estimate_state(
+            seen.unwrap(), before, attempt.predicted, list(paths), simulate, lift, several_layers
+        )
+        return Outcome((seen.unwrap(), found))
+
+    def cost(outcome: Outcome[tuple[Observation, StateEstimate]]) -> float:
+        simulations = outcome.value[1].simulations if outcome.value else 0
+        return costs.inspection_s + simulations * costs.simulation_s
+
+    return cell.compute(cost, work)
+
+
+def _record(found: StateEstimate, says: str) -> dict[str, object]:
+    """Return the figures for the journal."""
+    how = found.best.hypothesis.interruption if found.best else None
+    moved = {"drift_m": found.best.drift_m, "drift_rad": found.best.drift_rad} if found.best else {}
+    return {
+        "state": found.state.value,
+        "confidence": found.confidence,
+        "says": says,
+        "probabilities": {state.value: p for state, p in found.probabilities.items()},
+        "simulations": found.simulations,
+        "interrupted_at": how.begins if how else None,
+        **moved,
+    }

@@ -1,0 +1,56 @@
+"""The garment in one picture, reduced to what is compared with the hypotheses: its silhouette and its heights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array, frozen
+from skills.perception.monitoring.silhouette import find_silhouette, open_views
+from skills.perception.perceive import PerceptionSettings
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
+
+__all__ = ["Observation", "observe"]
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """mask: (H, W) silhouette, height: (H, W) above the table [m], NaN where unknown, rgb: (H, W, 3), all in
+    `view`'s pixels. contour: (n, 2) boundary of the silhouette [m]."""
+
+    view: TableView
+    mask: NDArray[np.bool_]
+    height: NDArray[np.float32]
+    contour: Array
+    rgb: NDArray[np.uint8]
+
+
+def observe(
+    frame: CameraFrame,
+    calibration: CameraCalibration,
+    table: Table,
+    reference: CameraFrame | None,
+    previous: CameraFrame | None = None,
+    settings: PerceptionSettings | None = None,
+) -> Outcome[Observation]:
+    """Find the garment in a picture, in whatever state it lies. reference: picture of the empty table. previous:
+    the last picture, to detect a frozen camera.
+
+    Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT or OUT_OF_VIEW.
+    """
+    settings = settings or PerceptionSettings()
+    opened = open_views(frame, calibration, table, reference, previous, settings)
+    if opened.failure is not None:
+        return Outcome(failure=opened.failure)
+    views = opened.unwrap()
+    silhouette = find_silhouette(views, settings)
+    if silhouette.failure is not None:
+        return Outcome(failure=silhouette.failure)
+    found = silhouette.unwrap()
+    contour = frozen(views.view.to_table(found.contour))
+    return Outcome(
+        Observation(views.view, frozen(found.mask), frozen(views.height), contour, frozen(views.seen.rgb))
+    )
