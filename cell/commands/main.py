@@ -28,6 +28,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "calibrate": ("calibrate.actions", "measure a property of the cell or a fabric and write it to a file"),
     "garment": ("garment.actions", "list, show, check and make garment files"),
     "runs": ("history.runs", "list the runs in the journal and how each ended"),
+    "dashboard": ("history.dashboard", "serve a page with all runs and campaigns, and two runs side by side"),
     "tidy": ("history.tidy", "remove old recordings to free disk space; reports and the journal stay"),
     "report": ("history.report", "show the effects of a run and the path of its report page"),
     "compare": ("history.compare", "compare two campaigns on the same seeds, or two runs"),

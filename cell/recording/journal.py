@@ -117,14 +117,17 @@ class Journal:
         self._mutex = threading.RLock()
 
     @classmethod
-    def open(cls, path: Path, readonly: bool = False) -> Self:
+    def open(cls, path: Path, readonly: bool = False, traceless: bool = False) -> Self:
         """Open the journal. Create it if it is missing, unless `readonly`.
+
+        traceless: with `readonly`, leave no file of SQLite beside a journal that nobody writes now. Only for one
+        short reading: a process that begins to write meanwhile is not noticed.
 
         Raises StorageError if it cannot be read or written, is no journal, or was written by a newer version.
         A file of another program is never changed.
         """
         try:
-            connection = _connect_readonly(path) if readonly else _connect(path)
+            connection = _connect_readonly(path, traceless) if readonly else _connect(path)
         except sqlite3.Error as e:
             raise _storage_error(path, e) from e
         return cls(path, connection, readonly)
@@ -423,14 +426,16 @@ def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
         raise
 
 
-def _connect_readonly(path: Path) -> sqlite3.Connection:
+def _connect_readonly(path: Path, traceless: bool) -> sqlite3.Connection:
     """Connect for reading only. This also works in a read-only folder, where SQLite cannot create WAL files."""
     if not path.is_file():
         raise StorageError(f"there is no journal {path}", "this logs folder has no run yet", path=str(path))
     wal = path.with_name(path.name + "-wal")
-    modes = ["mode=ro"]
-    if not wal.exists() or wal.stat().st_size == 0:
-        modes.append("mode=ro&immutable=1")  # without a WAL the main file is complete
+    modes, immutable = ["mode=ro"], "mode=ro&immutable=1"
+    if traceless and not wal.exists():
+        modes = [immutable]
+    elif not wal.exists() or wal.stat().st_size == 0:
+        modes.append(immutable)  # without a WAL the main file is complete
     for i, mode in enumerate(modes):
         connection = sqlite3.connect(
             f"{path.absolute().as_uri()}?{mode}",

@@ -1,0 +1,252 @@
+"""Read all runs and campaigns of a logs folder, without changing anything in it.
+
+Files that have not changed since they were read are not read again. A run or campaign that cannot be read is an
+entry that says so; it never hides the others.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cell.campaigns.dashboard.entries import DAMAGED, CampaignEntry, LogsContent, RunEntry, mapping, run_entry
+from cell.campaigns.faults.results import PAGE as FAULTS_PAGE
+from cell.campaigns.page.campaign_page import PAGE as CAMPAIGN_PAGE
+from cell.campaigns.trials.campaign import TrialRequest
+from cell.campaigns.trials.store import CampaignFolder, is_campaign
+from cell.campaigns.trials.trial import MANIFEST, TRIAL, Trial, load_trial
+from cell.recording.journal import NOT_BEGUN, Journal
+from cell.support.files.paths import journal_path
+from robots.errors import CellError
+
+__all__ = ["RESULT", "History"]
+
+RESULT = "result.json"
+RUN_NAME = re.compile(r"(\d{8}T\d{6}Z)-")
+"""Beginning of the name of a run's folder: the time (UTC) at which the run began."""
+LEAST_AGE_S = 1.0
+"""The folder is not read again within this time [s]."""
+UNFINISHED = {"running", "interrupted", DAMAGED, NOT_BEGUN}
+
+Signature = tuple[tuple[int, int] | None, ...]
+
+
+class History:
+    """The content of a logs folder. Thread-safe."""
+
+    def __init__(self, logs: Path) -> None:
+        self.logs = logs
+        self._kept: dict[Path, tuple[Signature, Any]] = {}
+        self._content: tuple[float, LogsContent] | None = None
+        self._mutex = threading.Lock()
+
+    def read(self) -> LogsContent:
+        """Return the present content of the folder, at most LEAST_AGE_S old."""
+        with self._mutex:
+            if self._content is None or time.monotonic() - self._content[0] > LEAST_AGE_S:
+                content = self._read()
+                self._content = time.monotonic(), content
+            return self._content[1]
+
+    def _read(self) -> LogsContent:
+        runs: list[RunEntry] = []
+        campaigns: list[CampaignEntry] = []
+        own, notices = self._journal(self.logs, "")
+        runs += own
+        known = {run.folder.name for run in own}
+        try:
+            folders = sorted(
+                Path(e.path)
+                for e in os.scandir(self.logs)
+                if e.name not in known and e.is_dir(follow_symlinks=False)
+            )
+        except OSError as e:
+            return LogsContent(runs, (), [*notices, f"the logs folder {self.logs} cannot be read: {e.strerror}"])
+        for folder in folders:
+            if RUN_NAME.match(folder.name):
+                runs.append(self._unlisted(folder, ""))
+            elif is_campaign(folder):
+                campaign, own, more = self._campaign(folder)
+                campaigns.append(campaign)
+                runs += own
+                notices += more
+            else:
+                own, more = self._runs_below(folder)
+                runs += own
+                notices += more
+                if own:
+                    campaigns.append(_folder_entry(folder, own))
+        runs.sort(key=lambda run: (run.started or 0.0, run.key), reverse=True)
+        campaigns.sort(key=lambda c: (c.begun, c.name), reverse=True)
+        return LogsContent(tuple(runs), tuple(campaigns), tuple(notices))
+
+    def _journal(self, folder: Path, campaign: str, variant: str = "") -> tuple[list[RunEntry], list[str]]:
+        """Return the runs of the journal in `folder`, with the run folders that the journal does not name if it
+        cannot be read."""
+        path = journal_path(folder)
+        if not path.is_file():
+            return [], []
+        try:
+            return self._unchanged(
+                path,
+                lambda: self._journal_runs(path, campaign, variant),
+                keep=lambda runs: all(run.status != "running" for run in runs),
+            ), []
+        except (CellError, ValueError, LookupError, TypeError) as e:
+            return [], [e.what if isinstance(e, CellError) else f"the journal {path} is damaged: {e}"]
+
+    def _journal_runs(self, path: Path, campaign: str, variant: str) -> list[RunEntry]:
+        with Journal.open(path, readonly=True, traceless=True) as journal:
+            records = journal.runs()
+        return [
+            run_entry(
+                self.logs, r.directory, r.status, mapping(r.summary), garment=r.garment, seed=r.seed,
+                driver=r.driver, started=r.started, campaign=campaign, variant=variant,
+            )
+            for r in records
+        ]  # fmt: skip
+
+    def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
+        """Return the entry of a run's folder that no journal names, with what its result file says."""
+        found = mapping(self._unchanged(folder / RESULT, lambda: _json(folder / RESULT)))
+        seed = found.get("seed")
+        return run_entry(
+            self.logs, folder, DAMAGED, found, garment=found.get("garment") or _garment(folder),
+            seed=seed if isinstance(seed, int) else None, driver=found.get("driver") or "",
+            started=_stamp(folder), campaign=campaign, damage=damage,
+        )  # fmt: skip
+
+    def _runs_below(self, folder: Path) -> tuple[list[RunEntry], list[str]]:
+        """Return the runs of a folder that is no campaign (scripted runs, endurance) or a damaged one."""
+        runs, notices = self._journal(folder, folder.name)
+        known = {run.folder for run in runs}
+        for path in _folders(folder):
+            if RUN_NAME.match(path.name):
+                runs += [] if path in known else [self._unlisted(path, folder.name)]
+                continue
+            for place in (path, *(p for p in _folders(path) if not RUN_NAME.match(p.name))):
+                own, more = self._journal(place, folder.name)
+                runs = [*runs, *own]
+                notices += more
+        return runs, notices
+
+    def _campaign(self, folder: Path) -> tuple[CampaignEntry, list[RunEntry], list[str]]:
+        manifest = folder / MANIFEST
+        try:
+            campaign, begun = self._unchanged(manifest, lambda: _opened(folder))
+        except (CellError, ValueError, LookupError, TypeError) as e:
+            damage = e.what if isinstance(e, CellError) else f"{manifest} is damaged: {e}"
+            runs, notices = self._runs_below(folder)
+            return _folder_entry(folder, runs, damage), runs, notices
+        runs, notices, finished = [], [], 0
+        for request in campaign.campaign.requests:
+            own, more, done = self._trial(campaign, request)
+            runs += own
+            notices += more
+            finished += done
+        entry = CampaignEntry(
+            folder.name, campaign.campaign.about, begun, len(campaign.campaign.requests), finished,
+            sum(run.verdict == "folded" for run in runs), _pages(folder),
+        )  # fmt: skip
+        return entry, runs, notices
+
+    def _trial(self, campaign: CampaignFolder, request: TrialRequest) -> tuple[list[RunEntry], list[str], bool]:
+        """Return the runs of one request, what could not be read, and whether the request is finished."""
+        folder = campaign.folder(request)
+        path = folder / TRIAL
+        entry = self._unchanged(path, lambda: self._finished_trial(campaign.path.name, folder, request))
+        if entry is not None:
+            return [entry], [], True
+        runs, notices = self._journal(folder, campaign.path.name, request.variant)
+        if path.is_file():
+            notices.append(f"{path} is damaged, or belongs to another request")
+        return runs, notices, False
+
+    def _finished_trial(self, campaign: str, folder: Path, request: TrialRequest) -> RunEntry | None:
+        done = load_trial(folder, request)
+        if done is None or not isinstance(done.get("figures"), Mapping | None):
+            return None
+        trial = Trial(request, done.get("figures"), str(done.get("error") or ""))
+        figures = mapping(trial.figures)
+        # the campaign may have been moved since: only the last part of the stored path is used
+        place = folder / Path(str(figures.get("run_dir") or "")).name
+        reason = {} if trial.figures else {"reason": {"what": trial.error or "the run has no figures"}}
+        return run_entry(
+            self.logs, place, trial.result, {**figures, **reason}, garment=request.garment, seed=request.seed,
+            driver=request.driver, started=_stamp(place), campaign=campaign, variant=request.variant,
+        )  # fmt: skip
+
+    def _unchanged(self, path: Path, read: Callable[[], Any], keep: Callable[[Any], bool] | None = None) -> Any:
+        """Return what `read` made of the file, from memory if the file has not changed since. keep: whether the
+        value may be kept."""
+        signature = tuple(_file_signature(p) for p in (path, path.with_name(path.name + "-wal")))
+        kept = self._kept.get(path)
+        if kept is not None and kept[0] == signature:
+            return kept[1]
+        value = read()
+        if signature[0] is not None and (keep is None or keep(value)):
+            self._kept[path] = signature, value
+        else:
+            self._kept.pop(path, None)
+        return value
+
+
+def _opened(folder: Path) -> tuple[CampaignFolder, str]:
+    campaign = CampaignFolder.open(folder)
+    return campaign, str(campaign.origin["begun"] or "")
+
+
+def _folder_entry(folder: Path, runs: Sequence[RunEntry], damage: str = "") -> CampaignEntry:
+    began = min((run.started for run in runs if run.started is not None), default=None)
+    begun = "" if began is None else datetime.fromtimestamp(began, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    finished = sum(run.status not in UNFINISHED for run in runs)
+    about = "scripted runs" if folder.name.startswith("hil-") else ""
+    folded = sum(run.verdict == "folded" for run in runs)
+    return CampaignEntry(folder.name, about, begun, len(runs), finished, folded, _pages(folder), damage)
+
+
+def _pages(folder: Path) -> tuple[str, ...]:
+    return tuple(name for name in (CAMPAIGN_PAGE, FAULTS_PAGE) if (folder / name).is_file())
+
+
+def _folders(folder: Path) -> Iterator[Path]:
+    try:
+        yield from sorted(Path(entry.path) for entry in os.scandir(folder) if entry.is_dir(follow_symlinks=False))
+    except OSError:
+        return
+
+
+def _file_signature(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def _json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _stamp(folder: Path) -> float | None:
+    """Return the time at which the run began, from its folder's name [s since 1970]."""
+    found = RUN_NAME.match(folder.name)
+    try:
+        return datetime.strptime(found[1], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).timestamp() if found else None
+    except ValueError:
+        return None
+
+
+def _garment(folder: Path) -> str:
+    """Return the garment in the name of a run's folder: `20261120T235416Z-medium_towel-seed3`."""
+    return re.sub(r"-seed\d+(-\d+)?$", "", RUN_NAME.sub("", folder.name))

@@ -1,0 +1,72 @@
+"""Which runs the dashboard lists, and which page of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+from urllib.parse import urlencode
+
+from cell.campaigns.dashboard.entries import DAMAGED, RunEntry
+
+__all__ = ["PAGE_LENGTH", "RunFilter", "page_of"]
+
+PAGE_LENGTH = 50
+NO_CAMPAIGN = "-"
+"""In place of a campaign's name: runs by themselves."""
+
+
+@dataclass(frozen=True)
+class RunFilter:
+    """Conditions that a listed run meets, all of them. An empty condition is met by every run. text: words that
+    all occur in the run's texts. chosen: key of the run to which a second one is being chosen; page: from 1."""
+
+    garment: str = ""
+    result: str = ""
+    failure: str = ""
+    campaign: str = ""
+    text: str = ""
+    chosen: str = ""
+    page: int = 1
+
+    @classmethod
+    def of_query(cls, query: Mapping[str, str]) -> RunFilter:
+        """Read the conditions of an address. A page that is no number counts as the first."""
+        number = query.get("page", "")
+        page = int(number) if number.isascii() and number.isdecimal() and len(number) < 10 else 1
+        texts = {f.name: query.get(f.name, "").strip() for f in fields(cls) if f.name != "page"}
+        return cls(**texts, page=max(page, 1))
+
+    def selected(self, runs: Sequence[RunEntry]) -> list[RunEntry]:
+        return [run for run in runs if self._meets(run)]
+
+    def results(self, runs: Sequence[RunEntry]) -> list[tuple[str, int]]:
+        """Return the results of the runs that meet the other conditions, with their numbers, in falling order."""
+        others = replace(self, result="").selected(runs)
+        counts = Counter(run.verdict for run in others)
+        if damaged := sum(bool(run.damage) for run in others):
+            counts[DAMAGED] = damaged
+        return counts.most_common()
+
+    def query(self, **changes: Any) -> str:
+        """Return the address's query, with changes. Other conditions lead to the first page again."""
+        changed = replace(self, **{"page": 1, **changes})
+        stated = {f.name: getattr(changed, f.name) for f in fields(self)}
+        return urlencode({k: v for k, v in stated.items() if v not in ("", 1)})
+
+    def _meets(self, run: RunEntry) -> bool:
+        return (
+            self.garment in ("", run.garment)
+            and (self.result in ("", run.verdict) or (self.result == DAMAGED and bool(run.damage)))
+            and self.failure in ("", run.failure)
+            and (not self.campaign or (run.campaign or NO_CAMPAIGN) == self.campaign)
+            and all(word in run.text for word in self.text.replace("_", " ").lower().split())
+        )
+
+
+def page_of(runs: Sequence[RunEntry], page: int) -> tuple[Sequence[RunEntry], int, int]:
+    """Return the runs of a page, its number (the last page if there are fewer) and the number of pages."""
+    pages = max(1, -(-len(runs) // PAGE_LENGTH))
+    page = min(page, pages)
+    return runs[(page - 1) * PAGE_LENGTH : page * PAGE_LENGTH], page, pages

@@ -1,0 +1,149 @@
+"""Serve the history of a logs folder on this machine.
+
+Access requires the address, which contains a secret made for this server. The pages have no scripts and load
+nothing from elsewhere. Nothing in the folder is changed, so that a cell may run in it meanwhile.
+"""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, urlencode
+
+import jinja2
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, Response
+from starlette.routing import Route
+
+from cell.campaigns.dashboard.comparison import compare_runs
+from cell.campaigns.dashboard.entries import RunEntry
+from cell.campaigns.dashboard.figure_texts import figure_text, value_text
+from cell.campaigns.dashboard.history import History
+from cell.campaigns.dashboard.run_filter import RunFilter, page_of
+from cell.campaigns.dashboard.served_files import served_file
+from robots.errors import StorageError
+
+__all__ = ["served_history"]
+
+HOSTS = ["127.0.0.1", "localhost"]
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:;"
+    " media-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+}
+REPORT, LAST_PICTURE = "report.html", "last.jpg"
+START_S = 10.0
+
+
+@contextmanager
+def served_history(logs: Path, listener: socket.socket) -> Iterator[str]:
+    """Serve the pages for the duration of the context. Yields their address.
+
+    listener: from `open_listener`, closed at the end. Raises StorageError if the pages cannot be served.
+    """
+    secret = secrets.token_urlsafe(16)
+    app = _Pages(logs).app(secret)
+    config = uvicorn.Config(app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, args=([listener],), name="dashboard", daemon=True)
+    thread.start()
+    try:
+        deadline = time.monotonic() + START_S
+        while not server.started:
+            if not thread.is_alive() or time.monotonic() > deadline:
+                raise StorageError("the dashboard cannot be served", "choose another --port, or 0")
+            time.sleep(0.01)
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}/{secret}/"
+    finally:
+        server.should_exit = True
+        thread.join(3.0)
+        listener.close()
+
+
+class _Pages:
+    """Answers on three routes: the list, two runs side by side, and the files of the logs folder."""
+
+    def __init__(self, logs: Path) -> None:
+        self._logs = logs
+        self._history = History(logs)
+        self._templates = jinja2.Environment(
+            loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True,
+            undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        )  # fmt: skip
+        self._templates.filters |= {
+            "path": quote, "words": lambda text: text.replace("_", " "), "when": _when, "figure": figure_text,
+            "value": value_text,
+        }  # fmt: skip
+
+    def app(self, secret: str) -> Starlette:
+        routes = [
+            Route(f"/{secret}/", self.runs),
+            Route(f"/{secret}/compare", self.compare),
+            Route(f"/{secret}/files/{{path:path}}", self.file),
+        ]
+        return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
+
+    # Starlette runs these functions in its worker threads, because they are not coroutines.
+
+    def runs(self, request: Request) -> Response:
+        content, wanted = self._history.read(), RunFilter.of_query(request.query_params)
+        selected = wanted.selected(content.runs)
+        shown, page, pages = page_of(selected, wanted.page)
+        return self._page(
+            "runs.html", logs=str(self._logs), content=content, wanted=wanted,
+            chosen=content.by_key.get(wanted.chosen),
+            results=wanted.results(content.runs), garments=_several(r.garment for r in content.runs),
+            failures=_several(r.failure for r in content.runs), names=_several(r.campaign for r in content.runs),
+            runs=[(run, self._has(run, REPORT), self._has(run, LAST_PICTURE)) for run in shown],
+            found=len(selected), page=page, pages=pages, read_at=time.time(), pair=_pair,
+        )  # fmt: skip
+
+    def compare(self, request: Request) -> Response:
+        by_key = self._history.read().by_key
+        names = [request.query_params.get(name, "") for name in ("first", "second")]
+        found = [by_key.get(name) for name in names]
+        if found[0] is None or found[1] is None:
+            missing = [name for name, run in zip(names, found, strict=True) if run is None]
+            return self._page("missing.html", status=404, missing=missing)
+        first, second = found[0], found[1]
+        return self._page(
+            "comparison.html", first=first, second=second, comparison=compare_runs(first, second), pair=_pair,
+            reports=[self._has(run, REPORT) for run in (first, second)],
+        )  # fmt: skip
+
+    def file(self, request: Request) -> Response:
+        found = served_file(self._logs, request.path_params["path"])
+        if found is None:
+            return Response("there is no such file, or it is not handed out\n", 404, HEADERS, "text/plain")
+        return FileResponse(found, headers=HEADERS)
+
+    def _has(self, run: RunEntry, name: str) -> bool:
+        return (run.folder / name).is_file()
+
+    def _page(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
+        return HTMLResponse(self._templates.get_template(template).render(values), status, HEADERS)
+
+
+def _several(names: Iterator[str]) -> list[str]:
+    return sorted({name for name in names if name})
+
+
+def _pair(first: RunEntry, second: RunEntry) -> str:
+    return urlencode({"first": first.key, "second": second.key})
+
+
+def _when(started: float | None, layout: str = "%Y-%m-%d %H:%M:%S") -> str:
+    return "" if started is None else time.strftime(layout, time.localtime(started))

@@ -1,0 +1,40 @@
+"""`foldcell dashboard`: serves a page with all runs and campaigns of a logs folder, until it is interrupted."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+
+from cell.commands.options import json_option, logs_option, port
+from cell.commands.output import print_json
+from cell.support.files.paths import logs_directory
+from robots.errors import StorageError
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.set_defaults(run=run)
+    logs_option(parser)
+    parser.add_argument("--port", type=port, default=0, metavar="N", help="port of the page (a free one)")
+    json_option(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the page's address and serve the page until a signal ends the command. Raises StorageError if there is
+    no such folder or the port is in use."""
+    from cell.campaigns.dashboard.server import served_history
+    from cell.operator.console.server import open_listener
+
+    logs = logs_directory(options.logs)
+    if not logs.is_dir():
+        raise StorageError(
+            f"there is no logs folder {logs}", "foldcell fold makes one; or name another: --logs DIR"
+        )
+    with served_history(logs, open_listener(options.port)) as address:
+        if options.json:
+            print_json({"logs": str(logs), "address": address})
+        else:
+            print(f"history of {logs}\npage     {address}\nCtrl-C ends it", flush=True)
+        threading.Event().wait()
+    return 0
