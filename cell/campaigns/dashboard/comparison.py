@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.campaigns.dashboard.entries import RunEntry, mapping
-from cell.campaigns.dashboard.figure_texts import figure_text, times_text, value_text
+from cell.campaigns.dashboard.figure_texts import figure_text, value_text
 from cell.campaigns.dashboard.history import RESULT
 from cell.campaigns.trials.trial import TRIAL
 from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS
@@ -19,22 +19,37 @@ from cell.runs.run_difference import RunDifference, run_difference
 from cell.support.files.paths import journal_path
 from robots.errors import CellError
 
-__all__ = ["Comparison", "PicturePair", "Row", "compare_runs"]
+__all__ = ["Comparison", "PicturePair", "Row", "Value", "compare_runs"]
 
 PICTURES = {"last.jpg": "the last picture", "fold.png": "key frames of the folds", "pressing.png": "pressing"}
 
 
 @dataclass(frozen=True)
+class Value:
+    """A value as text; empty if the run does not have it. measured: it differs between any two runs; bad: it is a
+    refusal, or beyond its limit."""
+
+    text: str = ""
+    measured: bool = False
+    bad: bool = False
+
+
+Values = Iterator[tuple[str, Value]]
+"""Values with their names."""
+
+
+@dataclass(frozen=True)
 class Row:
-    """A figure of both runs as text; empty if a run does not have it."""
+    """The same value of both runs."""
 
     name: str
-    first: str
-    second: str
+    first: Value
+    second: Value
 
     @property
     def differs(self) -> bool:
-        return self.first != self.second
+        """Whether the difference tells the runs apart: two measured figures are never quite the same."""
+        return self.first.text != self.second.text and not (self.first.measured and self.second.measured)
 
 
 @dataclass(frozen=True)
@@ -114,80 +129,85 @@ def _figures_of_files(folder: Path) -> Mapping[str, Any]:
     return {}
 
 
-def _rows(a: _Loaded, b: _Loaded, figures: Callable[[_Loaded], Iterator[tuple[str, str]]]) -> tuple[Row, ...]:
-    first, second = dict(figures(a)), dict(figures(b))
-    names = [*first, *(name for name in second if name not in first)]
-    return tuple(Row(name, first.get(name, ""), second.get(name, "")) for name in names)
+def _rows(a: _Loaded, b: _Loaded, values: Callable[[_Loaded], Values]) -> tuple[Row, ...]:
+    first, second = dict(values(a)), dict(values(b))
+    rows = (Row(name, first.get(name, Value()), second.get(name, Value())) for name in {**first, **second})
+    return tuple(row for row in rows if row.first.text or row.second.text)
 
 
-def _result(run: _Loaded) -> Iterator[tuple[str, str]]:
+def _result(run: _Loaded) -> Values:
     entry = run.entry
-    yield "result", entry.verdict.replace("_", " ")
-    yield "garment", entry.garment
-    yield "seed", "" if entry.seed is None else str(entry.seed)
-    yield "driver", " ".join(filter(None, (entry.driver, str(run.figures.get("world") or ""))))
-    yield "failure", entry.failure.replace("_", " ")
-    yield "reason", entry.reason
-    yield "robot time", figure_text("robot_time_s", entry.robot_time_s)
-    yield "wall time", figure_text("wall_time_s", entry.wall_time_s)
-    yield "continues", str(run.figures.get("resumed_from") or "")
+    yield "result", Value(entry.verdict.replace("_", " "))
+    yield "garment", Value(entry.garment.replace("_", " "))
+    yield "seed", Value("" if entry.seed is None else str(entry.seed))
+    yield "driver", Value(" ".join(filter(None, (entry.driver, str(run.figures.get("world") or "")))))
+    yield "failure", Value(entry.failure.replace("_", " "))
+    yield "reason", Value(entry.reason)
+    for name in ("robot_time_s", "wall_time_s"):
+        yield _name(name), _figure(name, getattr(entry, name))
+    yield "continues", Value(str(run.figures.get("resumed_from") or ""))
 
 
-def _claim(run: _Loaded) -> Iterator[tuple[str, str]]:
+def _claim(run: _Loaded) -> Values:
     claim = mapping(run.figures.get("claim"))
     if not claim:
         return
-    yield "in words", str(claim.get("says") or "")
-    yield "shape", value_text(claim.get("shape"))
-    yield "flat", value_text(claim.get("flat"))
-    yield "reliability", figure_text("reliability", claim.get("reliability"))
+    yield "in words", Value(str(claim.get("says") or ""), measured=True)
+    yield from ((name, _answer(claim.get(name))) for name in ("shape", "flat"))
+    yield "reliability", _figure("reliability", claim.get("reliability"))
     for name, limit in (("height_m", "height_limit_m"), ("crease_height_m", "crease_height_limit_m")):
-        yield _name(name), _limited(name, claim.get(name), claim.get(limit))
-    for name in ("target_iou", "drift_m", "drift_rad"):
-        yield _name(name), figure_text(name, claim.get(name))
+        yield _name(name), _figure(name, claim.get(name), claim.get(limit))
+    yield from ((_name(name), _figure(name, claim.get(name))) for name in ("target_iou", "drift_m", "drift_rad"))
 
 
-def _score(run: _Loaded) -> Iterator[tuple[str, str]]:
+def _score(run: _Loaded) -> Values:
     score = mapping(run.figures.get("score"))
-    if not score:
-        return
-    for name in ("passed", "shape", "flat"):
-        yield name, value_text(score.get(name))
+    yield from ((name, _answer(score.get(name))) for name in ("passed", "shape", "flat"))
     for name, limit in mapping(score.get("limits")).items():
-        yield _name(name), _limited(name, score.get(name), limit)
+        yield _name(name), _figure(name, score.get(name), limit)
 
 
-def _folds(run: _Loaded) -> Iterator[tuple[str, str]]:
+def _folds(run: _Loaded) -> Values:
     steps = run.figures.get("steps")
     for number, step in enumerate(steps if isinstance(steps, Sequence) else (), 1):
         fold = mapping(step)
-        parts = [
-            "accepted" if fold.get("accepted") else "made, not accepted" if fold.get("done") else "not made",
-            f"arc from {fold['source']}" if fold.get("source") else "",
-            times_text(fold.get("attempts"), "grasp"),
-            *(
-                f"{word} {figure_text(name, fold.get(name))}"
-                for name, word in (("observed_iou", "IoU"), ("observed_height_m", "height"), ("drift_m", "drift"))
-                if fold.get(name) is not None
-            ),
-        ]
+        title = f"{number}. {str(fold.get('name') or 'fold').replace('_', ' ')}"
+        accepted, done = fold.get("accepted") is True, fold.get("done") is True
+        yield (
+            title,
+            Value("accepted" if accepted else "made, not accepted" if done else "not made", bad=not accepted),
+        )
+        yield f"{title}: arc from", Value(str(fold.get("source") or ""))
+        yield f"{title}: grasps", Value(value_text(fold.get("attempts")))
         recoveries = fold.get("recoveries")
-        done = [str(r).replace("_", " ") for r in recoveries] if isinstance(recoveries, Sequence) else []
-        name = f"{number}. {str(fold.get('name') or 'fold').replace('_', ' ')}"
-        yield name, ", ".join(filter(None, parts))
-        yield f"{name}: recoveries", "; ".join(done)
+        done_about = recoveries if isinstance(recoveries, list | tuple) else ()
+        yield f"{title}: recoveries", Value("; ".join(str(r).replace("_", " ") for r in done_about))
+        for name, words in (("observed_iou", "IoU"), ("observed_height_m", "height"), ("drift_m", "drift")):
+            yield f"{title}: {words}", _figure(name, fold.get(name))
+
+
+def _answer(value: Any) -> Value:
+    return Value(value_text(value), bad=value is False)
+
+
+def _figure(name: str, value: Any, limit: Any = None) -> Value:
+    """Return a measured figure, with its limit if it has one. For `iou` the limit is a minimum."""
+    text = figure_text(name, value)
+    if not text or not _is_number(value) or not _is_number(limit):
+        return Value(text, measured=True)
+    least = name == "iou"
+    beyond = value < limit if least else value > limit
+    return Value(f"{text} ({'at least' if least else 'at most'} {figure_text(name, limit)})", True, beyond)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _name(key: str) -> str:
     if key == "drift_rad":
         return "rotation"
-    return key.removesuffix("_m").replace("_", " ").replace("iou", "IoU")
-
-
-def _limited(name: str, value: Any, limit: Any) -> str:
-    if value is None or limit is None:
-        return figure_text(name, value)
-    return f"{figure_text(name, value)} ({'at least' if name == 'iou' else 'at most'} {figure_text(name, limit)})"
+    return key.removesuffix("_m").removesuffix("_s").replace("_", " ").replace("iou", "IoU")
 
 
 def _pictures(first: RunEntry, second: RunEntry) -> Iterator[PicturePair]:

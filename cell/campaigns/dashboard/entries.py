@@ -46,8 +46,7 @@ class RunEntry:
     @cached_property
     def text(self) -> str:
         """Everything in which a reader may search, in lower case."""
-        seed = "" if self.seed is None else f"seed {self.seed} seed{self.seed}"
-        parts = (self.key, self.garment, seed, self.driver, self.verdict, self.failure, self.reason, self.variant)
+        parts = (self.key, self.garment, self.driver, self.verdict, self.failure, self.reason, self.variant)
         return " ".join((*parts, *self.failed, self.damage)).replace("_", " ").lower()
 
 
@@ -123,7 +122,7 @@ def run_entry(
 
 def _failed(score: Mapping[str, Any]) -> tuple[str, ...]:
     try:
-        return tuple(failed_figures(score))
+        return tuple(dict.fromkeys(failed_figures(score)))  # drift is named twice: as a way and as an angle
     except (TypeError, AttributeError, LookupError):
         return ()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["figure_text", "times_text", "value_text"]
+__all__ = ["figure_text", "value_text"]
 
 LONGEST = 120
 """Longest text of a value of unknown kind [characters]."""
@@ -35,10 +35,3 @@ def value_text(value: Any) -> str:
         return "yes" if value else "no"
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
-
-
-def times_text(count: Any, word: str) -> str:
-    """Return for example `1 grasp` or `3 grasps`; empty if the count is missing."""
-    if not isinstance(count, int) or isinstance(count, bool):
-        return ""
-    return f"{count} {word}" + ("" if count == 1 else "s")

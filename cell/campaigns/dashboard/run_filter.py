@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -20,7 +21,7 @@ NO_CAMPAIGN = "-"
 @dataclass(frozen=True)
 class RunFilter:
     """Conditions that a listed run meets, all of them. An empty condition is met by every run. text: words that
-    all occur in the run's texts. chosen: key of the run to which a second one is being chosen; page: from 1."""
+    all occur in the run's texts; `seed 3` means this seed. chosen: key of the run to which a second one is being chosen; page: from 1."""
 
     garment: str = ""
     result: str = ""
@@ -61,8 +62,18 @@ class RunFilter:
             and (self.result in ("", run.verdict) or (self.result == DAMAGED and bool(run.damage)))
             and self.failure in ("", run.failure)
             and (not self.campaign or (run.campaign or NO_CAMPAIGN) == self.campaign)
-            and all(word in run.text for word in self.text.replace("_", " ").lower().split())
+            and all(_occurs(word, run) for word in _words(self.text))
         )
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a search. `seed 3` is one word, so that it does not find every 3."""
+    return re.sub(r"\bseed\s+(?=\d)", "seed", text.replace("_", " ").lower()).split()
+
+
+def _occurs(word: str, run: RunEntry) -> bool:
+    number = re.fullmatch(r"seed(\d{1,10})", word)
+    return run.seed == int(number[1]) if number else word in run.text
 
 
 def page_of(runs: Sequence[RunEntry], page: int) -> tuple[Sequence[RunEntry], int, int]:
