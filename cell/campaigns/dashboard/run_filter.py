@@ -21,7 +21,8 @@ NO_CAMPAIGN = "-"
 @dataclass(frozen=True)
 class RunFilter:
     """Conditions that a listed run meets, all of them. An empty condition is met by every run. text: words that
-    all occur in the run's texts; `seed 3` means this seed. chosen: key of the run to which a second one is being chosen; page: from 1."""
+    all occur in the run's texts, where `seed 3` means this seed. chosen: key of the run to which a second one is
+    being chosen; page: from 1."""
 
     garment: str = ""
     result: str = ""

@@ -73,7 +73,7 @@ def open_listener(port: int = 0) -> socket.socket:
     except OSError as e:
         listener.close()
         raise StorageError(
-            f"the operator's page cannot be served on port {port}: {e.strerror}", "choose another port, or 0"
+            f"the page cannot be served on port {port}: {e.strerror}", "choose another port, or 0"
         ) from e
     return listener
 

@@ -64,6 +64,21 @@ def test_a_run_reads_back_as_written(tmp_path: Path) -> None:
     assert record.directory == tmp_path / run.id and record.directory.is_dir()
 
 
+def test_a_traceless_reading_leaves_no_file_and_sees_what_others_write(tmp_path: Path) -> None:
+    journal, run = begin(tmp_path)
+    run.event(1.0, "idle", "while it is written")
+    with Journal.open(journal.path, readonly=True, traceless=True) as reader:
+        assert [e.name for e in reader.entries(run.id)] == ["while it is written"]
+    run.end("folded")
+    journal.close()
+    before = sorted(p.name for p in tmp_path.iterdir())
+    assert "journal.db-wal" not in before
+    with Journal.open(journal.path, readonly=True, traceless=True) as reader:
+        assert reader.run("last").status == "folded"
+        assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
 def test_a_run_is_running_until_it_ends(tmp_path: Path) -> None:
     journal, run = begin(tmp_path)
     assert journal.run("last").status == "running"
