@@ -116,7 +116,9 @@ class History:
     def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
         """Return the entry of a run's folder that no journal names, with what its result file says."""
         found = mapping(self._unchanged(folder / RESULT, lambda: _json(folder / RESULT)))
-        seed = found.get("seed")
+        seed, result = found.get("seed"), found.get("result")
+        if isinstance(result, str):
+            damage += f"; its {RESULT} says {result.replace('_', ' ')}"
         return run_entry(
             self.logs, folder, DAMAGED, found, garment=found.get("garment") or _garment(folder),
             seed=seed if isinstance(seed, int) else None, driver=found.get("driver") or "",

@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from cell.operator.console.server import open_listener
 from cell.recording.journal import Journal
 from tests.builders.campaigns import figures, trials_campaign
 
-FAILURE = {"failure": {"kind": "too_high", "what": "folded, but stands 31 mm high", "hint": ""}}
+FAILURE: dict[str, Any] = {"failure": {"kind": "too_high", "what": "folded, but stands 31 mm high", "hint": ""}}
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,9 @@ def test_each_result_states_how_many_runs_meet_the_other_conditions(dashboard: D
 def test_many_runs_are_shown_in_pages(dashboard: Dashboard) -> None:
     with Journal.open(dashboard.logs / "journal.db") as journal:
         for seed in range(120):
-            journal.begin_run(
-                garment="towel", seed=seed, driver="sim", wall_clock=lambda seed=seed: 1e9 + seed
-            ).end("folded")
+            journal.begin_run(garment="towel", seed=seed, driver="sim", wall_clock=partial(float, 1e9 + seed)).end(
+                "folded"
+            )
     shown = []
     for page in ("1", "2", "3"):
         text = dashboard.get(page=page)
@@ -315,6 +316,7 @@ def test_a_damaged_journal_hides_neither_its_runs_nor_campaigns(dashboard: Dashb
     (dashboard.logs / "journal.db").write_bytes(content)
     text = dashboard.get()
     assert 'class="notice"' in text and "journal.db" in text
+    assert "the journal has no such run; its result.json says folded" in text
     assert len(rows(text)) == 2 and f"files/{run.name}/report.html" in links(text)
 
 
