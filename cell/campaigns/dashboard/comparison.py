@@ -140,7 +140,8 @@ def _result(run: _Loaded) -> Values:
     yield "result", Value(entry.verdict.replace("_", " "))
     yield "garment", Value(entry.garment.replace("_", " "))
     yield "seed", Value("" if entry.seed is None else str(entry.seed))
-    yield "driver", Value(" ".join(filter(None, (entry.driver, str(run.figures.get("world") or "")))))
+    driver = (entry.driver, str(run.figures.get("world") or ""), "(simulated)" if entry.simulated else "")
+    yield "driver", Value(" ".join(filter(None, driver)))
     yield "failure", Value(entry.failure.replace("_", " "))
     yield "reason", Value(entry.reason)
     for name in ("robot_time_s", "wall_time_s"):

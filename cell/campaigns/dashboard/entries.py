@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.campaigns.trials.trial import failed_figures
+from cell.hardware.driver import is_simulated
 
 __all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry", "mapping", "run_entry"]
 
@@ -37,6 +38,10 @@ class RunEntry:
     campaign: str = ""
     variant: str = ""
     damage: str = ""
+
+    @property
+    def simulated(self) -> bool:
+        return bool(self.driver) and is_simulated(self.driver)
 
     @property
     def verdict(self) -> str:

@@ -320,6 +320,20 @@ def test_a_damaged_journal_hides_neither_its_runs_nor_campaigns(dashboard: Dashb
     assert len(rows(text)) == 2 and f"files/{run.name}/report.html" in links(text)
 
 
+def test_simulated_runs_are_labelled(dashboard: Dashboard) -> None:
+    with Journal.open(dashboard.logs / "journal.db") as journal:
+        names = []
+        for driver in ("sim", "emulator", "ros"):
+            run = journal.begin_run(garment="towel", seed=None, driver=driver)
+            run.end("folded", figures(passed=None))
+            names.append(run.id)
+    labels = {
+        name: "simulated" in row for row in rows(dashboard.get()) for name in names if f'title="{name}"' in row
+    }
+    assert labels == dict(zip(names, (True, True, False), strict=True))
+    assert dashboard.get("compare", first=names[0], second=names[2]).count("(simulated)") == 1
+
+
 def test_an_empty_folder_says_so(dashboard: Dashboard) -> None:
     assert "no runs in this folder yet" in dashboard.get()
 
