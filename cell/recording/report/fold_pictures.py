@@ -1,4 +1,5 @@
-"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table and tool paths in green.
+"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table, the hands' paths in blue, and the outline
+of the flat garment in green.
 
 This is a small software renderer (z-buffer, smooth shading, soft shadow). It needs no graphics driver and draws
 the same picture on every machine.
@@ -10,29 +11,57 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.recording.report.cloth_raster import darken, draw_cloth, raster_cloth, raster_shadow, vertex_normals
 from robots.ports import Array, Side
 from skills.vocabulary import Table
 
-__all__ = ["KeyFrame", "View", "draw_frame", "fold_strip", "join"]
+__all__ = ["CLOTH", "ClothColours", "KeyFrame", "Scenery", "View", "draw_frame", "fold_strip", "join", "motion_view"]
 
 Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
 
 FRONT, BACK = (196, 84, 92), (231, 178, 170)
 TABLE_COLOUR, FLOOR_COLOUR = (203, 184, 158), (238, 239, 241)
-GREEN, GREEN_DONE = (28, 172, 76), (13, 110, 48)
+PATH, PATH_END, RIM = (36, 104, 214), (20, 66, 150), (250, 250, 250)
+TAPE, TAPE_RIM = (52, 190, 90), (18, 84, 40)
 TOOL, INK = (52, 55, 62), (40, 42, 48)
 LIGHT = np.array([-0.35, 0.45, 0.82]) / np.linalg.norm([-0.35, 0.45, 0.82])
 AMBIENT = 0.45
+SHADOW = 0.38
+"""Share of the light that a shadow takes away."""
 SUPERSAMPLE = 2
 SLIVER = 3
-"""A strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows only in a
-sliver beside the other side, the sliver is drawn in the colour of the other side."""
+"""See `raster_cloth` [px of the picture]."""
+DASH = 0.012
+"""Length of a dash, and of a gap, of an outline that cloth hides [m]."""
 TOOL_LENGTH = 0.09
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+@dataclass(frozen=True)
+class ClothColours:
+    """RGB colours of both sides of a garment, fully lit."""
+
+    front: Colour
+    back: Colour
+
+
+CLOTH = ClothColours(FRONT, BACK)
+"""The colours of cloth that no camera has seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """What is drawn beside the cloth: the table, the tool paths [(k, 3), ...] on top, and the tape, which is a closed
+    line (k, 2) on the table. Table frame [m]. Cloth hides the tape: it is dashed there."""
+
+    table: Table | None = None
+    arcs: Sequence[Array] = ()
+    tape: Array | None = None
+    colours: ClothColours = CLOTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,28 +118,19 @@ class View:
 
 
 def draw_frame(
-    frame: KeyFrame,
-    triangles: NDArray[np.integer],
-    view: View,
-    table: Table | None = None,
-    arcs: Sequence[Array] = (),
+    frame: KeyFrame, triangles: NDArray[np.integer], view: View, scenery: Scenery | None = None
 ) -> Picture:
-    """Draw one picture (H, W, 3). triangles: (m, 3). arcs: tool paths (k, 3), drawn on top."""
-    big = view.scaled(SUPERSAMPLE)
-    canvas = np.empty((big.height, big.width, 3), dtype=np.float64)
-    canvas[:] = FLOOR_COLOUR if table is not None else (255, 255, 255)
-    if table is not None:
-        _table(canvas, big, table)
-    _shadow(canvas, big, frame.vertices, triangles)
-    _cloth(canvas, big, frame.vertices, triangles)
-    picture = canvas.clip(0, 255).astype(np.uint8)
-    for path in arcs:
-        _line(picture, big, path, GREEN, 2 * SUPERSAMPLE)
-        for end, filled in ((path[:1], False), (path[-1:], True)):
-            _dot(picture, big, end, GREEN_DONE, 4 * SUPERSAMPLE, filled)
-    for point in frame.tools.values():
-        _tool(picture, big, point)
-    return np.asarray(cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    """Draw one picture (H, W, 3). triangles: (m, 3)."""
+    scenery = scenery or Scenery()
+    return _draw(frame, triangles, view, scenery, _background(view.scaled(SUPERSAMPLE), scenery))
+
+
+def motion_view(frames: Sequence[KeyFrame], arcs: Sequence[Array] = (), size: tuple[int, int] = (300, 230)) -> View:
+    """Return the view that shows all frames, tools and tool paths. size: width, height [px]."""
+    points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
+    above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
+    points += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
+    return View.around(np.vstack(points), *size)
 
 
 def fold_strip(
@@ -119,15 +139,17 @@ def fold_strip(
     arcs: Sequence[Array] = (),
     table: Table | None = None,
     size: tuple[int, int] = (300, 230),
+    scenery: Scenery | None = None,
+    view: View | None = None,
 ) -> list[Picture]:
-    """Draw one picture per frame, all from one view that shows the whole motion. size: width, height [px]."""
+    """Draw one picture per frame, all from one view: `view`, or one that shows the whole motion. size: width,
+    height [px]. scenery: instead of `arcs` and `table` alone."""
     if not frames:
         return []
-    points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
-    above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
-    points += [np.array(list(f.tools.values())) + above for f in frames if f.tools]
-    view = View.around(np.vstack(points), *size)
-    return [draw_frame(f, triangles, view, table, arcs) for f in frames]
+    scenery = scenery or Scenery(table, arcs)
+    view = view or motion_view(frames, scenery.arcs, size)
+    background = _background(view.scaled(SUPERSAMPLE), scenery)
+    return [_draw(f, triangles, view, scenery, background) for f in frames]
 
 
 def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6) -> Picture:
@@ -143,7 +165,38 @@ def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6
     return out
 
 
-def _table(canvas: NDArray, view: View, table: Table) -> None:
+def _background(view: View, scenery: Scenery) -> Picture:
+    """Draw what lies under the cloth: the table and the tape."""
+    canvas = np.empty((view.height, view.width, 3), dtype=np.uint8)
+    canvas[:] = FLOOR_COLOUR if scenery.table is not None else (255, 255, 255)
+    if scenery.table is not None:
+        _table(canvas, view, scenery.table)
+    if scenery.tape is not None:
+        closed = np.vstack([scenery.tape, scenery.tape[:1]])
+        _lines(canvas, view, [closed], TAPE_RIM, 4 * SUPERSAMPLE)
+        _lines(canvas, view, [closed], TAPE, 3 * SUPERSAMPLE)
+    return canvas
+
+
+def _draw(
+    frame: KeyFrame, triangles: NDArray[np.integer], view: View, scenery: Scenery, background: Picture
+) -> Picture:
+    picture, big = background.copy(), view.scaled(SUPERSAMPLE)
+    _shadow(picture, view, frame.vertices, triangles)
+    _cloth(picture, big, frame.vertices, triangles, scenery.colours)
+    if scenery.tape is not None:
+        _lines(picture, big, _dashes(scenery.tape), TAPE, 2 * SUPERSAMPLE)
+    for path in scenery.arcs:
+        _lines(picture, big, [path], RIM, 4 * SUPERSAMPLE)
+        _lines(picture, big, [path], PATH, 2 * SUPERSAMPLE)
+        for end, filled in ((path[:1], False), (path[-1:], True)):
+            _dot(picture, big, end, PATH_END, 4 * SUPERSAMPLE, filled)
+    for point in frame.tools.values():
+        _tool(picture, big, point)
+    return np.asarray(cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _table(canvas: Picture, view: View, table: Table) -> None:
     """Draw the table top. Points behind the eye or too close to it cannot be projected and are left out."""
     x, y = np.linspace(*table.x, 40), np.linspace(*table.y, 40)
     rim = np.vstack([
@@ -156,86 +209,48 @@ def _table(canvas: NDArray, view: View, table: Table) -> None:
         cv2.fillPoly(canvas, [np.round(p[:, :2] * 16).astype(np.int32)], TABLE_COLOUR, cv2.LINE_AA, 4)
 
 
-def _shadow(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.integer]) -> None:
-    """Darken the table by the garment's shadow: its blurred projection along the light onto z = 0."""
+def _shadow(canvas: Picture, view: View, vertices: Array, triangles: NDArray[np.integer]) -> None:
+    """Darken the table by the garment's shadow: its blurred projection along the light onto z = 0. view: of the
+    picture; the canvas is larger, and a shadow has no sharp edges."""
     reach = vertices[:, 2:].clip(min=0.0) / LIGHT[2]
     p = view.project(np.column_stack([vertices[:, :2] - reach * LIGHT[:2], np.zeros(len(vertices))]))
-    mask = np.zeros(canvas.shape[:2], dtype=np.uint8)
-    for triangle in np.round(p[:, :2]).astype(np.int32)[triangles]:
-        cv2.fillConvexPoly(mask, triangle, 255)
-    soft = cv2.GaussianBlur(mask, (0, 0), 3.0 * SUPERSAMPLE).astype(np.float64) / 255.0
-    canvas *= 1.0 - 0.38 * soft[:, :, None]
+    soft = raster_shadow(p, triangles, (view.height, view.width), 3.0)
+    darken(canvas, cv2.resize(soft, (canvas.shape[1], canvas.shape[0])), SHADOW)
 
 
-def _cloth(canvas: NDArray, view: View, vertices: Array, triangles: NDArray[np.integer]) -> None:
-    p = view.project(vertices)
-    normals = _normals(vertices, triangles)
-    to_eye = view.eye - vertices
+def _cloth(
+    canvas: Picture, view: View, vertices: Array, triangles: NDArray[np.integer], colours: ClothColours
+) -> None:
+    normals = vertex_normals(vertices, triangles)
     shade = AMBIENT + (1.0 - AMBIENT) * np.abs(normals @ LIGHT)
-    facing = np.einsum("ij,ij->i", normals, to_eye)
-    depth, tone = np.full(canvas.shape[:2], np.inf), np.zeros(canvas.shape[:2])
-    front = np.zeros(canvas.shape[:2], np.uint8)
-    _rasterise(np.ascontiguousarray(p), triangles.astype(np.int64), shade, facing, depth, tone, front)
-    front = _without_slivers(front, np.isfinite(depth))
-    colour = np.where(front[..., None] > 0, np.array(FRONT, float), np.array(BACK, float))
-    np.copyto(canvas, tone[..., None] * colour, where=np.isfinite(depth)[..., None])
+    facing = np.einsum("ij,ij->i", normals, view.eye - vertices)
+    drawn = raster_cloth(
+        view.project(vertices), triangles, shade, facing, (view.height, view.width), SLIVER * SUPERSAMPLE
+    )
+    if drawn is not None:
+        part, tone, front = drawn
+        draw_cloth(canvas[part], tone, front, np.array(colours.front, float), np.array(colours.back, float))
 
 
-def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Remove slivers from `front` (H, W), which is 1 where the front of the cloth shows and 0 elsewhere. Slivers
-    occur along an open hem, because the coarse edges of two mesh layers cross there: without this step the inside
-    of one layer would look like a row of teeth. cloth: (H, W), true where cloth is visible."""
-    size = 2 * SLIVER * SUPERSAMPLE + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    for side in (1, 0):
-        mask = (cloth & (front == side)).astype(np.uint8)
-        thin = (mask > 0) & (cv2.morphologyEx(mask, cv2.MORPH_OPEN, kernel) == 0)
-        other = cv2.dilate((cloth & (front != side)).astype(np.uint8), kernel) > 0
-        front = np.where(thin & other, 1 - side, front).astype(np.uint8)
-    return front
+def _dashes(tape: Array) -> list[Array]:
+    """Return the dashes [(k, 2), ...] of a closed line (n, 2) [m]."""
+    points = np.vstack([tape, tape[:1]])
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    dashes = []
+    for start in np.arange(0.0, s[-1], 2.0 * DASH):
+        at = np.unique(np.clip([start, *s[(s > start) & (s < start + DASH)], start + DASH], 0.0, s[-1]))
+        dashes.append(np.column_stack([np.interp(at, s, c) for c in points.T]))
+    return dashes
 
 
-def _normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normal, triangles[:, k], face)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-
-
-@numba.njit(cache=True, nogil=True)
-def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore[no-untyped-def]
-    """Fill triangles with a z-buffer. p: (n, 3) pixel and depth; shade, facing: (n,) at the vertices. depth, tone,
-    front: (H, W) results: depth, brightness, and 1 where the front of the cloth shows."""
-    height, width = depth.shape
-    for m in range(triangles.shape[0]):
-        i, j, k = triangles[m, 0], triangles[m, 1], triangles[m, 2]
-        x0, y0, x1, y1, x2, y2 = p[i, 0], p[i, 1], p[j, 0], p[j, 1], p[k, 0], p[k, 1]
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if abs(area) < 1e-9:
-            continue
-        left, right = max(0, int(min(x0, x1, x2))), min(width - 1, int(max(x0, x1, x2)) + 1)
-        top, bottom = max(0, int(min(y0, y1, y2))), min(height - 1, int(max(y0, y1, y2)) + 1)
-        # a triangle shows one side only, even if its vertices face different ways
-        side = facing[i] + facing[j] + facing[k] > 0.0
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                b = ((column - x0) * (y2 - y0) - (x2 - x0) * (row - y0)) / area
-                c = ((x1 - x0) * (row - y0) - (column - x0) * (y1 - y0)) / area
-                a = 1.0 - b - c
-                if a < -1e-6 or b < -1e-6 or c < -1e-6:
-                    continue
-                z = a * p[i, 2] + b * p[j, 2] + c * p[k, 2]
-                if z < depth[row, column]:
-                    depth[row, column] = z
-                    tone[row, column] = a * shade[i] + b * shade[j] + c * shade[k]
-                    front[row, column] = side
-
-
-def _line(picture: Picture, view: View, path: Array, colour: tuple[int, int, int], width: int) -> None:
-    points = np.round(view.project(path)[:, :2] * 16).astype(np.int32)
-    cv2.polylines(picture, [points], False, colour, width, cv2.LINE_AA, 4)
+def _lines(picture: Picture, view: View, paths: Sequence[Array], colour: Colour, width: int) -> None:
+    """Draw lines, each (k, 3), or (k, 2) on the table [m]."""
+    ends = np.cumsum([len(path) for path in paths])[:-1]
+    points = np.vstack(paths)
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    pixels = np.round(view.project(points)[:, :2] * 16).astype(np.int32)
+    cv2.polylines(picture, np.split(pixels, ends), False, colour, width, cv2.LINE_AA, 4)
 
 
 def _dot(
@@ -249,5 +264,5 @@ def _dot(
 def _tool(picture: Picture, view: View, point: Array) -> None:
     """Draw the fingers that hold `point` (3,) as one stroke with a light rim."""
     stroke = np.vstack([point, np.asarray(point) + np.array([0.0, 0.0, TOOL_LENGTH])])
-    _line(picture, view, stroke, (250, 250, 250), 9 * SUPERSAMPLE)
-    _line(picture, view, stroke, TOOL, 6 * SUPERSAMPLE)
+    _lines(picture, view, [stroke], RIM, 9 * SUPERSAMPLE)
+    _lines(picture, view, [stroke], TOOL, 6 * SUPERSAMPLE)
