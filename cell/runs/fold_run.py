@@ -57,7 +57,7 @@ from robots.ports import Ports
 
 if TYPE_CHECKING:
     from cell.operator.console.supervision import Supervision
-    from cell.recording.report.report import TrueFrame
+    from cell.recording.report.recorded_holds import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
@@ -118,7 +118,10 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
         if request.record:
             from cell.recording.report.report import report
 
-            report(folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles)
+            calibration = camera_calibration(request.settings)
+            report(
+                folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles, calibration
+            )  # fmt: skip
     except StorageError as e:
         return replace(result, unwritten=(*result.unwritten, e.what))
     return result

@@ -30,8 +30,8 @@ def raster_cloth(
     """Raster triangles (m, 3). pixels: (n, 3) column, row [px] and depth; shade, facing: (n,) brightness, and
     positive where the front is seen; shape: of the picture. None: the cloth is outside the picture.
 
-    sliver: a strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows only
-    in a sliver beside the other side, it is drawn in the colour of the other side.
+    sliver: a strip of cloth of about twice this width [px] or less is a sliver. If one side of the cloth shows
+    only in a sliver beside the other side, it is drawn in the colour of the other side.
     """
     margin = 2 * sliver + 2
     low = np.maximum(np.floor(pixels[:, 1::-1].min(axis=0)).astype(int) - margin, 0)

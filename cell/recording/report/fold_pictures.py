@@ -1,5 +1,5 @@
-"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table, the hands' paths in blue, and the outline
-of the flat garment in green.
+"""Pictures of a fold, drawn from mesh snapshots: shaded cloth on a table, the hands' paths in blue, and the
+outline of the flat garment in green.
 
 This is a small software renderer (z-buffer, smooth shading, soft shadow). It needs no graphics driver and draws
 the same picture on every machine.
@@ -18,7 +18,10 @@ from cell.recording.report.cloth_raster import darken, draw_cloth, raster_cloth,
 from robots.ports import Array, Side
 from skills.vocabulary import Table
 
-__all__ = ["CLOTH", "ClothColours", "KeyFrame", "Scenery", "View", "draw_frame", "fold_strip", "join", "motion_view"]
+__all__ = [
+    "AMBIENT", "CLOTH", "LIGHT", "TAPE", "ClothColours", "Colour", "KeyFrame", "Scenery", "View", "draw_frame",
+    "fold_strip", "join", "motion_view",
+]  # fmt: skip
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -55,8 +58,8 @@ CLOTH = ClothColours(FRONT, BACK)
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """What is drawn beside the cloth: the table, the tool paths [(k, 3), ...] on top, and the tape, which is a closed
-    line (k, 2) on the table. Table frame [m]. Cloth hides the tape: it is dashed there."""
+    """What is drawn beside the cloth: the table, the tool paths [(k, 3), ...] on top, and the tape, which is a
+    closed line (k, 2) on the table. Table frame [m]. Cloth hides the tape: it is dashed there."""
 
     table: Table | None = None
     arcs: Sequence[Array] = ()
@@ -125,7 +128,9 @@ def draw_frame(
     return _draw(frame, triangles, view, scenery, _background(view.scaled(SUPERSAMPLE), scenery))
 
 
-def motion_view(frames: Sequence[KeyFrame], arcs: Sequence[Array] = (), size: tuple[int, int] = (300, 230)) -> View:
+def motion_view(
+    frames: Sequence[KeyFrame], arcs: Sequence[Array] = (), size: tuple[int, int] = (300, 230)
+) -> View:
     """Return the view that shows all frames, tools and tool paths. size: width, height [px]."""
     points = [f.vertices for f in frames] + [np.asarray(a) for a in arcs]
     above = np.array([0.0, 0.0, 0.5 * TOOL_LENGTH])
@@ -173,8 +178,8 @@ def _background(view: View, scenery: Scenery) -> Picture:
         _table(canvas, view, scenery.table)
     if scenery.tape is not None:
         closed = np.vstack([scenery.tape, scenery.tape[:1]])
-        _lines(canvas, view, [closed], TAPE_RIM, 4 * SUPERSAMPLE)
-        _lines(canvas, view, [closed], TAPE, 3 * SUPERSAMPLE)
+        _lines(canvas, view, [closed], TAPE_RIM, 3 * SUPERSAMPLE)
+        _lines(canvas, view, [closed], TAPE, 2 * SUPERSAMPLE)
     return canvas
 
 
@@ -185,7 +190,7 @@ def _draw(
     _shadow(picture, view, frame.vertices, triangles)
     _cloth(picture, big, frame.vertices, triangles, scenery.colours)
     if scenery.tape is not None:
-        _lines(picture, big, _dashes(scenery.tape), TAPE, 2 * SUPERSAMPLE)
+        _lines(picture, big, _dashes(scenery.tape), TAPE, SUPERSAMPLE + 1)
     for path in scenery.arcs:
         _lines(picture, big, [path], RIM, 4 * SUPERSAMPLE)
         _lines(picture, big, [path], PATH, 2 * SUPERSAMPLE)

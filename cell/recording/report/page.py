@@ -1,7 +1,7 @@
-"""The report of one run as an HTML page: garment, folds, score, failures and times.
+"""The report of one run as an HTML page: verdict, film, folds, score, failures and times.
 
-The page is one file: pictures are inlined, drawings are SVG, and nothing is fetched. It has a light and a dark
-theme and can be printed.
+The page is one file: pictures and film are inlined, drawings are SVG, and nothing is fetched. It has a light and a
+dark theme and can be printed. A click enlarges a picture.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from cell.recording.report.outline_drawing import outline_drawing
+from cell.recording.report.verdict import FoldEnd, verdict
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import State
 from cell.support.files.whole_file import write_whole
@@ -29,8 +31,6 @@ __all__ = ["Picture", "RunRecord", "ScoreRow", "StepRecord", "TimelineItem", "wr
 PICTURE_WIDTH = 640
 """Wider pictures are scaled down to this width [px]."""
 JPEG_QUALITY = 82
-RULER = 14
-"""Height of the scale bar under a drawing [px]."""
 RESULTS = {"folded": "Folded", "not_folded": "Not folded", "fault": "Fault"}
 
 
@@ -99,6 +99,10 @@ class StepRecord:
     """Observed height of the stack [m]."""
     pressed_from_m: tuple[float, ...] = ()
     """Height of the stack before each pressing [m]."""
+    done: bool = False
+    """Whether the run went on from this fold as made."""
+    original: tuple[Array, ...] = ()
+    """The outline of the flat garment, as it was laid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +137,22 @@ class RunRecord:
     """The two parts of the score, `shape` and `flat`; None: not judged."""
     invalid_ideal: str = ""
     """Why the ideal fold is not valid, so that the heights are not judged and the run has not passed."""
+    film: bytes = b""
+    """The film of the run, an animated WebP; empty if nothing was filmed."""
+    film_name: str = "film.webp"
+    """Path of the film's file, relative to the page."""
+    film_note: str = ""
+    """What the film shows."""
     pictures: tuple[Picture, ...] = ()
     """Pictures of the whole run: the empty table, the recognised garment, the last picture."""
     estimates: tuple[Picture, ...] = ()
     """Estimates of the garment's state after failures: the candidates over the picture, and the state in words."""
     versions: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    """The settings that the page lists."""
+    shipped: Mapping[str, Any] = field(default_factory=dict)
+    """The shipped values of these settings, where known."""
+    settings_note: str = ""
     recording: str = ""
     """Path of the recording, relative to the page."""
     recording_note: str = ""
@@ -147,6 +161,12 @@ class RunRecord:
     def passed(self) -> bool:
         """Whether the score passed."""
         return all(row.passed for row in self.score) and not self.invalid_ideal
+
+    @property
+    def sentence(self) -> str:
+        """The verdict and what decided it."""
+        folds = [FoldEnd(words(s.name).lower(), s.attempts, s.done, s.accepted) for s in self.steps]
+        return verdict(self.result, self.state, folds, self.reason, self.claim, _scored(self))
 
 
 def write_report(path: Path, run: RunRecord) -> Path:
@@ -161,10 +181,10 @@ def render(run: RunRecord) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {
-        "data_uri": data_uri, "figure_name": figure_name, "metres": length, "quantity": quantity,
-        "seconds": seconds, "words": words,
+        "data_uri": data_uri, "figure_name": figure_name, "figure_note": FIGURE_NOTES.get, "metres": length,
+        "quantity": quantity, "seconds": seconds, "words": words,
     }  # fmt: skip
-    environment.globals |= {"silhouettes": silhouettes}
+    environment.globals |= {"silhouettes": silhouettes, "webp_uri": webp_uri}
     template = environment.from_string(
         files("cell.recording.report").joinpath("page.html").read_text(encoding="utf-8")
     )
@@ -174,7 +194,13 @@ def render(run: RunRecord) -> str:
         stages=stages(run),
         chart=run.state and Markup(marked_chart(run.state, [State(name) for name in run.stage_times_s])),
         settings=flatten(run.settings),
+        shipped=dict(flatten(run.shipped)),
     )
+
+
+def webp_uri(film: bytes) -> str:
+    """Encode a WebP file as a data URI."""
+    return "data:image/webp;base64," + base64.b64encode(film).decode("ascii")
 
 
 def data_uri(rgb: NDArray[np.uint8]) -> str:
@@ -231,6 +257,16 @@ FIGURES = {
     "drift_m": "Drift",
     "drift_rad": "Turn",
 }
+FIGURE_NOTES = {
+    "iou": "Intersection over union: the area that garment and target share, relative to that of both.",
+    "correspondence_m": "Distance of every place of the cloth from its place in the target, on average.",
+    "edges_m": "Edges that the garment file names as a pair, such as two hems, lie on each other.",
+    "keypoints_m": "Key points are the named corners of the garment.",
+    "height_m": "95 % of the places are lower.",
+    "crease_height_m": "Within 40 mm of a fold line; 95 % of the places are lower.",
+    "drift_m": "How far the whole garment lies from the target.",
+    "drift_rad": "By how much the whole garment is turned.",
+}
 
 
 def figure_name(name: str) -> str:
@@ -268,36 +304,22 @@ def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, st
     return rows
 
 
-def silhouettes(step: StepRecord, width: int = 420) -> Markup | None:
-    """Draw the target, predicted and observed outlines as SVG, seen from above. Up is away from the robot. width
-    [px]."""
-    layers = (("target", step.target), ("predicted", step.predicted), ("observed", step.observed))
-    points = [np.asarray(c, dtype=float) for _, outlines in layers for c in outlines if len(c)]
-    if not points:
+def silhouettes(step: StepRecord) -> Markup | None:
+    """Draw the outlines of a fold as SVG, None if there are none."""
+    outlines = {"predicted": step.predicted, "observed": step.observed}
+    if not any(outlines.values()) and not step.target:
         return None
-    corners = np.vstack(points)
-    low, high = corners.min(axis=0) - 0.03, corners.max(axis=0) + 0.03
-    scale = min(width / (high[1] - low[1]), 0.62 * width / (high[0] - low[0]))
-    width, height = round((high[1] - low[1]) * scale), (high[0] - low[0]) * scale
-    paths = [
-        f'<path class="{name}" d="{" ".join(_path(np.asarray(c), low, high, scale) for c in outlines)}"/>'
-        for name, outlines in layers if outlines
-    ]  # fmt: skip
-    bar = 0.1 * scale
-    height += RULER  # the scale bar is below all outlines
-    ruler = (
-        f'<path class="ruler" d="M8 {height - 8:.1f} v-5 m0 2.5 h{bar:.1f} m0 -2.5 v5"/>'
-        f'<text x="{12 + bar:.1f}" y="{height - 7:.1f}">100 mm</text>'
-    )
-    text = (
-        f'<svg viewBox="0 0 {width} {height:.1f}" role="img" style="max-width: {width}px" '
-        f'aria-label="outlines of the target, the prediction and the observation">{"".join(paths)}{ruler}</svg>'
-    )
-    return Markup(text)
+    return outline_drawing({"original": step.original, "target": step.target, **outlines})
 
 
-def _path(contour: Array, low: Array, high: Array, scale: float) -> str:
-    """Return the SVG path of a closed contour (k, 2). In the drawing, table x points up and table y to the
-    left."""
-    u, v = (high[1] - contour[:, 1]) * scale, (high[0] - contour[:, 0]) * scale
-    return "M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in zip(u, v, strict=True)) + " Z"
+def _scored(run: RunRecord) -> str:
+    """Say in words what the score says; empty without a score."""
+    if not run.score:
+        return ""
+    missed = [
+        f"{figure_name(row.name).lower()} {quantity(row.value, row.unit)}, limit {quantity(row.limit, row.unit)}"
+        for row in run.score
+        if not row.passed
+    ]
+    says = "passes" if run.passed else f"does not pass ({'; '.join(missed) or 'the heights are not judged'})"
+    return f"the score, measured on the simulated garment itself, {says}"

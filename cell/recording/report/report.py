@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -11,31 +12,54 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.cell_settings import load_settings
+from cell.config.changed_settings import changed_settings
 from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from cell.recording.outline import outline
-from cell.recording.report.fold_pictures import KeyFrame, fold_strip, join
+from cell.recording.report.fold_pictures import KeyFrame, Scenery, View, fold_strip, join, motion_view
+from cell.recording.report.garment_look import GarmentLook, garment_look, outlined
 from cell.recording.report.height_map import height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
+from cell.recording.report.recorded_holds import TrueFrame, held_during, holds, spread
 from cell.recording.report.recording_losses import recording_losses
 from cell.recording.report.run_events import RunEvent
+from cell.recording.report.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
 from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.run_context import RunContext
 from cell.states.run_end import RunEnd
 from cell.states.step_note import StepNote
-from robots.ports import Array, Side
-from skills.vocabulary import GraspTrajectory
+from cell.support.files.whole_file import write_whole
+from robots.ports import Array, CameraFrame
+from skills.vocabulary import CameraCalibration, GraspTrajectory
 
 __all__ = ["TrueFrame", "report"]
-
-TrueFrame = tuple[float, Array, Mapping[Side, Array]]
-"""(cell time [s], vertices (n, 3), tool positions (3,)) of a simulated garment, for pictures only."""
 
 LEVELS = {"failure": "failure", "recovery": "recovery", "command": "operator", "estimate": "note"}
 UNITS = {"drift_rad": "rad", "iou": ""}
 """Units of the figures of the score; all others are lengths."""
 KEY_FRAMES = 6
-BREAK_S = 3.0
-"""If the time between two frames of the held garment is longer than this [s], the frames belong to different
-attempts."""
+STRIP_WIDTH = 300
+"""Width of a picture in `fold.png` [px]."""
+FILM = "film.webp"
+CHANGED = "Only the settings that differ from the shipped ones. cell.yaml in the run's folder has all."
+UNCHANGED = "All settings are the shipped ones; cell.yaml in the run's folder has them."
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """What all pictures of the run share. view: None if no fold was planned."""
+
+    look: GarmentLook
+    scenery: Scenery
+    view: View | None
+    calibration: CameraCalibration | None
+
+    def seen(self, frame: CameraFrame) -> NDArray[np.uint8]:
+        return outlined(frame, self.calibration, self.look.outline)
+
+    def along(self, note: StepNote | None) -> Scenery:
+        """Return the scenery with the planned ways of one fold."""
+        return self.scenery if note is None else replace(self.scenery, arcs=_arcs(note.trajectory))
 
 
 def report(
@@ -46,20 +70,27 @@ def report(
     events: Sequence[RunEvent],
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
+    calibration: CameraCalibration | None = None,
 ) -> Path:
-    """Write `report.html`, `fold.png`, `last.jpg` (the last camera picture) and, if a fold was pressed,
-    `pressing.png` into the run's folder.
+    """Write `report.html`, `film.webp`, `fold.png`, `last.jpg` (the last camera picture) and, if a fold was
+    pressed, `pressing.png` into the run's folder.
 
-    Returns the page's path. Raises StorageError if the page cannot be written.
+    calibration: of the camera; None: pictures show no outline unless the run has refined the calibration. Returns
+    the page's path. Raises StorageError if the page or the film cannot be written.
     """
     context = end.context
     notes = context.notes()
+    drawing = _drawing(request, context, frames, calibration)
+    drawn = _drawn(notes, frames, triangles, drawing)
     steps = [
-        _step(notes[s["name"]], s, _held_during(notes[s["name"]], frames), triangles, request)
+        _step(notes[s["name"]], s, drawn.get(s["name"]), drawing)
         if s["name"] in notes
-        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]))
+        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), done=s["done"])
         for s in result.steps
     ]
+    film = _film(context, result, notes, drawn, drawing)
+    score = result.score if context.done or context.fold.carried else None  # nothing was folded: nothing to score
+    changed, shipped = changed_settings(request.settings, load_settings())
     failure = result.failure or {}
     record = RunRecord(
         run_id=folder.name,
@@ -79,13 +110,18 @@ def report(
         steps=tuple(steps),
         stage_times_s=result.stage_times_s,
         timeline=tuple(_timeline(end, result, events)),
-        score=tuple(_score(result.score)),
-        verdicts={name: result.score.get(name) for name in ("shape", "flat")} if result.score else {},
-        invalid_ideal=str(((result.score or {}).get("ideal") or {}).get("reason") or ""),
-        pictures=(*_pictures(end), *_questions(folder)),
+        score=tuple(_score(score)),
+        verdicts={name: score.get(name) for name in ("shape", "flat")} if score else {},
+        invalid_ideal=str(((score or {}).get("ideal") or {}).get("reason") or ""),
+        film=film,
+        film_name=FILM,
+        film_note=_film_note(drawn),
+        pictures=(*_pictures(context, drawing), *_questions(folder)),
         estimates=tuple(_estimates(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
-        settings=request.settings.model_dump(mode="json", by_alias=True),
+        settings=changed,
+        shipped=shipped,
+        settings_note=CHANGED if changed else UNCHANGED,
         recording="run.rrd",
         recording_note="; ".join(f"not kept: {loss}" for loss in recording_losses(result.recording)),
     )
@@ -93,12 +129,14 @@ def report(
     _write_pressing(folder / "pressing.png", list(notes.values()))
     if context.sight.frame is not None:
         cv2.imwrite(str(folder / "last.jpg"), context.sight.frame.rgb[..., ::-1])
+    if film:
+        write_whole(folder / FILM, film)
     return write_report(folder / "report.html", record)
 
 
 def _claim(claim: Mapping[str, Any] | None) -> str:
     """Return the claim as a sentence with its reliability; empty if there is none."""
-    return f"{claim['says']} (reliability {100 * claim['reliability']:.0f} %)" if claim else ""
+    return f"{claim['says']}, reliability {100 * claim['reliability']:.0f} %" if claim else ""
 
 
 def _timeline(end: RunEnd, result: FoldResult, events: Sequence[RunEvent]) -> Iterator[TimelineItem]:
@@ -116,11 +154,16 @@ def _write_strip(path: Path, steps: Sequence[StepRecord]) -> None:
         drawn = [p for p in step.key_frames if not p.caption.startswith(("camera", "heights"))]
         for at in range(0, len(drawn), KEY_FRAMES):
             row = drawn[at : at + KEY_FRAMES]
-            rows.append(join([p.rgb for p in row], [p.caption for p in row]))
+            rows.append(join([_small(p.rgb) for p in row], [p.caption for p in row]))
     if rows:
         width = max(row.shape[1] for row in rows)
         same = [np.pad(r, ((0, 4), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
         cv2.imwrite(str(path), np.vstack(same)[..., ::-1])
+
+
+def _small(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    size = STRIP_WIDTH, round(rgb.shape[0] * STRIP_WIDTH / rgb.shape[1])
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
@@ -130,27 +173,85 @@ def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
         cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
 
 
-def _step(
-    note: StepNote,
-    figures: Mapping[str, Any],
-    shown: Sequence[TrueFrame],
-    triangles: NDArray[np.int32] | None,
+def _drawing(
     request: FoldRequest,
-) -> StepRecord:
-    table = request.settings.table
-    arcs = _arcs(note.trajectory)
+    context: RunContext,
+    frames: Sequence[TrueFrame],
+    calibration: CameraCalibration | None,
+) -> _Drawing:
+    """Choose one view that shows all folds, the colours of the garment and its original outline."""
+    look = garment_look(context)
+    shown = [KeyFrame(v, tools) for _, v, tools in frames[::5]]
+    shown += [KeyFrame(v) for note in context.notes().values() for v in note.plan_frames]
+    arcs = [arc for note in context.notes().values() for arc in _arcs(note.trajectory)]
+    return _Drawing(
+        look,
+        Scenery(request.settings.table, (), look.outline, look.colours),
+        motion_view(shown, arcs, SIZE) if shown else None,
+        context.sight.refined if calibration is None else context.sight.calibration(calibration),
+    )
+
+
+def _drawn(
+    notes: Mapping[str, StepNote],
+    frames: Sequence[TrueFrame],
+    triangles: NDArray[np.int32] | None,
+    drawing: _Drawing,
+) -> dict[str, DrawnHold]:
+    """Draw the attempts in their order: fold name -> the attempt that made it. Attempts that failed have names of
+    their own."""
+    if triangles is None or drawing.view is None:
+        return {}
+    made = {hold[0][0]: note for note in notes.values() if (hold := held_during(note, frames))}
+    drawn = {}
+    for k, hold in enumerate(holds(frames)):
+        note = made.get(hold[0][0])
+        name = f"attempt {k + 1}, which did not make a fold" if note is None else note.name
+        share = len(hold) / len(frames)
+        drawn[name] = draw_hold(name, hold, share, triangles, drawing.view, drawing.along(note))
+    return drawn
+
+
+def _film(
+    context: RunContext,
+    result: FoldResult,
+    notes: Mapping[str, StepNote],
+    drawn: Mapping[str, DrawnHold],
+    drawing: _Drawing,
+) -> bytes:
+    recognised, last = context.recognition, context.sight.frame
+    stills = [
+        Still(drawing.seen(f), f"{f.stamp:.1f} s   {note.name}")
+        for note in ([] if drawn else notes.values())
+        for f in note.pictures
+    ]
+    ending = result.state.replace("_", " ")
+    return film_file(
+        Still(np.asarray(recognised.overlay, np.uint8), "the garment as it was laid") if recognised else None,
+        list(drawn.values()),
+        stills,
+        Still(drawing.seen(last), f"{last.stamp:.1f} s   the last picture: {ending}") if last else None,
+    )
+
+
+def _film_note(drawn: Mapping[str, DrawnHold]) -> str:
+    source = "drawn from the simulated garment" if drawn else "the pictures of the camera"
+    return f"The run in short: {source}, without the time in which no hand holds the garment"
+
+
+def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, drawing: _Drawing) -> StepRecord:
     moments = np.linspace(0.0, 1.0, len(note.plan_frames))
     predicted = fold_strip(
-        [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles, arcs=arcs, table=table
-    )
+        [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles,
+        size=SIZE, scenery=drawing.along(note), view=drawing.view,
+    )  # fmt: skip
     pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
     made_from = ["predicted: cloth simulation along the planned tool path"]
-    if shown and triangles is not None:
-        chosen = [shown[i] for i in np.linspace(0, len(shown) - 1, KEY_FRAMES).astype(int)]
-        drawn = fold_strip([KeyFrame(v, tools) for _, v, tools in chosen], triangles, arcs=arcs, table=table)
-        pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, (t, *_) in zip(drawn, chosen, strict=True)]
+    if hold is not None:
+        chosen = [(hold.pictures[i], hold.times[i]) for i in spread(len(hold.times), KEY_FRAMES)]
+        pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]
         made_from.append("simulated cell: the recorded garment")
-    pictures += [Picture(f.rgb, f"camera, {f.stamp:.1f} s") for f in note.pictures]
+    pictures += [Picture(drawing.seen(f), f"camera, {f.stamp:.1f} s") for f in note.pictures]
     pictures += list(_pressings(note)) or list(_refused(note))
     return StepRecord(
         name=note.name,
@@ -163,11 +264,13 @@ def _step(
         attempts=note.grasps,
         recoveries=tuple(figures["recoveries"]),
         duration_s=note.carrying_s if np.isfinite(note.carrying_s) else None,
+        done=figures["done"],
         accepted=figures["accepted"],
         key_frames=tuple(pictures),
         key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,) if len(note.observed) else (),
+        original=() if drawing.look.outline is None else (drawing.look.outline,),
         height_m=note.height_m if np.isfinite(note.height_m) else None,
         pressed_from_m=tuple(before.height_m for before in note.pressed),
     )
@@ -198,20 +301,6 @@ def _arcs(trajectory: GraspTrajectory) -> list[Array]:
     return [evaluate(c, u) for c in trajectory.control_points.values()]
 
 
-def _held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
-    """Return the recorded frames of the attempt during which the fold's pictures were taken. The frames of other
-    attempts are left out, because those attempts failed."""
-    holds: list[list[TrueFrame]] = []
-    last = -np.inf
-    for frame in frames:
-        if frame[0] - last > BREAK_S:
-            holds.append([])
-        holds[-1].append(frame)
-        last = frame[0]
-    taken = [p.stamp for p in note.pictures]
-    return next((h for h in holds if taken and h[0][0] <= max(taken) and min(taken) <= h[-1][0]), [])
-
-
 def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
     known = score or {}
     for name, limit in known.get("limits", {}).items():
@@ -227,14 +316,14 @@ def _estimates(end: RunEnd) -> Iterator[Picture]:
         yield Picture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
 
 
-def _pictures(end: RunEnd) -> Iterator[Picture]:
-    sight, recognition = end.context.sight, end.context.recognition
+def _pictures(context: RunContext, drawing: _Drawing) -> Iterator[Picture]:
+    sight, recognition = context.sight, context.recognition
     if sight.reference is not None:
         yield Picture(sight.reference.rgb, "the empty table")
     if recognition is not None:
         yield Picture(recognition.overlay, "recognised")
     if sight.frame is not None:
-        yield Picture(sight.frame.rgb, "the last picture")
+        yield Picture(drawing.seen(sight.frame), "the last picture")
 
 
 def _questions(folder: Path) -> Iterator[Picture]:
