@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import smooth_height
 
-__all__ = ["height_maps"]
+__all__ = ["TICK", "height_maps"]
 
 Picture = NDArray[np.uint8]
 
@@ -22,6 +22,9 @@ WIDTH = 420
 PAPER = 250
 BAR = 34
 """Height of the strip below the picture that shows the colour scale [px]."""
+TICK = 0.005
+"""Distance of the ticks of the colour scale [m]."""
+INK = 30
 
 
 def height_maps(looks: Sequence[Inspection]) -> list[Picture]:
@@ -53,14 +56,17 @@ def _colours(level: NDArray[np.uint8]) -> Picture:
 
 
 def _bar(width: int, top: float) -> Picture:
-    """Draw a strip (BAR, width, 3) with the colours from height 0 to `top` [m], and both heights in
-    millimetres."""
+    """Draw a strip (BAR, width, 3) with the colours from height 0 to `top` [m], both heights in millimetres, and
+    ticks."""
     strip = np.full((BAR, width, 3), PAPER, np.uint8)
     labels = ("0 mm", f"{top * 1e3:.0f} mm")
     font, size, margin = cv2.FONT_HERSHEY_SIMPLEX, 0.45, 8
     widths = [cv2.getTextSize(label, font, size, 1)[0][0] for label in labels]
     left, right = widths[0] + 2 * margin, width - widths[1] - 2 * margin
     strip[margin : BAR - margin, left:right] = _colours(np.linspace(0, 255, right - left).astype(np.uint8)[None])
+    for height in np.arange(TICK, top, TICK):
+        x = left + round((right - left - 1) * height / top)
+        strip[BAR - margin : BAR - margin + 4, x] = INK
     for label, x in zip(labels, (margin, right + margin), strict=True):
-        cv2.putText(strip, label, (x, BAR // 2 + 5), font, size, (30, 30, 30), 1, cv2.LINE_AA)
+        cv2.putText(strip, label, (x, BAR // 2 + 5), font, size, (INK, INK, INK), 1, cv2.LINE_AA)
     return strip

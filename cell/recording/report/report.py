@@ -18,7 +18,7 @@ from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS_FO
 from cell.recording.outline import outline
 from cell.recording.report.fold_pictures import KeyFrame, Scenery, View, fold_strip, join, motion_view
 from cell.recording.report.garment_look import GarmentLook, garment_look, outlined
-from cell.recording.report.height_map import height_maps
+from cell.recording.report.height_map import TICK, height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.recorded_holds import TrueFrame, held_during, holds, spread
 from cell.recording.report.recording_losses import recording_losses
@@ -252,7 +252,11 @@ def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, dr
         pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]
         made_from.append("simulated cell: the recorded garment")
     pictures += [Picture(drawing.seen(f), f"camera, {f.stamp:.1f} s") for f in note.pictures]
-    pictures += list(_pressings(note)) or list(_refused(note))
+    heights = list(_pressings(note)) or list(_refused(note))
+    pictures += heights
+    made_from.append("camera: over the robot's head")
+    if heights:
+        made_from.append(f"heights: above the table; one tick of the bar is {TICK * 1e3:.0f} mm")
     return StepRecord(
         name=note.name,
         source=note.source,
@@ -267,7 +271,7 @@ def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, dr
         done=figures["done"],
         accepted=figures["accepted"],
         key_frames=tuple(pictures),
-        key_frames_note="; ".join([*made_from, "camera: over the robot's head"]),
+        key_frames_note="; ".join(made_from),
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,) if len(note.observed) else (),
         original=() if drawing.look.outline is None else (drawing.look.outline,),

@@ -32,7 +32,8 @@ def verdict(
     score: str = "",
 ) -> str:
     """Return one sentence. result: 'folded', 'not_folded' or 'fault'; reason: the failure that ended the run;
-    claim: what the executive says of the finished fold; score: what the score says, in simulation. Texts may be empty."""
+    claim: what the executive says of the finished fold; score: what the score says, in simulation. Texts may be
+    empty."""
     if result == "folded":
         text = f"{_all(folds)}; {_claimed(claim)}"
     elif claim and state is State.NOT_FOLDED and _only_the_claim_failed(folds):

@@ -18,6 +18,7 @@ from synthetic_report import run_record
 
 from cell.config.cell_settings import load_settings
 from cell.recording.outline import outline
+from cell.recording.report.film import FilmFrame, encode_film
 from cell.recording.report.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
 from cell.recording.report.page import (
     Picture,
@@ -321,3 +322,69 @@ def test_the_page_shows_what_lay_there_after_a_failure(run: RunRecord) -> None:
     page = render(replace(run, estimates=(Picture(np.zeros((20, 30, 3), np.uint8), says),)))
     assert "What lay there" in page and page.count(says) == 2  # under the picture, and as its description
     assert "What lay there" not in render(run)
+
+
+def test_the_verdict_stands_at_the_top_in_one_sentence(run: RunRecord) -> None:
+    says = "folded as planned, 16 mm high (at most 22 mm), reliability 98 %"
+    text = Page(render(replace(run, claim=says))).text
+    sentence = replace(run, claim=says).sentence
+    assert sentence.startswith("Both folds were made") and says in sentence
+    assert "41.2 mm, limit 30.0 mm" in sentence, "the figure that decided against the score"
+    assert text.index("Folded: Medium towel") < text.index(sentence) < text.index("Robot time")
+
+
+def scored(folder: Path, context: RunContext, **changes: object) -> str:
+    """The page's text of a run that made nothing and has a score all the same."""
+    request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, folder)
+    score = {"limits": {"iou": 0.9}, "iou": 0.312, "shape": False, "flat": None}
+    result = FoldResult(
+        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, score, (), 1.0, 1.0, {}, str(folder)
+    )  # fmt: skip
+    end = RunEnd(State.NOT_FOLDED, context, 0.0, 1.0, {})
+    path = report_of(folder, replace(request, **changes), end, result, [], [], None)  # type: ignore[arg-type]
+    return Page(path.read_text(encoding="utf-8")).text
+
+
+def test_there_is_no_score_where_nothing_was_folded(tmp_path: Path) -> None:
+    assert "0.312" not in scored(tmp_path, RunContext()) and "Score" not in scored(tmp_path, RunContext())
+    attempt = SimpleNamespace(carried=True)
+    carried = SimpleNamespace(attempt=attempt, carried=True, note=lambda: None, index=0)
+    assert "0.312" in scored(tmp_path, replace(RunContext(), fold=carried))  # type: ignore[arg-type]
+
+
+def test_only_settings_that_differ_from_the_shipped_ones_are_listed(tmp_path: Path) -> None:
+    text = scored(tmp_path, RunContext())
+    assert "All settings are the shipped ones" in text and "motion." not in text
+    shipped = load_settings()
+    slower = shipped.model_copy(update={"motion": shipped.motion.model_copy(update={"tool_speed": 0.123})})
+    text = scored(tmp_path, RunContext(), settings=slower)
+    assert f"motion.tool_speed 0.123 {shipped.motion.tool_speed}" in text
+    assert text.count("motion.") == 1 and "table.height" not in text
+
+
+def test_every_picture_can_be_enlarged_and_the_film_is_in_the_page(run: RunRecord) -> None:
+    film = encode_film([FilmFrame(np.full((20, 30, 3), 30 * k, np.uint8), 100) for k in range(3)])
+    text = render(replace(run, film=film, film_note="The run in short"))
+    page = Page(text)
+    assert page.open == []
+    assert len(re.findall(r'<input class="zoom" type="checkbox" /><img ', text)) == text.count("<img ") == 16
+    assert [s for s in page.sources if not s.startswith("data:image/")] == ["film.webp", "run.rrd"]
+    inlined = next(s for s in page.sources if s.startswith("data:image/webp;base64,"))
+    assert base64.b64decode(inlined.split(",")[1]) == film
+
+
+def test_the_browser_is_told_to_fetch_nothing(run: RunRecord) -> None:
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', render(run))
+    assert policy is not None
+    rules = dict(rule.strip().split(" ", 1) for rule in policy[1].split(";"))
+    assert rules.pop("default-src") == "'none'"
+    assert all("http" not in source and "*" not in source and "self" not in source for source in rules.values())
+
+
+def test_figures_are_explained_where_they_stand(run: RunRecord) -> None:
+    """Every label of a figure has an explanation, apart from words of everyday language."""
+    text = render(replace(run, verdicts={"shape": True, "flat": True}))
+    labels = re.findall(r"<dt>(.*?)</dt>", text)
+    plain = {re.sub(r"<[^>]+>", "", label) for label in labels if "<abbr" not in label}
+    assert plain <= {"Garment", "Folds"} and len(labels) > 15
+    assert all(len(note) > 15 for note in re.findall(r'<abbr tabindex="0" title="([^"]*)"', text))
