@@ -2,7 +2,8 @@
 [GARMENT] [SEED]`.
 
 The film is docs/pictures/GARMENT_folded.webp. It shows the simulated garment and the tool centre points, faster
-than in the cell. Moments at which no hand holds the garment are left out.
+than in the cell. Moments at which no hand holds the garment are left out. The film of a report is of the same
+kind, with captions and the pictures of the camera.
 """
 
 from __future__ import annotations
@@ -11,15 +12,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from cell.config.cell_settings import load_settings
 from cell.hardware.driver import OpenCell
-from cell.recording.report.fold_pictures import KeyFrame, fold_strip
+from cell.recording.report.pictures.film import FilmFrame, encode_film
+from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip
 from cell.runs.fold_run import FoldRequest, fold_once
 from cell.simulation.truth import Truth
 from cell.states.commands import CommandQueue
+from cell.support.files.whole_file import write_whole
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 SIZE = 560, 400
@@ -48,11 +48,9 @@ def main() -> int:
     chosen = [moments[0], *held[::EVERY], moments[-1]]
     frames = [KeyFrame(t.garment.vertices, dict(t.tools) if any(t.held.values()) else {}) for t in chosen]
     pictures = fold_strip(frames, chosen[-1].garment.triangles, table=settings.table, size=SIZE)
-    film = cv2.Animation()
-    film.frames = [np.ascontiguousarray(picture[..., ::-1]) for picture in pictures]
-    film.durations = [LAST_MS, *[FRAME_MS] * (len(pictures) - 2), LAST_MS]
+    durations = [LAST_MS, *[FRAME_MS] * (len(pictures) - 2), LAST_MS]
     path = FOLDER / f"{garment}_folded.webp"
-    cv2.imwriteanimation(str(path), film, [cv2.IMWRITE_WEBP_QUALITY, 60])
+    write_whole(path, encode_film([FilmFrame(p, ms) for p, ms in zip(pictures, durations, strict=True)]))
     print(f"{path}: {len(pictures)} frames, seed {seed}: {result.result}")
     return result.exit_code
 

@@ -57,7 +57,7 @@ from robots.ports import Ports
 
 if TYPE_CHECKING:
     from cell.operator.console.supervision import Supervision
-    from cell.recording.report.recorded_holds import TrueFrame
+    from cell.recording.report.pictures.recorded_holds import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,21 +15,26 @@ from cell.config.cell_settings import load_settings
 from cell.config.changed_settings import changed_settings
 from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from cell.recording.outline import outline
-from cell.recording.report.fold_pictures import KeyFrame, Scenery, View, fold_strip, join, motion_view
-from cell.recording.report.garment_look import GarmentLook, garment_look, outlined
-from cell.recording.report.height_map import TICK, height_maps
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
-from cell.recording.report.recorded_holds import TrueFrame, held_during, holds, spread
+from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip, join
+from cell.recording.report.pictures.height_map import TICK, height_maps
+from cell.recording.report.pictures.recorded_holds import TrueFrame, spread
+from cell.recording.report.pictures.run_drawing import (
+    RunDrawing,
+    draw_attempts,
+    film_note,
+    film_of_run,
+    run_drawing,
+)
+from cell.recording.report.pictures.run_film import SIZE, DrawnHold
 from cell.recording.report.recording_losses import recording_losses
 from cell.recording.report.run_events import RunEvent
-from cell.recording.report.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.run_context import RunContext
 from cell.states.run_end import RunEnd
 from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
-from robots.ports import Array, CameraFrame
-from skills.vocabulary import CameraCalibration, GraspTrajectory
+from skills.vocabulary import CameraCalibration
 
 __all__ = ["TrueFrame", "report"]
 
@@ -43,23 +47,6 @@ STRIP_WIDTH = 300
 FILM = "film.webp"
 CHANGED = "Only the settings that differ from the shipped ones. cell.yaml in the run's folder has all."
 UNCHANGED = "All settings are the shipped ones; cell.yaml in the run's folder has them."
-
-
-@dataclass(frozen=True, eq=False)
-class _Drawing:
-    """What all pictures of the run share. view: None if no fold was planned."""
-
-    look: GarmentLook
-    scenery: Scenery
-    view: View | None
-    calibration: CameraCalibration | None
-
-    def seen(self, frame: CameraFrame) -> NDArray[np.uint8]:
-        return outlined(frame, self.calibration, self.look.outline)
-
-    def along(self, note: StepNote | None) -> Scenery:
-        """Return the scenery with the planned ways of one fold."""
-        return self.scenery if note is None else replace(self.scenery, arcs=_arcs(note.trajectory))
 
 
 def report(
@@ -80,15 +67,15 @@ def report(
     """
     context = end.context
     notes = context.notes()
-    drawing = _drawing(request, context, frames, calibration)
-    drawn = _drawn(notes, frames, triangles, drawing)
+    drawing = run_drawing(request.settings.table, context, frames, calibration)
+    drawn = draw_attempts(notes, frames, triangles, drawing)
     steps = [
         _step(notes[s["name"]], s, drawn.get(s["name"]), drawing)
         if s["name"] in notes
         else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), done=s["done"])
         for s in result.steps
     ]
-    film = _film(context, result, notes, drawn, drawing)
+    film = film_of_run(context, result.state, notes, drawn, drawing)
     score = result.score if context.done or context.fold.carried else None  # nothing was folded: nothing to score
     changed, shipped = changed_settings(request.settings, load_settings())
     failure = result.failure or {}
@@ -115,7 +102,7 @@ def report(
         invalid_ideal=str(((score or {}).get("ideal") or {}).get("reason") or ""),
         film=film,
         film_name=FILM,
-        film_note=_film_note(drawn),
+        film_note=film_note(drawn),
         pictures=(*_pictures(context, drawing), *_questions(folder)),
         estimates=tuple(_estimates(end)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
@@ -173,73 +160,7 @@ def _write_pressing(path: Path, notes: Sequence[StepNote]) -> None:
         cv2.imwrite(str(path), join([p.rgb for p in pictures], [p.caption for p in pictures])[..., ::-1])
 
 
-def _drawing(
-    request: FoldRequest,
-    context: RunContext,
-    frames: Sequence[TrueFrame],
-    calibration: CameraCalibration | None,
-) -> _Drawing:
-    """Choose one view that shows all folds, the colours of the garment and its original outline."""
-    look = garment_look(context)
-    shown = [KeyFrame(v, tools) for _, v, tools in frames[::5]]
-    shown += [KeyFrame(v) for note in context.notes().values() for v in note.plan_frames]
-    arcs = [arc for note in context.notes().values() for arc in _arcs(note.trajectory)]
-    return _Drawing(
-        look,
-        Scenery(request.settings.table, (), look.outline, look.colours),
-        motion_view(shown, arcs, SIZE) if shown else None,
-        context.sight.refined if calibration is None else context.sight.calibration(calibration),
-    )
-
-
-def _drawn(
-    notes: Mapping[str, StepNote],
-    frames: Sequence[TrueFrame],
-    triangles: NDArray[np.int32] | None,
-    drawing: _Drawing,
-) -> dict[str, DrawnHold]:
-    """Draw the attempts in their order: fold name -> the attempt that made it. Attempts that failed have names of
-    their own."""
-    if triangles is None or drawing.view is None:
-        return {}
-    made = {hold[0][0]: note for note in notes.values() if (hold := held_during(note, frames))}
-    drawn = {}
-    for k, hold in enumerate(holds(frames)):
-        note = made.get(hold[0][0])
-        name = f"attempt {k + 1}, which did not make a fold" if note is None else note.name
-        share = len(hold) / len(frames)
-        drawn[name] = draw_hold(name, hold, share, triangles, drawing.view, drawing.along(note))
-    return drawn
-
-
-def _film(
-    context: RunContext,
-    result: FoldResult,
-    notes: Mapping[str, StepNote],
-    drawn: Mapping[str, DrawnHold],
-    drawing: _Drawing,
-) -> bytes:
-    recognised, last = context.recognition, context.sight.frame
-    stills = [
-        Still(drawing.seen(f), f"{f.stamp:.1f} s   {note.name}")
-        for note in ([] if drawn else notes.values())
-        for f in note.pictures
-    ]
-    ending = result.state.replace("_", " ")
-    return film_file(
-        Still(np.asarray(recognised.overlay, np.uint8), "the garment as it was laid") if recognised else None,
-        list(drawn.values()),
-        stills,
-        Still(drawing.seen(last), f"{last.stamp:.1f} s   the last picture: {ending}") if last else None,
-    )
-
-
-def _film_note(drawn: Mapping[str, DrawnHold]) -> str:
-    source = "drawn from the simulated garment" if drawn else "the pictures of the camera"
-    return f"The run in short: {source}, without the time in which no hand holds the garment"
-
-
-def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, drawing: _Drawing) -> StepRecord:
+def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, drawing: RunDrawing) -> StepRecord:
     moments = np.linspace(0.0, 1.0, len(note.plan_frames))
     predicted = fold_strip(
         [KeyFrame(v) for v in note.plan_frames], note.predicted.triangles,
@@ -298,13 +219,6 @@ def _refused(note: StepNote) -> Iterator[Picture]:
         yield Picture(height_maps([note.inspected])[0], f"heights seen{height}")
 
 
-def _arcs(trajectory: GraspTrajectory) -> list[Array]:
-    from skills.trajectory.bezier import evaluate
-
-    u = np.linspace(0.0, 1.0, 60)
-    return [evaluate(c, u) for c in trajectory.control_points.values()]
-
-
 def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
     known = score or {}
     for name, limit in known.get("limits", {}).items():
@@ -320,7 +234,7 @@ def _estimates(end: RunEnd) -> Iterator[Picture]:
         yield Picture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
 
 
-def _pictures(context: RunContext, drawing: _Drawing) -> Iterator[Picture]:
+def _pictures(context: RunContext, drawing: RunDrawing) -> Iterator[Picture]:
     sight, recognition = context.sight, context.recognition
     if sight.reference is not None:
         yield Picture(sight.reference.rgb, "the empty table")

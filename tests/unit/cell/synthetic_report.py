@@ -7,8 +7,8 @@ import numpy as np
 import synthetic_run as show
 
 from cell.recording.outline import outline
-from cell.recording.report.fold_pictures import KeyFrame, fold_strip
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
+from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip
 
 
 def run_record() -> RunRecord:

@@ -9,10 +9,10 @@ import pytest
 import synthetic_run as show
 from PIL import Image
 
-from cell.recording.report.film import CAPTION, FilmFrame, captioned, encode_film
-from cell.recording.report.fold_pictures import KeyFrame, Scenery, motion_view
-from cell.recording.report.recorded_holds import TrueFrame, holds, spread
-from cell.recording.report.run_film import FRAMES, SIZE, SPEED, Still, draw_hold, film_file
+from cell.recording.report.pictures.film import CAPTION, FilmFrame, captioned, encode_film
+from cell.recording.report.pictures.fold_pictures import KeyFrame, Scenery, motion_view
+from cell.recording.report.pictures.recorded_holds import TrueFrame, holds, spread
+from cell.recording.report.pictures.run_film import FRAMES, SIZE, SPEED, Still, draw_hold, film_file
 
 
 def decoded(film: bytes) -> tuple[list[np.ndarray], list[int]]:

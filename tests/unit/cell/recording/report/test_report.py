@@ -18,8 +18,6 @@ from synthetic_report import run_record
 
 from cell.config.cell_settings import load_settings
 from cell.recording.outline import outline
-from cell.recording.report.film import FilmFrame, encode_film
-from cell.recording.report.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
 from cell.recording.report.page import (
     Picture,
     RunRecord,
@@ -32,7 +30,9 @@ from cell.recording.report.page import (
     silhouettes,
     write_report,
 )
-from cell.recording.report.recorded_holds import held_during
+from cell.recording.report.pictures.film import FilmFrame, encode_film
+from cell.recording.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
+from cell.recording.report.pictures.recorded_holds import held_during
 from cell.recording.report.report import report as report_of
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.run_context import RunContext
@@ -338,7 +338,8 @@ def scored(folder: Path, context: RunContext, **changes: object) -> str:
     request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, folder)
     score = {"limits": {"iou": 0.9}, "iou": 0.312, "shape": False, "flat": None}
     result = FoldResult(
-        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, score, (), 1.0, 1.0, {}, str(folder)
+        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, score, (), 1.0, 1.0, {},
+        str(folder),
     )  # fmt: skip
     end = RunEnd(State.NOT_FOLDED, context, 0.0, 1.0, {})
     path = report_of(folder, replace(request, **changes), end, result, [], [], None)  # type: ignore[arg-type]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.report.film import FilmFrame, captioned, encode_film
-from cell.recording.report.fold_pictures import KeyFrame, Scenery, View, fold_strip
-from cell.recording.report.recorded_holds import TrueFrame, spread
+from cell.recording.report.pictures.film import FilmFrame, captioned, encode_film
+from cell.recording.report.pictures.fold_pictures import KeyFrame, Scenery, View, fold_strip
+from cell.recording.report.pictures.recorded_holds import TrueFrame, spread
 
 __all__ = ["SIZE", "DrawnHold", "Still", "draw_hold", "film_file"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.recording.camera_pictures.projected_drawing import Picture, ProjectedDrawing
-from cell.recording.report.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours, Colour
+from cell.recording.report.pictures.fold_pictures import AMBIENT, CLOTH, LIGHT, TAPE, ClothColours, Colour
 from cell.states.run_context import RunContext
 from robots.ports import Array, CameraFrame
 from skills.vocabulary import CameraCalibration

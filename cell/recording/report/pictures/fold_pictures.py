@@ -14,7 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.report.cloth_raster import darken, draw_cloth, raster_cloth, raster_shadow, vertex_normals
+from cell.recording.report.pictures.cloth_raster import (
+    darken,
+    draw_cloth,
+    raster_cloth,
+    raster_shadow,
+    vertex_normals,
+)
 from robots.ports import Array, Side
 from skills.vocabulary import Table
 
