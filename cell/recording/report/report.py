@@ -72,7 +72,13 @@ def report(
     steps = [
         _step(notes[s["name"]], s, drawn.get(s["name"]), drawing)
         if s["name"] in notes
-        else StepRecord(name=s["name"], attempts=s["attempts"], recoveries=tuple(s["recoveries"]), done=s["done"])
+        else StepRecord(
+            name=s["name"],
+            attempts=s["attempts"],
+            recoveries=tuple(s["recoveries"]),
+            accepted=s["accepted"],
+            done=s["done"],
+        )
         for s in result.steps
     ]
     film = film_of_run(context, result.state, notes, drawn, drawing)
@@ -182,13 +188,13 @@ def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, dr
         name=note.name,
         source=note.source,
         simulations=note.trajectory.simulations,
-        dissimilarity_m=note.dissimilarity_m,
-        aligned_iou=note.aligned_iou,
-        observed_iou=note.observed_iou,
-        drift_m=note.drift_m,
+        dissimilarity_m=_known(note.dissimilarity_m),
+        aligned_iou=_known(note.aligned_iou),
+        observed_iou=_known(note.observed_iou),
+        drift_m=_known(note.drift_m),
         attempts=note.grasps,
         recoveries=tuple(figures["recoveries"]),
-        duration_s=note.carrying_s if np.isfinite(note.carrying_s) else None,
+        duration_s=_known(note.carrying_s),
         done=figures["done"],
         accepted=figures["accepted"],
         key_frames=tuple(pictures),
@@ -196,9 +202,13 @@ def _step(note: StepNote, figures: Mapping[str, Any], hold: DrawnHold | None, dr
         predicted=tuple(outline(note.predicted.vertices, note.predicted.triangles)),
         observed=(note.observed,) if len(note.observed) else (),
         original=() if drawing.look.outline is None else (drawing.look.outline,),
-        height_m=note.height_m if np.isfinite(note.height_m) else None,
+        height_m=_known(note.height_m),
         pressed_from_m=tuple(before.height_m for before in note.pressed),
     )
+
+
+def _known(figure: float) -> float | None:
+    return figure if np.isfinite(figure) else None
 
 
 def _pressings(note: StepNote) -> Iterator[Picture]:

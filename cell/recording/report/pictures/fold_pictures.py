@@ -130,8 +130,7 @@ def draw_frame(
     frame: KeyFrame, triangles: NDArray[np.integer], view: View, scenery: Scenery | None = None
 ) -> Picture:
     """Draw one picture (H, W, 3). triangles: (m, 3)."""
-    scenery = scenery or Scenery()
-    return _draw(frame, triangles, view, scenery, _background(view.scaled(SUPERSAMPLE), scenery))
+    return fold_strip([frame], triangles, scenery=scenery or Scenery(), view=view)[0]
 
 
 def motion_view(
@@ -160,7 +159,8 @@ def fold_strip(
     scenery = scenery or Scenery(table, arcs)
     view = view or motion_view(frames, scenery.arcs, size)
     background = _background(view.scaled(SUPERSAMPLE), scenery)
-    return [_draw(f, triangles, view, scenery, background) for f in frames]
+    dashes = [] if scenery.tape is None else _dashes(scenery.tape)
+    return [_draw(f, triangles, view, scenery, background, dashes) for f in frames]
 
 
 def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6) -> Picture:
@@ -190,13 +190,18 @@ def _background(view: View, scenery: Scenery) -> Picture:
 
 
 def _draw(
-    frame: KeyFrame, triangles: NDArray[np.integer], view: View, scenery: Scenery, background: Picture
+    frame: KeyFrame,
+    triangles: NDArray[np.integer],
+    view: View,
+    scenery: Scenery,
+    background: Picture,
+    dashes: Sequence[Array],
 ) -> Picture:
     picture, big = background.copy(), view.scaled(SUPERSAMPLE)
     _shadow(picture, view, frame.vertices, triangles)
     _cloth(picture, big, frame.vertices, triangles, scenery.colours)
-    if scenery.tape is not None:
-        _lines(picture, big, _dashes(scenery.tape), TAPE, SUPERSAMPLE + 1)
+    if dashes:
+        _lines(picture, big, dashes, TAPE, SUPERSAMPLE + 1)
     for path in scenery.arcs:
         _lines(picture, big, [path], RIM, 4 * SUPERSAMPLE)
         _lines(picture, big, [path], PATH, 2 * SUPERSAMPLE)
