@@ -207,8 +207,8 @@ def _perform(
                 run.directory, opened.simulated.checkpoint.save if opened.simulated else None
             )
             context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
-            if interrupted:  # write the checkpoint first: if the process dies here, this run too can be resumed
-                checkpoint_writer.keep(context)
+            checkpoint_writer.keep(context)  # first: from here on, the run can be resumed if the process dies
+            if interrupted:
                 run.event(ports.clock.now(), State.IDLE.value, RESUMED_FROM, {"run": interrupted.run})
             runner = Runner(cell, EFFECTS, run, recorded.commands, observers, checkpoint_writer.keep)
             end = runner.run(context, first)

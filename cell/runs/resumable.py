@@ -60,6 +60,6 @@ def check_resumable(journal: Journal, name: str) -> None:
         )
     if not has_checkpoint(record.directory):
         raise ConfigurationError(
-            f"the run {name} has no checkpoint: it did not get beyond preparing, or ended with folds skipped",
+            f"the run {name} has no checkpoint: it had not begun, or ended with folds skipped",
             "start a new one: foldcell fold",
         )
