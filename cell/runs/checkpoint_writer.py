@@ -85,9 +85,10 @@ def interrupted_run(journal: Journal, name: str, logs: Path, **changes: Any) -> 
             f"the run {record.id} has finished its plan, with folds skipped",
             "lay the garment flat and start a new one",
         )
-    event = reentry_event([State(entry.state) for entry in journal.entries(record.id)], context)
+    states = [State(entry.state) for entry in journal.entries(record.id)]
+    event = reentry_event(states, context)
     world = _read_world(record.directory / WORLD) if is_simulated(record.driver) else None
-    return Interrupted(record.id, request, reentered(context, event), world)
+    return Interrupted(record.id, request, reentered(states, context, event), world)
 
 
 def _read_world(path: Path) -> bytes:

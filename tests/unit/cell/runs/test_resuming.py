@@ -134,6 +134,21 @@ def test_a_fold_whose_release_had_begun_is_inspected_first(logs: Logs, through: 
     assert logs.resume("last").context.fold.carried is carried
 
 
+@pytest.mark.parametrize(("through", "uncertain"), [(1, False), (2, True)])
+def test_a_garment_whose_grasp_was_interrupted_may_lie_anywhere(logs: Logs, through: int, uncertain: bool) -> None:
+    """The checkpoint is from before the grasp. After the approach the hands have not touched the garment yet."""
+    logs.cut_off(through=through)
+    context = logs.resume("last").context
+    assert (context.fold.touched, context.fold.uncertain) == (uncertain, uncertain)
+
+
+def test_a_run_that_died_before_its_first_effect_starts_over(logs: Logs) -> None:
+    run = logs.begin()
+    CheckpointWriter(run.directory, lambda: b"the world").keep(RunContext())
+    run.abandon()
+    assert logs.resume(run.id).context.reentry is E.START_OVER, "the table is still empty"
+
+
 def test_a_run_on_hardware_has_no_world_checkpoint(logs: Logs) -> None:
     logs.cut_off(driver="ros")
     assert logs.resume("last").world is None
