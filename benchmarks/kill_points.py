@@ -236,7 +236,10 @@ def main() -> int:
             flush=True,
         )
     chosen = [o for _, o in sorted(outcomes.items())]
-    command = f"python -m benchmarks.kill_points {options.garment} --seed {options.seed} --every {options.every}"
+    numbers = [o.number for o in chosen]
+    regular = numbers == boundaries(len(whole), options.every)
+    which = f"--every {options.every}" if regular else f"--at {' '.join(map(str, numbers))}"
+    command = f"python -m benchmarks.kill_points {options.garment} --seed {options.seed} {which}"
     options.page.write_text(
         page(chosen, whole, f"{options.garment}, seed {options.seed}", command), encoding="utf-8"
     )
