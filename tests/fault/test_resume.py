@@ -71,6 +71,19 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
     assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
 
 
+def test_a_run_that_died_before_its_first_effect_ended_starts_over(tmp_path: Path) -> None:
+    """The journal has the intent of the first effect, and nothing lies on the table yet."""
+    request = fold_request(tmp_path)
+    with pytest.raises(Died):
+        Onlooker(before={Effect.PREPARE: die}).fold(request)
+    interrupted = last_run(request)
+    resumed = Onlooker(before={Effect.AWAIT_GARMENT: die})
+    with pytest.raises(Died):
+        resumed.fold(interrupted.request, interrupted=interrupted)
+    assert resumed.performed == [(Effect.REENTER, Event.START_OVER), (Effect.PHOTOGRAPH_TABLE, Event.DONE)]
+    assert last_run(request).context.reentry is Event.LAY, "the resumed run has photographed the table"
+
+
 def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it(tmp_path: Path) -> None:
     """The first fold was finished but not inspected. The resumed run inspects it first."""
     request = fold_request(
