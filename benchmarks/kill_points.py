@@ -176,6 +176,7 @@ def page(outcomes: Sequence[Outcome], whole: Sequence[DurableWrite], about: str,
             "",
             "After a kill the simulated world is the one of the last checkpoint: a motion that was under way is",
             "not in it. Between the checkpoint's two files, the world is newer than the context, as on hardware.",
+            "The run has no injected fault, so no kill falls into `laying_back`, `clearing` or `recovering`.",
             "",
             table(
                 "Boundaries",
