@@ -47,19 +47,12 @@ def prepare(cell: Workcell, context: RunContext) -> Result:
 
 
 def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
-    """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park.
-
-    Grippers in error or without calibration are calibrated, which also opens them.
-    """
+    """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park."""
     ports = cell.ports
     failure = stopped(ports)
     if failure is None:
         ports.arms.enable()
         ports.head.command_pan(cell.calibration.head_pan)
-        for gripper in ports.grippers.values():
-            state = gripper.state()
-            if state.in_error or not state.calibrated:
-                gripper.calibrate()
         control = pausable(cell)
         failure = let_go_and_park(cell, control, HEAD_TURN_S)
         context = with_waiting_time(context, control)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from cell.control.checks import come_to_rest, fresh_state
@@ -11,7 +13,7 @@ from cell.control.rest import await_rest
 from cell.control.ticks import TICK_S
 from cell.executive.effects.checked_motion import move
 from cell.hardware.workcell import Workcell
-from robots.errors import Failure, FailureKind
+from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.grasping.hand_reading import GripCommand
 from skills.motion.moves.free_motion import plan_free_motion
@@ -36,17 +38,56 @@ Way = tuple[tuple[ArmTrajectory, bool], ...]
 """Trajectories one after the other, each with whether the fingertips may touch the table on it."""
 
 
-def open_hands(cell: Workcell) -> None:
-    for side, gripper in cell.ports.grippers.items():
+def open_hands(cell: Workcell, sides: Collection[Side] = tuple(Side)) -> None:
+    for side in sides:
+        gripper = cell.ports.grippers[side]
         cell.hands.command(side, GripCommand(gripper.max_opening, cell.grasp.release_force))
 
 
 def let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
-    open_hands(cell)
-    failure = wait(cell.loop, opening_s, cell.hands.recording()) or calibrated(cell)
+    """Open the hands and park. Returns a failure if a hand may still hold cloth, or if the arms do not get home.
+
+    A gripper that is in error or without calibration refuses commands until it is calibrated. A calibration closes
+    the pads before it opens them. It is therefore made over the garment only if the hand cannot be opened
+    otherwise, and else in the parked posture. A gripper that stays in error there fails the next grasp, not the
+    way home.
+    """
+    refusing = _refusing(cell)
+    open_hands(cell, set(Side) - set(refusing))
+    failure = wait(cell.loop, opening_s, cell.hands.recording())
+    if failure is None and any(_in_doubt(cell, side) for side in refusing):
+        failure = _recalibrate(cell)
     if failure is None and still_closed(cell) and any(g.state().moving for g in cell.ports.grippers.values()):
         failure = wait(cell.loop, SLOW_OPENING_S, cell.hands.recording())
-    return failure or still_closed(cell) or park(cell, control)
+    failure = failure or still_closed(cell) or park(cell, control)
+    if failure or not _refusing(cell):
+        return failure
+    failure = _recalibrate(cell)
+    return None if failure and failure.kind is FailureKind.GRIPPER_FAULT else failure
+
+
+def _refusing(cell: Workcell) -> tuple[Side, ...]:
+    """Return the hands whose grippers refuse commands until they are calibrated."""
+    states = {side: gripper.state() for side, gripper in cell.ports.grippers.items()}
+    return tuple(side for side, state in states.items() if state.in_error or not state.calibrated)
+
+
+def _in_doubt(cell: Workcell, side: Side) -> bool:
+    """Whether a hand may hold cloth. Without a calibration, a gripper's opening says nothing about it."""
+    state = cell.ports.grippers[side].state()
+    return not state.calibrated or not state.opening >= LET_GO
+
+
+def _recalibrate(cell: Workcell) -> Failure | None:
+    """Calibrate the grippers that refuse commands and open them. One that stays in error keeps its opening."""
+    for side in _refusing(cell):
+        cell.ports.grippers[side].calibrate()
+        try:
+            open_hands(cell, (side,))
+        except DriverError as e:
+            if e.kind is FailureKind.STOPPED:
+                raise
+    return calibrated(cell)
 
 
 def calibrated(cell: Workcell) -> Failure | None:

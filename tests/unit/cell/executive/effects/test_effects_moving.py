@@ -242,19 +242,26 @@ class Hand:
     max_opening = 0.0416
 
     def __init__(
-        self, cell: FakeCell, calibrated: bool = True, stuck: bool = False, in_error: bool = False
+        self,
+        cell: FakeCell,
+        calibrated: bool = True,
+        stuck: bool = False,
+        in_error: bool = False,
+        broken: bool = False,
     ) -> None:
         self._cell, self._calibrated, self._stuck, self._in_error = cell, calibrated, stuck, in_error
+        self._broken = broken
         self.calibrations = 0
+        self.calibrated_at: list[np.ndarray] = []
 
     def calibrate(self) -> None:
         self.calibrations += 1
-        self._calibrated, self._in_error = True, False
+        self.calibrated_at.append(self._cell.q.copy())
+        self._calibrated, self._in_error = True, self._broken
 
     def command(self, opening: float, force: float) -> None:
-        assert self._calibrated and not self._in_error, (
-            "a gripper without calibration or in error refuses commands"
-        )
+        if not self._calibrated or self._in_error:
+            raise DriverError(K.GRIPPER_FAULT, "the left gripper reports an error", "calibrate it again")
         if not self._stuck:
             self._cell.openings[Side.LEFT] = opening
 
@@ -280,6 +287,48 @@ def test_a_resumed_run_starts_with_open_hands(calibrated: bool, in_error: bool) 
     assert (result.event, hand.calibrations) == (Event.LOOK_AGAIN, 0 if calibrated and not in_error else 1)
     assert min(cell.openings.values()) > 0.04
     assert result.context.reentry is Event.LOOK_AGAIN, "the run can be resumed again if it dies now"
+
+
+@pytest.mark.parametrize(("calibrated", "in_error"), [(False, False), (True, True)])
+def test_a_closed_hand_that_refuses_commands_is_opened_by_a_calibration_before_the_arms_move(
+    baxter: dict[str, Any], calibrated: bool, in_error: bool
+) -> None:
+    cell = FakeCell(q=OUT)
+    cell.openings = dict.fromkeys(Side, 0.002)
+    hand = Hand(cell, calibrated, in_error=in_error)
+    workcell = replace(with_left(cell, hand), **baxter)
+    result = clear(workcell, RunContext().with_failure(CAUSE))
+    assert result.event is Event.DONE and result.context.failure is CAUSE
+    assert hand.calibrations == 1 and hand.calibrated_at[0] == pytest.approx(OUT)
+    assert min(cell.openings.values()) > 0.04 and cell.q == pytest.approx(BAXTER.q_park)
+
+
+def test_an_open_hand_in_error_is_calibrated_where_it_cannot_close_on_the_garment(baxter: dict[str, Any]) -> None:
+    """A calibration closes the pads before it opens them, and the hand stands at the cloth."""
+    cell = FakeCell(q=OUT)
+    cell.openings = dict.fromkeys(Side, 0.04)
+    hand = Hand(cell, in_error=True)
+    result = clear(replace(with_left(cell, hand), **baxter), RunContext().with_failure(CAUSE))
+    assert result.event is Event.DONE
+    assert hand.calibrations == 1 and hand.calibrated_at[0] == pytest.approx(BAXTER.q_park)
+    assert not hand.state().in_error
+
+
+@pytest.mark.parametrize(("opening", "parks"), [(0.04, True), (0.002, False)])
+def test_a_hand_that_stays_in_error_is_led_home_only_if_it_is_known_to_hold_nothing(
+    baxter: dict[str, Any], opening: float, parks: bool
+) -> None:
+    """Then the run can still ask for a person, with both arms parked."""
+    cell = FakeCell(q=OUT)
+    cell.openings = dict.fromkeys(Side, opening)
+    hand = Hand(cell, in_error=True, broken=True)
+    workcell = replace(with_left(cell, hand), **baxter)
+    for effect in (clear, make_safe):
+        result = effect(workcell, RunContext().with_failure(CAUSE))
+        assert result.event is (Event.DONE if parks else Event.FAILED)
+        assert (cell.q == pytest.approx(BAXTER.q_park)) is parks, f"{result.context.failure}"
+    if not parks:
+        assert "left gripper does not open (2 mm)" in result.context.failure.what
 
 
 @pytest.mark.parametrize(("effect", "context"), [(reenter, INTERRUPTED), (clear, FIRST), (make_safe, FIRST)])
