@@ -46,6 +46,8 @@ class FakeCell:
         self.openings = {s: 0.04 for s in Side}
         self.pads = {s: 0.0 for s in Side}  # force on each pad of a hand [N]
         self.follows = True
+        self.same_positions = True
+        """Whether the joint state repeats the positions of resting arms exactly. Encoders have noise."""
         self.pictures = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
 
@@ -85,7 +87,8 @@ class _Arms:
     def state(self) -> JointState:
         c = self._cell
         stamp = c.now if c.frozen_since is None else c.frozen_since
-        return JointState(stamp, c.q.copy(), np.zeros(14), np.zeros(14), 0.0)
+        noise = 0.0 if c.same_positions else 1e-6 * live_noise(stamp)
+        return JointState(stamp, c.q + noise, np.zeros(14), np.zeros(14), 0.0)
 
     def enable(self) -> None:
         if self._cell.stop_reason:

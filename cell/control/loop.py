@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from cell.control.checks import ExecutionLimits, followed, fresh_state, start_mismatch, stopped
+from cell.control.frozen_state import FrozenStateWatch
 from cell.control.last_command import LastCommand
 from cell.control.motion import Feedback, Motion, SetPoint
 from cell.control.path_clock import PathControl
@@ -70,9 +71,12 @@ class ControlLoop:
 
     def _drive(self, motion: Motion[V], point: SetPoint, sends: bool, control: PathControl | None) -> Outcome[V]:
         interruptions = Interruptions(self.ports.clock, self.limits, control, point)
-        ticks = Ticks(self.ports)
+        ticks, watch = Ticks(self.ports), FrozenStateWatch()
         while True:
             late, read = self._tick(point, ticks, sends)
+            frozen = watch.check(read.unwrap(), point.q) if sends and read.ok else None
+            if frozen:
+                read = Outcome(failure=frozen)
             failure = read.failure
             if failure and failure.kind is not FailureKind.STALE_STATE:
                 self.last_command.q = None

@@ -71,12 +71,17 @@ def test_the_interpolant_is_the_closed_form() -> None:
         assert qd[0] == pytest.approx(0.5 * 30 * t**2 * (1 - t) ** 2, abs=1e-3)
 
 
+def hang(cell: FakeCell) -> None:
+    """The arms stand still whatever they are told. Their encoders are read as usual."""
+    cell.follows, cell.same_positions = False, False
+
+
 @pytest.mark.parametrize(
     ("spoil", "kind"),
     [
         (lambda c: setattr(c, "stop_reason", "button"), FailureKind.STOPPED),
         (lambda c: setattr(c, "frozen_since", c.now), FailureKind.STALE_STATE),
-        (lambda c: setattr(c, "follows", False), FailureKind.TRACKING_ERROR),
+        (hang, FailureKind.TRACKING_ERROR),
     ],
 )
 def test_a_fault_during_a_motion_is_reported_by_its_kind(spoil, kind) -> None:
