@@ -64,7 +64,7 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
             FailureKind.STUCK_ON_FINGER,
             f"{residual:.2f} N remain on pad {pad} of the open {reading.tactile.side} hand",
             "pull the cloth off the finger",
-            {"pad": pad, "residual_n": residual, "bound_n": bound},
+            {"side": reading.tactile.side.value, "pad": pad, "residual_n": residual, "bound_n": bound},
         )
     )
 

@@ -16,6 +16,7 @@ from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
 from cell.executive.effects.moving import PREGRASP_OPENING
+from cell.executive.effects.parking import RELEASE_OPENING
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -40,9 +41,6 @@ from skills.vocabulary import CameraCalibration, Grasp, Outcome
 
 __all__ = ["RELEASE_OPENING", "fold", "grasp", "lift", "release_garment"]
 
-RELEASE_OPENING = 0.020
-"""Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
-aside."""
 PRESS = 0.001
 """Depth by which the middle between the tips is lowered below the contact height [m], so that the pads close under
 the cloth."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cell.control.checks import hold, stopped
-from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.rest import await_rest, stand_by
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
+from cell.executive.effects.freeing import rise_free
 from cell.executive.effects.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
 from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import CLEARING_DWELL_S
@@ -18,7 +18,6 @@ from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from skills.cloth.pinch import PadGeometry
 from skills.grasping.hand_reading import GripCommand
-from skills.grasping.stuck_on_finger import check_stuck, start_stuck_check
 
 __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
 
@@ -74,16 +73,13 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 
 def retreat(cell: Workcell, context: RunContext) -> Result:
-    """Rise straight up from the released garment, check that it does not stick to a finger, then park."""
+    """Rise straight up from the released garment, free it if it clings to a finger, then park."""
     biases = context.fold.biases
     planned = plan_rise(cell, tuple(biases))
     if planned.failure:
         return _ended(context, planned.failure)
     control = pausable(cell)
-    failure = move(cell, planned.unwrap().retreat, fingertips=True, control=control)
-    if failure is None:
-        checks = {s: start_stuck_check(cell.grasp, bias) for s, bias in biases.items()}
-        failure = each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
+    failure = rise_free(cell, planned.unwrap().retreat, biases, control)
     failure = failure or move(cell, planned.unwrap().park, control=control)
     return _ended(with_waiting_time(context, control), failure)
 

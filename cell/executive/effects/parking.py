@@ -21,8 +21,20 @@ from skills.motion.moves.retrace import plan_along, without_loops
 from skills.motion.moves.retreat import Retreat, plan_retreat
 from skills.vocabulary import Outcome
 
-__all__ = ["OPENING_S", "calibrated", "let_go_and_park", "open_hands", "park", "plan_rise", "still_closed"]
+__all__ = [
+    "OPENING_S",
+    "RELEASE_OPENING",
+    "calibrated",
+    "let_go_and_park",
+    "open_hands",
+    "park",
+    "plan_rise",
+    "still_closed",
+]
 
+RELEASE_OPENING = 0.020
+"""Opening of the pads when they release the garment [m]. It is small, so that the fingers do not sweep the stack
+aside."""
 OPENING_S = 0.8
 SLOW_OPENING_S = 2.0
 """Additional waiting time for a gripper that still moves [s]."""

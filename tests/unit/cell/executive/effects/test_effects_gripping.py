@@ -11,7 +11,7 @@ import pytest
 
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects import EFFECTS, checked_motion, gripping, moving, parking
+from cell.executive.effects import EFFECTS, checked_motion, freeing, gripping, moving, parking
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -21,7 +21,6 @@ from robots.ports import ArmTrajectory, Side, arm_slice
 from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
-from skills.motion.moves.retreat import Retreat
 from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
@@ -206,25 +205,73 @@ def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch)
     assert all(0.01 < opening < 0.025 for opening in cell.openings.values())
 
 
-@pytest.mark.parametrize("side", [None, *Side])
-def test_cloth_stuck_to_a_hand_prevents_the_retreat_home(
-    side: Side | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def retreating(
+    monkeypatch: pytest.MonkeyPatch, clings: dict[Side, int]
+) -> tuple[FakeCell, Workcell, RunContext, list[str]]:
+    """The hands have released the cloth. clings: for each hand on which cloth clings, how often it has to close
+    until the cloth comes off. Also returns the list of what was done."""
     cell, workcell, context = holding(monkeypatch)
-    cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s is side else 0.0 for s in Side}
-    gone: list[Any] = []
-    away = Retreat("up", "home")  # type: ignore[arg-type]
+    cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s in clings else 0.0 for s in Side}
+    done: list[str] = []
+    rise = np.array([np.zeros(14), np.full(14, 0.1)])
+    up, home = SimpleNamespace(q=rise, name="up"), SimpleNamespace(name="home")
+    away: Any = SimpleNamespace(retreat=up, park=home)
     monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: Outcome(away))
 
-    def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
-        gone.append((motion, fingertips))
+    def along(cell: Workcell, path: Any) -> Outcome[Any]:
+        return Outcome(SimpleNamespace(name="up" if path[-1, 0] > path[0, 0] else "down"))
 
-    monkeypatch.setattr(moving, "move", move)
-    result = moving.retreat(workcell, context)
-    if side is None:
-        assert (result.event, gone) == (Event.DONE, [("up", True), ("home", False)]), (
-            "the hands are near the cloth only while they rise"
+    def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
+        assert fingertips is (motion.name != "home"), (
+            "the hands are near the cloth only while they rise or descend"
         )
-    else:
-        assert (result.event, gone) == (Event.FAILED, [("up", True)])
-        assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what
+        done.append(motion.name)
+
+    for side, gripper in workcell.ports.grippers.items():
+        command = gripper.command
+
+        def told(opening: float, force: float, side: Side = side, command: Any = command) -> None:
+            done.append(f"{side} {'closes' if opening == 0.0 else 'opens'}")
+            command(opening, force)
+            if opening == 0.0 and side in clings:
+                clings[side] -= 1
+                cell.pads[side] = 0.5 if clings[side] > 0 else 0.0
+
+        monkeypatch.setattr(gripper, "command", told)
+    monkeypatch.setattr(freeing, "_plan", along)
+    for module in (moving, freeing):
+        monkeypatch.setattr(module, "move", move)
+    return cell, workcell, context, done
+
+
+def test_hands_without_cloth_on_a_finger_retreat_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, workcell, context, done = retreating(monkeypatch, {})
+    assert moving.retreat(workcell, context).event is Event.DONE
+    assert done == ["up", "home"]
+
+
+@pytest.mark.parametrize("side", Side)
+def test_cloth_on_a_finger_is_laid_down_and_freed_by_closing_and_opening_the_hand(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell, workcell, context, done = retreating(monkeypatch, {side: 1})
+    assert moving.retreat(workcell, context).event is Event.DONE
+    assert done == ["up", "down", f"{side} closes", f"{side} opens", "up", "home"]
+    assert cell.openings[side] == pytest.approx(parking.RELEASE_OPENING)
+
+
+def test_both_hands_are_freed_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, workcell, context, done = retreating(monkeypatch, {Side.LEFT: 1, Side.RIGHT: 1})
+    assert moving.retreat(workcell, context).event is Event.DONE
+    assert done.count("down") == 2 and done[-1] == "home"
+
+
+@pytest.mark.parametrize("side", Side)
+def test_cloth_that_stays_on_a_finger_prevents_the_retreat_home(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, workcell, context, done = retreating(monkeypatch, {side: 99})
+    result = moving.retreat(workcell, context)
+    assert result.event is Event.FAILED and "home" not in done
+    assert done.count("down") == freeing.FREEING_TRIES
+    assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what
