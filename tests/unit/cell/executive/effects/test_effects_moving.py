@@ -534,7 +534,7 @@ def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(
 def test_a_failed_clearing_keeps_the_failure_that_led_to_it(baxter: dict[str, Any]) -> None:
     """The recovery is chosen, and counted, for the failure of the fold."""
     cell = FakeCell(q=OUT)
-    cell.follows = False
+    cell.follows = cell.same_positions = False
     workcell, before = fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)
     failed = clear(workcell, before)
     assert (failed.event, failed.context.failure.kind) == (Event.FAILED, K.TRACKING_ERROR)
