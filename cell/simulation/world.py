@@ -158,6 +158,7 @@ class World:
             side, self._noise.tactile, int(rng.integers(2**31)), ideal,
             pressing=lambda: gripper.pressing,
             tips=lambda: self._touch(side)[2].force,
+            clinging=lambda: self._clinging(side),
         )  # fmt: skip
         return _Hand(gripper, tactile)
 
@@ -243,6 +244,10 @@ class World:
         contacts = contact.touch(tips, stack, self._stiffness)
         position[2] += contacts.lift
         return position, rotation, contacts
+
+    def _clinging(self, side: Side) -> float:
+        """Return the pull of cloth that is caught on a finger of this side [N]."""
+        return float(np.linalg.norm(self.garment.pull(HANDS[side]))) if self._world_faults.caught(side) else 0.0
 
     def _over_table(self, p: Array) -> bool:
         table = self.settings.table

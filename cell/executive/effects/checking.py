@@ -27,6 +27,8 @@ RESHAPED = 0.015
 """Largest deviation between the outlines, after alignment, of a garment that has kept its shape [m]."""
 DISPLACED = 0.080
 """A garment has moved under the hands if this length of its visible boundary has left its place [m]."""
+_GONE = frozenset({FailureKind.NO_GARMENT, FailureKind.OUT_OF_VIEW})
+"""Failures that show that somebody has moved the garment, because no hand of the cell was near it."""
 GLANCE_S = 1.0
 """Longest wait for a picture without exposures [s]; after it, a still picture is taken."""
 
@@ -53,6 +55,7 @@ def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: 
     seen = _motion(cell, context, planned, sight.frame)
     context = replace(context, sight=replace(context.sight, digests=sight.digests))
     if seen.failure:
+        context = replace(context, disturbed=context.disturbed or seen.failure.kind in _GONE)
         return Result(Event.FAILED, context.with_failure(seen.failure))
     motion = seen.unwrap()
     failure = _moved(cell, motion)

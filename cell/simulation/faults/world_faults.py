@@ -134,6 +134,10 @@ class WorldFaults:
             self._caught[side] = t + fault.lasts
         return fault is not None
 
+    def caught(self, side: Side) -> bool:
+        """Whether cloth is caught on a finger of this side."""
+        return side in self._caught
+
     def freed(self, side: Side) -> None:
         """The cloth is no longer caught on a finger of this side."""
         self._caught.pop(side, None)

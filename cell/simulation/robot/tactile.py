@@ -19,7 +19,8 @@ HELD_DEPTH = 0.006  # height of the pressure peak above the tips: the pads hold 
 class SimulatedTactile:
     """The sensors sample at a fixed rate. Readings within one sample period are identical.
 
-    pressing(): force on each pad [N]; tips(): forces on the two fingertips (2,) [N].
+    pressing(): force on each pad [N]; tips(): forces on the two fingertips (2,) [N]; clinging(): force of cloth
+    that hangs on the finger of pad 0 [N].
     """
 
     def __init__(
@@ -30,10 +31,11 @@ class SimulatedTactile:
         ideal: bool,
         pressing: Callable[[], float],
         tips: Callable[[], Array],
+        clinging: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.side = side
         self._noise, self._seed, self._ideal = noise, seed, ideal
-        self._pressing, self._tips = pressing, tips
+        self._pressing, self._tips, self._clinging = pressing, tips, clinging
         shape = (2, noise.rows, noise.columns)
         rng = np.random.default_rng((seed, 0))
         self._gain = np.ones(shape) if ideal else 1.0 + noise.linearity * rng.standard_normal(shape)
@@ -55,7 +57,8 @@ class SimulatedTactile:
         stamp = tick / self._noise.rate
         if self._last is not None and self._last.stamp == stamp:
             return self._last
-        cells = self._gain * self._share * self._pressing()
+        force = self._pressing() + np.array([self._clinging(), 0.0])
+        cells = self._gain * self._share * force[:, None, None]
         tip = self._tips()
         if not self._ideal:
             rng = np.random.default_rng((self._seed, 1, tick))

@@ -34,6 +34,13 @@ def test_the_cells_of_a_pad_add_up_to_the_grip() -> None:
     assert sensor(8.0).reading(0.0).grip == pytest.approx(8.0, rel=0.06)
 
 
+def test_cloth_that_hangs_on_a_finger_is_felt_by_its_pad_alone() -> None:
+    tips, nothing = lambda: np.zeros(2), lambda: 0.0
+    hung = SimulatedTactile(Side.LEFT, NOISE, 3, True, nothing, tips, clinging=lambda: 0.4).reading(0.0)
+    assert hung.cells.sum(axis=(1, 2)) == pytest.approx([0.4, 0.0])
+    assert hung.grip == 0.0, "the open hand grips nothing"
+
+
 def test_the_noise_has_the_size_stated_in_the_table() -> None:
     s = sensor(0.0)
     readings = np.array([s.reading(0.01 * k).cells for k in range(200)])

@@ -100,6 +100,16 @@ def test_a_garment_that_was_shoved_is_reported_by_a_still_picture(shift: tuple[f
     assert result.context.disturbed
 
 
+def test_a_garment_that_was_taken_away_has_been_moved_by_somebody() -> None:
+    """When it is laid back, its new place is no drift of the cell's folds."""
+    gone = replace(bare(), sequence=4, stamp=NOW)
+    work, camera_ = watching(gone, stills=(replace(bare(), sequence=5, stamp=NOW),))
+    result = check(work)
+    failure = result.context.failure
+    assert result.event is Event.FAILED and failure is not None and failure.kind is K.NO_GARMENT
+    assert result.context.disturbed and camera_.asked == ["glimpse", "capture"]
+
+
 def test_a_glance_is_no_verdict() -> None:
     """A hand passed by in the glance; the still picture shows the garment in its place."""
     passing = with_arm(picture(), CAMERA, (0.6, 0.2), (0.55, 0.75))
