@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cell.states.recovery_table import Adjustment
-from cell.states.stages import Attempt
+from cell.states.stages import Attempt, Repair
 from cell.states.step_note import StepNote
 from robots.ports import ArmTrajectory, Side
 from skills.grasping.confirm import Held
@@ -40,7 +40,9 @@ class FoldContext:
     touched: bool = False
     """Whether the hands may have moved the garment since it was last found."""
     estimate: StateEstimate | None = None
-    """The state of the garment after the last failure of this fold, with the best fit of each state."""
+    """The state of the garment after a failure of the latest attempt, with the best fit of each state."""
+    repair: Repair | None = None
+    """The repair in progress. `attempt` is then the attempt at the repair."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
     carrying: tuple[ArmTrajectory, ...] = ()
@@ -59,13 +61,20 @@ class FoldContext:
         """Whether the garment may lie in any state of the fold: it was touched, and the fold was not completed."""
         return self.touched and self.attempt is not None and not self.carried
 
+    def after_repair(self) -> FoldContext:
+        """Return the context after a repair, whether it was completed or not: how the garment lies is unknown."""
+        if self.repair is None:
+            return self
+        undone = replace(self.repair.undone, carried=False)
+        return replace(self, repair=None, attempt=undone, touched=True, estimate=None)
+
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)
 
     def note(self) -> StepNote | None:
         """Return the fold's record for the report, or None before the fold was planned. If the fold was not
         inspected, the figures of the inspection are NaN or empty."""
-        attempt = self.attempt
+        attempt = self.repair.undone if self.repair else self.attempt
         if attempt is None:
             return None
         inspection, claim = attempt.inspection, attempt.claim

@@ -18,7 +18,7 @@ from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
-__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition"]
+__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,3 +106,20 @@ class Attempt:
     def grasp_of(self, arm: Side) -> Grasp:
         """The grasp that this arm makes. The motion planner may have swapped the grasps between the arms."""
         return self.step.grasps[self.motion.postures[arm].path]
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """The way back of a fold that is half made. It is planned, checked and performed like a fold.
+
+    step: grasps where the moved cloth lies now, targets where it lay before the fold; trajectory: the arcs between
+    them; headings: of the held lines at grasp and target [rad]. vertices: (n, 3) believed positions now; flat:
+    (n, 3) as they were before the fold, [m]. undone: the attempt that is undone.
+    """
+
+    step: FoldStep
+    trajectory: GraspTrajectory
+    headings: Mapping[GraspId, tuple[float, float]]
+    vertices: Array
+    flat: Array
+    undone: Attempt

@@ -43,6 +43,7 @@ class State(StrEnum):
     PLANNING = "planning"
     OPTIMISING = "optimising"  # look the trajectory up, or optimise it
     PLANNING_MOTION = "planning_motion"
+    PLANNING_REPAIR = "planning_repair"  # how a half-made fold is undone
     AWAITING_APPROVAL = "awaiting_approval"
     CHECKING = "checking"  # whether the garment still lies where the plan expects it
     APPROACHING = "approaching"
@@ -91,6 +92,7 @@ class Event(StrEnum):
     PLAN_AGAIN = "plan_again"
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
+    UNDO = "undo"
     CARRY_ON = "carry_on"
     ASK = "ask"
     GIVE_UP = "give_up"
@@ -120,6 +122,7 @@ class Effect(StrEnum):
     PLAN_FOLDS = "plan_folds"
     CHOOSE_TRAJECTORY = "choose_trajectory"
     PLAN_MOTION = "plan_motion"
+    PLAN_REPAIR = "plan_repair"
     ASK_APPROVAL = "ask_approval"
     CHECK_PLACE = "check_place"
     APPROACH = "approach"
@@ -178,6 +181,10 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.LOOKING, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
     Row(S.ESTIMATING, E.DONE, S.RECOGNISING, Do.RECOGNISE),
     Row(S.ESTIMATING, E.FOLD_MADE, S.INSPECTING, Do.INSPECT),
+    # undo a half-made fold: the way back is performed like a fold, then the state is estimated again
+    Row(S.RECOVERING, E.UNDO, S.PLANNING_REPAIR, Do.PLAN_REPAIR),
+    Row(S.PLANNING_REPAIR, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.LOOKING_AFTER, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
     # resume an interrupted run
     Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
     Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
@@ -213,6 +220,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING_REPAIR, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.CHECKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
+from cell.executive.effects.estimating import SURE
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
@@ -14,6 +15,7 @@ from cell.states.recovery_table import VERDICTS, Adjustment, Recovery, choose_re
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
+from skills.perception.state_estimate.hypothesis import FoldState
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 
@@ -31,6 +33,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     recovery = choose_recovery(
         kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
         max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
+        _undoable(fold),
     )  # fmt: skip
     used_up = (
         context.recoveries_in_step >= bounds.attempts_per_step or len(context.retries) >= bounds.attempts_per_run
@@ -56,6 +59,12 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
             recovery.event, replace(context, asking=recovery.reason), {**record, "reason": recovery.reason}
         )
     event: Event = recovery.event
+    if event is Event.UNDO and _lies_as_before(fold):
+        event, context = Event.LOOK_AGAIN, _not_carried(context)
+    if fold.repair is not None and (
+        event in {Event.UNDO, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN} or recovery.adjust in _OTHER_GRASPS
+    ):
+        event = Event.LOOK_AGAIN  # the repair is planned anew, from what the next picture shows
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
     if event is Event.LOOK_AGAIN or on_cloth or not _planned_for(context, event):
         event = _look_event(cell, context)  # a released garment may lie anywhere
@@ -64,7 +73,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
     )
     recoveries = (*context.recoveries, (fold.index, note))
-    again = replace(_adjusted(fold, recovery.adjust), held={})
+    again = replace(_adjusted(context.fold, recovery.adjust), held={})
     attempts = context.attempts
     if recovery.adjust is Adjustment.OTHER_VARIANT:  # another fold, whose failures are counted anew
         attempts = {key: count for key, count in attempts.items() if key[0] != fold.index}
@@ -75,6 +84,26 @@ def _attempt(context: RunContext, kind: FailureKind) -> int:
     """Return the number of failures of this kind in the present fold. Verdicts of inspections count together."""
     kinds = VERDICTS if kind in VERDICTS else {kind}
     return sum(context.attempts.get((context.fold.index, k.value), 0) for k in kinds)
+
+
+_OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.INWARD})
+
+
+def _undoable(fold: FoldContext) -> bool:
+    """Whether it is known well enough how the garment lies to undo the fold."""
+    found = fold.estimate
+    known = found is not None and found.best is not None and found.confidence >= SURE
+    return known or fold.repair is not None
+
+
+def _lies_as_before(fold: FoldContext) -> bool:
+    """Whether the estimate says that the garment lies as before the fold, so that nothing is to be undone."""
+    return fold.estimate is not None and fold.estimate.state is FoldState.BEFORE
+
+
+def _not_carried(context: RunContext) -> RunContext:
+    attempt = context.fold.attempt
+    return context if attempt is None else context.with_attempt(replace(attempt, carried=False))
 
 
 def _value(failed: Failure, name: str, otherwise: float) -> float:
@@ -107,7 +136,7 @@ def _planned_for(context: RunContext, event: Event) -> bool:
 
 def _other_variant(context: RunContext) -> bool:
     """Whether the garment file has a variant of the present fold that was not tried."""
-    if context.plan is None:
+    if context.plan is None or context.fold.repair is not None:
         return False
     variants = len(context.plan.garment.plan[context.fold.index].variants)
     return context.fold.count(Adjustment.OTHER_VARIANT) < variants - 1

@@ -22,7 +22,7 @@ from skills.perception.state_estimate.observation import Observation, observe
 from skills.perception.state_estimate.wording import describe
 from skills.vocabulary import Outcome, PredictedShape
 
-__all__ = ["estimate", "note_estimate"]
+__all__ = ["SURE", "estimate", "note_estimate"]
 
 SURE = 0.8
 """Smallest confidence with which the state of the garment ends the attempt. Below it, the more probable

@@ -70,11 +70,14 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     fold = replace(fold, biases=biases.unwrap(), touched=True)
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
-    contacts = _descend(cell, attempt, fold.biases, settings, lowering)
+    stated = plan.garment.material.thickness
+    contacts = _descend(cell, attempt, fold.biases, settings, lowering, stated)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
     monitor = FingertipForceMonitor(cell.hands, cell.grasp, fold.biases)
-    deeper = DEEPER * fold.count(Adjustment.LOWER)
+    # tips that go deeper into the upper layers would take the layers below them, too
+    to_table = all(_whole_stack(attempt.grasp_of(s), stated) for s in fold.biases)
+    deeper = DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
     failure = _press(cell, attempt.motion.postures, deeper, lowering, monitor)
     record: dict[str, object] = {
         "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
@@ -84,7 +87,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     if failure:
         return Result(Event.FAILED, context.with_failure(failure), record)
     thickness, error = _layer_thickness(context, plan.garment, settings)
-    stated, counting = plan.garment.material.thickness, replace(settings, thickness_error=error)
+    counting = replace(settings, thickness_error=error)
     expected = {s: _expected(attempt.grasp_of(s), stated, thickness) for s in fold.biases}
     held = _close_and_confirm(cell, fold.biases, expected, counting)
     if held.failure:
@@ -164,16 +167,17 @@ def _descend(
     biases: Mapping[Side, TactileBias],
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
+    thickness: float,
 ) -> Outcome[dict[Side, Contact]]:
     """Lower the hands until their tips touch. lowering: filled here with the set-point of each descending hand;
-    `_press` continues from these set-points."""
+    `_press` continues from these set-points. thickness: of a layer, as stated [m]."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
         for s, descent in attempt.motion.descend.items():
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
             lowest = lowering[s].top - float(descent.depth[-1])
-            goal = _goal(attempt.grasp_of(s), lowest, cell.settings.grasp.tactile)
+            goal = _goal(attempt.grasp_of(s), lowest, cell.settings.grasp.tactile, thickness)
             state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -181,13 +185,22 @@ def _descend(
     return cell.loop.run(begin)
 
 
-def _goal(grasp: Grasp, lowest: float, tactile: bool) -> DescentGoal:
+def _goal(grasp: Grasp, lowest: float, tactile: bool, thickness: float) -> DescentGoal:
     """Return the heights at which a descent to `grasp` ends. Contact is expected on top of the stack under the
-    hand. With tactile sensors, a descent without contact fails at the lowest height that the hand can
+    hand. If only its upper layers, each `thickness` [m] thick, are to be held, the first touch ends the descent.
+    With tactile sensors, a descent without contact fails at the lowest height that the hand can
     reach, but not lower than 8 mm below the expected table. Without tactile sensors, the descent ends at the
-    expected height of the table."""
+    expected height of the table, or in the middle of the lowest layer that is to be held."""
     bottom = min(max(lowest, -0.008), grasp.height)
-    return DescentGoal(grasp.height, bottom, stop=None if tactile else max(bottom, 0.0), through=grasp.height)
+    whole = _whole_stack(grasp, thickness)
+    deepest = 0.0 if whole else grasp.height - (grasp.layers - 0.5) * thickness
+    stop = None if tactile else max(bottom, deepest)
+    return DescentGoal(grasp.height, bottom, stop=stop, through=grasp.height if whole else 0.0)
+
+
+def _whole_stack(grasp: Grasp, thickness: float) -> bool:
+    """Whether the planned grasp holds all layers down to the table. thickness: of a layer, as stated [m]."""
+    return grasp.height < (grasp.layers + 0.5) * thickness
 
 
 def _press(
@@ -252,8 +265,7 @@ def _expected(grasp: Grasp, stated: float, thickness: float) -> Expectation:
     """Return the expected number of layers, each `thickness` [m] thick between the pads. It is the planned
     number. If the planned grasp, whose height follows from the `stated` thickness, holds the whole stack, more
     layers are also accepted."""
-    whole_stack = grasp.height < (grasp.layers + 0.5) * stated
-    return Expectation(thickness, grasp.layers, or_more=whole_stack)
+    return Expectation(thickness, grasp.layers, or_more=_whole_stack(grasp, stated))
 
 
 def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:

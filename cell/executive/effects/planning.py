@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,15 +30,28 @@ from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
+from skills.trajectory.return_arcs import turned_paths
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
-__all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths"]
+__all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths", "tool_speed"]
 
 INWARD = 0.012
 """Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
 KEY_FRAMES = 6
 _ARC = np.linspace(0.0, 1.0, 40)
 """Curve parameters of the points at which the recording draws an arc."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A motion with the cloth: its arcs, its step and its tool paths, and the vertices (n, 3) of the garment
+    before it and in its target shape [m]."""
+
+    trajectory: GraspTrajectory
+    step: FoldStep
+    paths: Mapping[GraspId, ToolPath]
+    vertices: Array
+    target: Array
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
@@ -134,7 +147,7 @@ def _optimise(
         lambda: optimise_fold(
             step, plan.mesh, plan.vertices, garment.material, method,
             None if method == "initial" else settings.simulations,
-            threads=settings.threads, progress=progress, max_tool_speed=_tool_speed(cell, garment),
+            threads=settings.threads, progress=progress, max_tool_speed=tool_speed(cell, garment),
             predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
             promised=found.dissimilarity if found is not None and trusted else None,
             promised_initial=None if found is None else found.dissimilarity_initial, watch=watch,
@@ -164,10 +177,9 @@ def _draws(cell: Workcell, search: int) -> np.random.Generator:
 
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Plan both arms' motion for the step, and predict the garment's shape after it."""
-    fold, speed = context.fold, _tool_speed(cell, plan.garment)
-    inset = INWARD * fold.count(Adjustment.INWARD)
-    inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
-    paths = tool_paths(inset_trajectory, step, speed)
+    fold, speed = context.fold, tool_speed(cell, plan.garment)
+    task = _task(fold, plan, trajectory, speed)
+    step, paths = task.step, task.paths
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return Result(Event.FAILED, context.with_failure(state.failure))
@@ -186,10 +198,13 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         return Result(Event.FAILED, context.with_failure(planned.failure))
     motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    prediction = cell.compute(cell.settings.computing.simulation_s, lambda: _predict(cell, plan, motion))
-    predicted, error = _predicted_shape(plan, step, prediction)
-    attempt = Attempt(trajectory, step, paths, speed, motion, predicted, error, prediction.keyframes)
-    fold = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures))
+    prediction = cell.compute(
+        cell.settings.computing.simulation_s, lambda: _predict(cell, plan, task.vertices, motion)
+    )
+    predicted = PredictedShape(prediction.vertices, plan.mesh.triangles, plan.mesh.rest)
+    error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
+    attempt = Attempt(task.trajectory, step, paths, speed, motion, predicted, error, prediction.keyframes)
+    fold = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures), estimate=None)
     context = replace(context, fold=fold)
     cell.recorder.predicted(cell.ports.clock.now(), predicted)
     record = {
@@ -212,7 +227,8 @@ def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
     return next(g for g in cell.garments if g.name == recognition.perception.garment)
 
 
-def _tool_speed(cell: Workcell, garment: Garment) -> float:
+def tool_speed(cell: Workcell, garment: Garment) -> float:
+    """Return the largest speed of the tools with this garment in hand [m/s]."""
     return min(garment.max_tool_speed, cell.settings.motion.tool_speed)
 
 
@@ -221,7 +237,7 @@ def _look_up(cell: Workcell, garment: Garment, step: FoldStep) -> GraspTrajector
     entry = lookup(cell.library(), garment.category, step.name, garment.material, garment.size_m, arms=arms)
     if entry is None:
         return None
-    return trajectory_from(entry, step, garment.material.thickness, _tool_speed(cell, garment))
+    return trajectory_from(entry, step, garment.material.thickness, tool_speed(cell, garment))
 
 
 def _described(trajectory: GraspTrajectory) -> dict[str, object]:
@@ -248,10 +264,11 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
     return replace(trajectory, control_points=controls), replace(step, grasps=grasps, targets=targets)
 
 
-def _predict(cell: Workcell, plan: Plan, motion: FoldMotion) -> FoldPrediction:
-    """Simulate the step with the tool paths that the arms will execute, including orientation and timing."""
+def _predict(cell: Workcell, plan: Plan, vertices: Array, motion: FoldMotion) -> FoldPrediction:
+    """Simulate the step with the tool paths that the arms will execute, including orientation and timing.
+    vertices: (n, 3) before it [m]."""
     return predict_fold(
-        plan.mesh, plan.vertices, plan.garment.material, simulated_paths(cell, motion),
+        plan.mesh, vertices, plan.garment.material, simulated_paths(cell, motion),
         keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
     )  # fmt: skip
 
@@ -262,9 +279,13 @@ def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPat
     return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
-def _predicted_shape(plan: Plan, step: FoldStep, prediction: FoldPrediction) -> tuple[PredictedShape, float]:
-    """Return the predicted shape, and its dissimilarity D from the ideal fold [m]."""
-    mesh = plan.mesh
-    target = target_vertices(mesh, step.lines, plan.garment.material)
-    error = dissimilarity(target, prediction.vertices, mesh.triangles, mesh.area)
-    return PredictedShape(prediction.vertices, mesh.triangles, mesh.rest), error
+def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: float) -> _Task:
+    """Return what the motion has to do: the fold, with its grasps as recoveries have moved them, or its repair."""
+    repair = fold.repair
+    if repair is not None:
+        paths = turned_paths(tool_paths(repair.trajectory, repair.step, speed), repair.headings)
+        return _Task(repair.trajectory, repair.step, paths, repair.vertices, repair.flat)
+    inset = INWARD * fold.count(Adjustment.INWARD)
+    inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
+    target = target_vertices(plan.mesh, step.lines, plan.garment.material)
+    return _Task(trajectory, step, tool_paths(inset_trajectory, step, speed), plan.vertices, target)

@@ -117,12 +117,14 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
 
 
 def look(cell: Workcell, context: RunContext) -> Result:
-    """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold."""
+    """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold. A
+    repair ends with this look."""
     taken = take_picture(cell, context)
     if taken.failure:
         return Result(Event.FAILED, context.with_failure(taken.failure))
+    context = replace(context, sight=taken.unwrap(), fold=context.fold.after_repair())
     estimated = context.fold.uncertain and cell.settings.inspection.enabled
-    return Result(Event.TOUCHED if estimated else Event.DONE, replace(context, sight=taken.unwrap()))
+    return Result(Event.TOUCHED if estimated else Event.DONE, context)
 
 
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:

@@ -40,6 +40,7 @@ STATE_COLOURS: dict[State, tuple[int, int, int]] = {
     State.PLANNING: _THINKING,
     State.OPTIMISING: _THINKING,
     State.PLANNING_MOTION: _THINKING,
+    State.PLANNING_REPAIR: _THINKING,
     State.AWAITING_APPROVAL: _WAITING,
     State.CHECKING: _SEEING,
     State.APPROACHING: _MOVING,

@@ -72,9 +72,12 @@ class Fit:
     @property
     def shape(self) -> PredictedShape:
         """The shape of the hypothesis at the place where it fits."""
-        x = self.hypothesis.shape.vertices
-        moved = (x[:, :2] - self.about) @ _rotation(self.drift_rad).T + self.about + self.drift
-        return replace(self.hypothesis.shape, vertices=frozen(np.column_stack([moved, x[:, 2]])))
+        return replace(self.hypothesis.shape, vertices=self.placed(self.hypothesis.shape.vertices))
+
+    def placed(self, vertices: Array) -> Array:
+        """Displace vertices (n, 3) [m] as the fit displaces the hypothesis."""
+        moved = (vertices[:, :2] - self.about) @ _rotation(self.drift_rad).T + self.about + self.drift
+        return frozen(np.column_stack([moved, vertices[:, 2]]))
 
 
 def fit(

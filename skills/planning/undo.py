@@ -1,0 +1,123 @@
+"""Plans where the hands grasp to undo a half-made fold: on the moved edge, where it lies now, to carry it back.
+
+The hands take the material that they held in the fold. Its present place and direction follow from the believed
+shapes before the fold and now, which have the same vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skills.planning.folding import SheetMesh
+from skills.planning.plan import RELEASE_CLEARANCE
+from skills.vocabulary import (
+    Array,
+    Failure,
+    FailureKind,
+    FoldLine,
+    FoldStep,
+    Grasp,
+    GraspId,
+    Outcome,
+    frozen,
+)
+
+__all__ = ["MOVED", "Undo", "locate_grasp", "plan_undo"]
+
+MOVED = 0.030
+"""A hand carries cloth back only if the material of its grasp lies at least this far from its place [m]."""
+REACH = 0.015
+"""Standard deviation of the weights with which the vertices near a grasp determine its present place [m]."""
+SMOOTH = 0.6
+"""Cloth whose grasped line appears shorter than this share from above is rumpled or stands on edge."""
+COVERED = 0.6
+"""Cloth counts as covered if another layer lies higher than its top by this share of a layer's thickness."""
+
+
+@dataclass(frozen=True, eq=False)
+class Undo:
+    """step: the way back as a fold step: grasps where the moved cloth lies now, targets where it lay before the
+    fold. headings: of the held line at the grasp and at the target [rad]; the hand turns between them."""
+
+    step: FoldStep
+    headings: Mapping[GraspId, tuple[float, float]]
+
+
+def plan_undo(mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickness: float) -> Outcome[Undo]:
+    """Plan the way back of a fold that is half made.
+
+    before, now: (n, 3) believed vertices before the fold and now, table frame [m]; a garment that was displaced as
+    a whole is displaced in both. step: the fold, displaced in the same way. thickness: of a layer [m]. Only the
+    hands whose cloth has moved take part.
+
+    Fails with HALF_FOLDED if no cloth of a grasp has moved, or if it lies under other cloth or is rumpled.
+    """
+    grasps: dict[GraspId, Grasp] = {}
+    targets: dict[GraspId, Array] = {}
+    headings: dict[GraspId, tuple[float, float]] = {}
+    for grasp_id, grasp in step.grasps.items():
+        place, heading, smooth = locate_grasp(before, now, grasp)
+        if float(np.linalg.norm(place[:2] - grasp.point)) < MOVED:
+            continue
+        top = float(place[2]) + 0.5 * grasp.layers * thickness
+        name = f"the cloth of the {grasp_id.value} grasp"
+        if smooth < SMOOTH:
+            return Outcome(failure=_impossible(step, f"{name} is rumpled"))
+        if _covered(mesh, now, place[:2], top + COVERED * thickness):
+            return Outcome(failure=_impossible(step, f"{name} lies under other cloth"))
+        grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=top)
+        below = max(grasp.height - grasp.layers * thickness, 0.0)
+        targets[grasp_id] = frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
+        headings[grasp_id] = heading, grasp.heading
+    if not grasps:
+        return Outcome(failure=_impossible(step, "the cloth of every grasp lies where it was taken"))
+    line = FoldLine(step.line.point, frozen(-step.line.direction))
+    back = replace(step, name=f"undo {step.name}", line=line, grasps=grasps, targets=targets)
+    return Outcome(Undo(back, headings))
+
+
+def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float, float]:
+    """Return the present place (3,) of the middle of a grasped line [m], its heading [rad], within a quarter turn
+    of the one before, and its length seen from above relative to the one before.
+
+    They are those of the affine map that fits the vertices near the grasp best, weighted by their distance.
+    before, now: (n, 3) vertices [m].
+    """
+    offset = before[:, :2] - grasp.point
+    squared = (offset**2).sum(axis=1)
+    # with vertices far apart, those of the nearest triangles decide
+    reach = max(REACH, float(np.sqrt(np.partition(squared, 5)[5])) if len(squared) > 5 else REACH)
+    weight = np.exp(-0.5 * squared / reach**2)
+    root = np.sqrt(weight)[:, None]
+    terms = np.column_stack([np.ones(len(offset)), offset])
+    affine, *_ = np.linalg.lstsq(root * terms, root * now, rcond=None)
+    direction = np.array([np.cos(grasp.heading), np.sin(grasp.heading)])
+    along = direction @ affine[1:, :2]
+    along = along if along @ direction >= 0.0 else -along
+    turn = float(np.arctan2(direction[0] * along[1] - direction[1] * along[0], direction @ along))
+    return affine[0], grasp.heading + turn, float(np.linalg.norm(along))
+
+
+def _covered(mesh: SheetMesh, vertices: Array, point: Array, height: float) -> bool:
+    """Whether a triangle of the mesh lies over a point (2,) higher than `height` [m]."""
+    a, b, c = np.moveaxis(vertices[mesh.triangles], 1, 0)
+    u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], point - a[:, :2]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    flat = np.abs(area) > 1e-12
+    area = np.where(flat, area, 1.0)
+    s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+    t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+    over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
+    z = a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2])
+    return bool((z[over] > height).any())
+
+
+def _impossible(step: FoldStep, why: str) -> Failure:
+    return Failure(
+        FailureKind.HALF_FOLDED,
+        f"fold {step.name} cannot be undone: {why}",
+        "lay the garment as it was before this fold (its outline is in the report), then retry",
+    )
