@@ -33,8 +33,9 @@ REACH = 0.015
 """Standard deviation of the weights with which the vertices near a grasp determine its present place [m]."""
 SMOOTH = 0.6
 """Cloth whose grasped line appears shorter than this share from above is rumpled or stands on edge."""
-COVERED = 0.6
-"""Cloth counts as covered if another layer lies higher than its top by this share of a layer's thickness."""
+COVERED = 0.3
+"""Cloth counts as covered if the middle of a layer lies higher than its top by this share of a thickness. The
+middle of the next layer lies half a thickness higher."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,8 @@ from cell.states.run_context import RunContext
 from cell.states.transition_table import TRANSITIONS, Effect, Event, State
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
+from skills.perception.state_estimate.estimate import StateEstimate
+from skills.perception.state_estimate.hypothesis import FoldState
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -124,6 +126,7 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: 
     accepted = any(r.event is Event.CARRY_ON for r in recoveries)  # the run continues after the fold
     recoveries = [r for r in recoveries if not accepted or r.event is Event.CARRY_ON]
     recoveries = [r for r in recoveries if r.adjust is not Adjustment.OTHER_VARIANT]  # this garment has one
+    recoveries = [r for r in recoveries if r.event is not Event.UNDO]  # how the garment lies is not known
     context, tried = planned(carried=accepted), []
     while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
@@ -137,11 +140,75 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: 
     assert list(context.fold.adjustments) == [a for _, a in tried if a is not Adjustment.NONE]
 
 
+def lying(state: FoldState, confidence: float = 0.9) -> StateEstimate:
+    """An estimate of the garment's state, with a shape that fits unless it is a heap."""
+    best: Any = None if state is FoldState.HEAP else SimpleNamespace(hypothesis=None)
+    return StateEstimate(state, confidence, best, {state: confidence}, (), 0, np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "change"),
+    [
+        (K.HALF_FOLDED, Adjustment.NONE),
+        (K.DROPPED_CORNER, Adjustment.STRONGER),
+        (K.MISSED_LAYER, Adjustment.LOWER),
+        (K.SAG, Adjustment.OPTIMISE),
+        (K.OFF_TARGET, Adjustment.NONE),
+    ],
+)
+def test_a_fold_that_failed_twice_in_the_same_way_is_undone_twice_at_most(
+    kind: FailureKind, change: Adjustment
+) -> None:
+    verdict = kind is not K.HALF_FOLDED
+    context = planned(carried=verdict, touched=True, estimate=lying(FoldState.HALF_WAY))
+    poor = {"iou_aligned": 0.5}
+    events = []
+    for _ in range(4):
+        result = choose_next(fake_workcell(FakeCell()), context.with_failure(Failure(kind, "it failed", "", poor)))
+        context = result.context
+        events.append(result.event)
+    look = Event.LOOK_AFTER if verdict else Event.LOOK_AGAIN
+    assert events == [look, Event.UNDO, Event.UNDO, Event.GIVE_UP]
+    assert set(context.fold.adjustments) <= {change} and context.asking
+
+
+@pytest.mark.parametrize("estimate", [None, lying(FoldState.HEAP), lying(FoldState.HALF_WAY, 0.6)])
+def test_a_fold_of_which_the_state_is_not_known_is_not_undone(estimate: StateEstimate | None) -> None:
+    context = failed(K.DROPPED_CORNER, 2, planned(carried=True, estimate=estimate))
+    poor = Failure(K.DROPPED_CORNER, "it failed", "", {"iou_aligned": 0.5})
+    assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.GIVE_UP
+
+
+def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_undoing() -> None:
+    """The next look finds the garment as before the fold, because the hands did not take it along."""
+    context = planned(carried=True, touched=True, estimate=lying(FoldState.BEFORE))
+    poor = Failure(K.MISSED_LAYER, "it failed", "", {"iou_aligned": 0.5})
+    context = failed(K.MISSED_LAYER, 2, context)
+    result = choose_next(fake_workcell(FakeCell()), replace(context, failure=poor))
+    assert result.event is Event.LOOK_AGAIN and result.context.fold.uncertain
+
+
+@pytest.mark.parametrize("kind", list(RECOVERIES))
+def test_a_repair_that_fails_is_tried_again_or_ends_with_a_look(kind: FailureKind) -> None:
+    """Nothing is planned for the fold while the garment lies half folded, and no grasp of the repair is changed
+    without a look."""
+    repair: Any = SimpleNamespace(undone=None)
+    for times in (1, 2, 3):
+        context = failed(kind, times, planned(garment=load_garment("pants"), repair=repair, touched=True))
+        result = choose_next(fake_workcell(FakeCell()), context)
+        assert result.event in {Event.LOOK_AGAIN, Event.GRASP_AGAIN, Event.GIVE_UP, Event.CARRY_ON}
+        if result.event is Event.GRASP_AGAIN:
+            assert result.record["change"] in {Adjustment.NONE, Adjustment.OTHER_SEARCH}
+        if result.event is Event.CARRY_ON:
+            assert kind not in {K.HALF_FOLDED, K.DROPPED_CORNER}
+
+
 ENTRY = {row.event: row.target for row in TRANSITIONS if row.state is State.RECOVERING}
 NEEDS = {
     State.PLANNING: ("recognition",),
     State.OPTIMISING: ("plan",),
     State.PLANNING_MOTION: ("plan", "trajectory"),
+    State.PLANNING_REPAIR: ("plan", "trajectory"),
 }
 """What the effect of a state takes from the context."""
 STAGES = {
@@ -196,7 +263,7 @@ def test_a_fold_is_retried_in_the_other_variant_of_the_plan(
         assert (context.fold.avoided == ()) == (Event.PLAN_AGAIN in events), (
             "another variant has other postures, so none is avoided"
         )
-    again = [Event.PLAN_AGAIN, Event.GRASP_AGAIN] if ways == 2 else []  # then the limit of the step is reached
+    again = [Event.PLAN_AGAIN, Event.GRASP_AGAIN, Event.GRASP_AGAIN] if ways == 2 else []
     assert events == [Event.GRASP_AGAIN] * 2 + again + [Event.GIVE_UP]
 
 
