@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cell.config.garments.garment_file import load_garment
+from skills.cloth.predict import predict_fold
+from skills.perception.state_estimate.hypothesis import Interruption
+from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
+from skills.planning.crease_mesh import predictor_mesh
+from skills.planning.plan import plan_folds
+from skills.planning.undo import plan_undo
 from skills.trajectory.bezier import initial_controls
-from skills.trajectory.paths import fold_paths
+from skills.trajectory.frame import frames_of
+from skills.trajectory.objective import dissimilarity
+from skills.trajectory.paths import fold_paths, lifted
 from skills.trajectory.return_arcs import return_arcs, turned_paths
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
+from skills.vocabulary import FoldLine, FoldStep, GarmentState, Grasp, GraspId
 
 THICKNESS = 0.002
 GRASP = GraspId.LEFT
@@ -43,3 +52,30 @@ def test_the_hand_turns_smoothly_from_the_heading_of_the_grasp_to_that_of_the_re
     assert heading[[0, -1]] == pytest.approx([0.2, 1.0]) and (np.diff(heading) >= 0.0).all()
     assert np.interp(0.5, np.linspace(0, 1, len(heading)), heading) == pytest.approx(0.6, abs=0.01)
     assert abs(np.diff(heading)[[0, -1]]).max() < 0.1 * np.diff(heading).max(), "at rest at both ends"
+
+
+@pytest.mark.parametrize("end", [0.6, 0.85])
+def test_a_simulated_fold_that_ends_early_is_undone_by_the_upper_layer_alone(end: float) -> None:
+    """The whole way: the hands open on the way, the cloth settles, and is carried back from where it lies then."""
+    garment = load_garment("small_towel")
+    keypoints = {
+        name: p + np.array([0.6, 0.0]) for name, p in zip(garment.keypoints, garment.template, strict=True)
+    }
+    state = GarmentState(garment.category, np.array(list(keypoints.values())), keypoints, 1.0)
+    step = plan_folds(state, garment).unwrap()[0]
+    mesh, material = predictor_mesh(state, garment), garment.material
+    flat = mesh.lay_flat(material.thickness)
+    ends = frames_of(step, material.thickness)
+    controls = {grasp_id: initial_controls(f.start, f.end) for grasp_id, f in ends.items()}
+    headings = {grasp_id: grasp.heading for grasp_id, grasp in step.grasps.items()}
+    fold = {i: lifted(p, 0.03) for i, p in fold_paths(controls, headings, 3.0).items()}
+    (now,) = simulate_interruptions(mesh, flat, material, fold, [Interruption(end=end)])
+
+    undo = plan_undo(mesh, flat, now, step, material.thickness).unwrap()
+    for arcs in return_arcs(controls, undo.step, material.thickness):
+        starts = {grasp_id: grasp.heading for grasp_id, grasp in undo.step.grasps.items()}
+        back = turned_paths(fold_paths(arcs, starts, 3.0), undo.headings)
+        after = predict_fold(mesh, now, material, {i: lifted(p, 0.03) for i, p in back.items()})
+        assert {pinch.layers for pinch in after.pinches.values()} == {1}, "the layer below stays"
+        moved = dissimilarity(flat, now, mesh.triangles, mesh.area)
+        assert dissimilarity(flat, after.vertices, mesh.triangles, mesh.area) < 0.05 * moved
