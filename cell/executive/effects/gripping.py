@@ -71,14 +71,17 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
     stated = plan.garment.material.thickness
-    contacts = _descend(cell, attempt, fold.biases, settings, lowering, stated)
+    contacts = _descend(cell, attempt, fold, settings, lowering, stated)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
     monitor = FingertipForceMonitor(cell.hands, cell.grasp, fold.biases)
-    # tips that go deeper into the upper layers would take the layers below them, too
+    # tips that press into the upper layers would take the layers below them, too
     to_table = all(_whole_stack(attempt.grasp_of(s), stated) for s in fold.biases)
-    deeper = DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
-    failure = _press(cell, attempt.motion.postures, deeper, lowering, monitor)
+    depth = PRESS + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
+    if to_table:
+        heights = {s: c.height for s, c in contacts.unwrap().items()}
+        fold = replace(fold, table_contact={**fold.table_contact, **heights})
+    failure = _press(cell, attempt.motion.postures, depth, lowering, monitor)
     record: dict[str, object] = {
         "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
         "contact_by": {s.value: c.by for s, c in contacts.unwrap().items()},
@@ -164,7 +167,7 @@ def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Re
 def _descend(
     cell: Workcell,
     attempt: Attempt,
-    biases: Mapping[Side, TactileBias],
+    fold: FoldContext,
     settings: GraspSettings,
     lowering: dict[Side, Lowering],
     thickness: float,
@@ -177,25 +180,30 @@ def _descend(
         for s, descent in attempt.motion.descend.items():
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
             lowest = lowering[s].top - float(descent.depth[-1])
-            goal = _goal(attempt.grasp_of(s), lowest, cell.settings.grasp.tactile, thickness)
-            state = start_descent(settings, goal, biases[s], cell.hands.read(s, start))
+            table, tactile = fold.table_contact.get(s, 0.0), cell.settings.grasp.tactile
+            goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table)
+            state = start_descent(settings, goal, fold.biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
 
     return cell.loop.run(begin)
 
 
-def _goal(grasp: Grasp, lowest: float, tactile: bool, thickness: float) -> DescentGoal:
-    """Return the heights at which a descent to `grasp` ends. Contact is expected on top of the stack under the
-    hand. If only its upper layers, each `thickness` [m] thick, are to be held, the first touch ends the descent.
-    With tactile sensors, a descent without contact fails at the lowest height that the hand can
-    reach, but not lower than 8 mm below the expected table. Without tactile sensors, the descent ends at the
-    expected height of the table, or in the middle of the lowest layer that is to be held."""
+def _goal(grasp: Grasp, lowest: float, tactile: bool, thickness: float, table: float = 0.0) -> DescentGoal:
+    """Return the heights at which a descent to `grasp` ends.
+
+    Contact is expected on top of the stack under the hand. With tactile sensors, a descent without contact fails
+    at the lowest height that the hand can reach, but not lower than 8 mm below the expected table. Without tactile
+    sensors, it ends at the expected height of the table. If only the upper layers are to be held, each `thickness`
+    [m] thick, it ends at the first touch, or in the middle of the lowest of them. table: height at which this hand
+    has felt the table [m].
+    """
     bottom = min(max(lowest, -0.008), grasp.height)
     whole = _whole_stack(grasp, thickness)
-    deepest = 0.0 if whole else grasp.height - (grasp.layers - 0.5) * thickness
-    stop = None if tactile else max(bottom, deepest)
-    return DescentGoal(grasp.height, bottom, stop=stop, through=grasp.height if whole else 0.0)
+    if whole:
+        return DescentGoal(grasp.height, bottom, None if tactile else max(bottom, 0.0), through=grasp.height)
+    middle = table + grasp.height - (grasp.layers - 0.5) * thickness
+    return DescentGoal(grasp.height, min(bottom, middle), stop=middle)
 
 
 def _whole_stack(grasp: Grasp, thickness: float) -> bool:
@@ -206,12 +214,12 @@ def _whole_stack(grasp: Grasp, thickness: float) -> bool:
 def _press(
     cell: Workcell,
     postures: Mapping[Side, Posture],
-    deeper: float,
+    depth: float,
     lowering: Mapping[Side, Lowering],
     monitor: FingertipForceMonitor,
 ) -> Failure | None:
     """Lower each hand until the middle between its tips is at the height of the first tip's contact, and then by
-    PRESS + `deeper` [m] more.
+    `depth` [m] more.
 
     Depths are measured from the contact of the first tip, because the table's height is known only to a few
     millimetres. If the hand is tilted, this tip is lower than the middle. It then presses on the table, and the
@@ -223,7 +231,7 @@ def _press(
         for s, hand in lowering.items():
             contact = cell.hands.depth(s, hand.descent, start.q)
             tip_offset = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
-            strokes[s] = contact, contact + float(tip_offset) + PRESS + deeper
+            strokes[s] = contact, contact + float(tip_offset) + depth
         max_force = cell.grasp.press_force
         return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 

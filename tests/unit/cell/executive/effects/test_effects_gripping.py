@@ -48,7 +48,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
     pushes.look = look
     posture: Any = SimpleNamespace(pitch=0.1)
     lowering = {Side.LEFT: Lowering(WAY, 0.05, JerkLimiter(TOUCHED))}
-    failure = gripping._press(workcell, {Side.LEFT: posture}, gripping.DEEPER, lowering, pushes)
+    failure = gripping._press(workcell, {Side.LEFT: posture}, gripping.PRESS + gripping.DEEPER, lowering, pushes)
     return cell, failure, pushes
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS, repairing
+from cell.executive.effects.gripping import _goal
 from cell.executive.effects.planning import _task
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -22,7 +23,7 @@ from skills.perception.state_estimate.hypothesis import FoldState, Hypothesis
 from skills.planning.plan import plan_folds
 from skills.trajectory.bezier import initial_controls
 from skills.trajectory.frame import frames_of
-from skills.vocabulary import GraspTrajectory, PredictedShape
+from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -114,3 +115,13 @@ def test_arcs_whose_simulation_fails_are_the_last_choice(monkeypatch: pytest.Mon
     result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way())))
     repair = result.context.fold.repair
     assert repair is not None and np.isfinite(repair.trajectory.dissimilarity)
+
+
+@pytest.mark.parametrize("table", [0.0, 0.0011, -0.0006])
+def test_the_tips_stop_between_the_layers_to_be_held_and_those_below(table: float) -> None:
+    """The hand's height is in error by what it felt the table at. Through the whole stack, the table ends it."""
+    two, one = (Grasp(np.zeros(2), 0.0, layers, 2 * THICKNESS) for layers in (2, 1))
+    upper = _goal(one, -0.02, True, THICKNESS, table)
+    assert upper.stop == pytest.approx(1.5 * THICKNESS + table) and upper.through == 0.0
+    whole = _goal(two, -0.02, True, THICKNESS, table)
+    assert whole.stop is None and whole.through == pytest.approx(2 * THICKNESS) and whole.bottom < 0.0
