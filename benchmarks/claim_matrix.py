@@ -35,6 +35,8 @@ __all__ = ["false_claims", "page"]
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "claim.md"
 CACHE = Path.home() / ".cache" / "foldcell" / "claims"
 SEEDS = tuple(range(9101, 9109))
+LOOKED_AT = frozenset(range(9101, 9105))
+"""Seeds whose pictures were looked at while the inspection was developed."""
 
 
 def judged(case: tuple[int, str], cache: Path) -> tuple[str, int, list[Verdict] | str]:
@@ -88,6 +90,7 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
         "",
         f"{time.strftime('%Y-%m-%d')}, commit {commit.stdout.strip() or 'unknown'}, {platform.machine()}, seeds",
         f"{', '.join(map(str, seeds))}: `{command}`.",
+        *_looked_at(seeds),
         "",
         f"- False claims: {', '.join(_share(spoiled))}.",
         f"- Ideal folds not claimed: {len(missed)} of {len(ideal)}, {_interval(len(missed), len(ideal))}.",
@@ -104,6 +107,11 @@ def page(found: Sequence[Verdict], unseen: Sequence[str], command: str) -> str:
         *_listed("Ideal folds that are not claimed", missed, lambda v: v.says),
     ]
     return "\n".join(lines)
+
+
+def _looked_at(seeds: Sequence[int]) -> tuple[str, ...]:
+    known = [str(seed) for seed in seeds if seed in LOOKED_AT]
+    return (f"Looked at while the inspection was developed: seeds {', '.join(known)}.",) if known else ()
 
 
 def _share(folds: Sequence[Verdict]) -> tuple[str, str]:
