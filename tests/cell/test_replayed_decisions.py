@@ -168,9 +168,10 @@ def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copie
         store = FrameStore(copied.directory / FRAMES)
         empty, look = places(exchanges, Channel.CAPTURE)[:2]
         table, garment = (store.get(unpack(exchanges[i].answer).name) for i in (empty, look))
-        rgb = np.array(table.rgb)
-        rgb[0, 0] ^= 1  # an identical picture would count as a frozen camera
-        name = store.put(replace(garment, rgb=frozen(rgb), depth=table.depth))
+        rgb, depth = np.array(table.rgb), np.array(table.depth)
+        rgb[0, 0] ^= 1  # identical colours or depths would count as an old picture
+        depth[0, 0] = 0.5
+        name = store.put(replace(garment, rgb=frozen(rgb), depth=frozen(depth)))
         return answered(exchanges, look, Picture(name))
 
     altered(copied, erase)

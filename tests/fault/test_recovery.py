@@ -288,9 +288,9 @@ def test_cloth_in_the_hands_is_laid_back_when_the_joint_state_is_lost_for_a_seco
     result = onlooker.fold(request)
     assert onlooker.kinds()[:1] == ["stale_state"]
     at = onlooker.performed.index((Effect.FOLD, Event.FAILED))
-    assert onlooker.performed[at + 1 : at + 6] == [
+    assert onlooker.performed[at + 1 : at + 7] == [
         (Effect.LAY_BACK, Event.DONE), (Effect.CLEAR, Event.DONE), (Effect.CHOOSE_RECOVERY, Event.LOOK_AGAIN),
-        (Effect.LOOK, Event.DONE), (Effect.RECOGNISE, Event.DONE),
+        (Effect.LOOK, Event.TOUCHED), (Effect.ESTIMATE, Event.DONE), (Effect.RECOGNISE, Event.DONE),
     ]  # fmt: skip
     moved = np.linalg.norm(shapes[1] - shapes[0], axis=1)
     assert moved.mean() < 0.01 and np.quantile(moved, 0.95) < 0.03, moved

@@ -64,7 +64,7 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
     assert begun.effect is Effect.REENTER, "the first motion is that of the effect that opens the hands and parks"
     assert np.abs(begun.q - last.q).max() < 0.05, "the first set-point is near the arms' present position"
     assert resumed.performed[0][0] is Effect.REENTER and resumed.count(Effect.PHOTOGRAPH_TABLE) == 0
-    assert [e for e, _ in resumed.performed][1:3] == [Effect.LOOK, Effect.RECOGNISE]
+    assert [e for e, _ in resumed.performed][1:4] == [Effect.LOOK, Effect.ESTIMATE, Effect.RECOGNISE]
     assert resumed.count(Effect.FOLD) == 1, "the first fold was already made"
     assert (result.result, [s["done"] for s in result.steps]) == ("folded", [True, True])
     assert result.score is not None and result.score["passed"], result.score
