@@ -118,6 +118,8 @@ def test_no_module_reads_yaml_by_other_means() -> None:
     ]
     assert len(modules) > 300
     reading = {
-        p.name for p in modules if re.search(r"yaml\.(\w+_)?(load|compose|parse|scan)|\b(C?Safe|Full|Unsafe|Base)?Loader\b", p.read_text())
+        p.name
+        for p in modules
+        if re.search(r"yaml\.(\w+_)?(load|compose|parse|scan)|\b(C?Safe|Full|Unsafe|Base)?Loader\b", p.read_text())
     }
     assert reading == {"yaml_file.py"}
