@@ -189,7 +189,8 @@ def _perform(
             ports = opened.ports
             executive_ports = (on_open(opened, commands) if on_open is not None else None) or ports
             if supervision:
-                executive_ports = supervision.live_view.between(executive_ports)
+                display = opened.simulated.display if opened.simulated else None
+                executive_ports = supervision.live_view.between(executive_ports, display)
             if isinstance(ports.attendant, PersonAttendant):
                 ports.attendant.clock = executive_ports.clock
             recorded = port_recorder.between(executive_ports, commands)

@@ -14,7 +14,7 @@ from typing import Protocol, Self
 from cell.simulation.faults import Fault
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.truth import Truth
-from robots.ports import Ports
+from robots.ports import CameraFrame, Ports
 
 __all__ = ["Checkpoint", "Faults", "SimulatedCell", "TruthSource", "check_settings", "open_simulated_cell"]
 
@@ -76,10 +76,12 @@ class SimulatedCell:
     truth: TruthSource
     faults: Faults
     checkpoint: Checkpoint
+    display: Callable[[], CameraFrame | None]
+    """Takes a picture for a person. It changes nothing in the world, and no decision may depend on it."""
 
     @classmethod
-    def of(cls, ports: Ports, world: _World) -> Self:
-        return cls(ports, TruthSource(world), world.faults, Checkpoint(world))
+    def of(cls, ports: Ports, world: _World, display: Callable[[], CameraFrame | None]) -> Self:
+        return cls(ports, TruthSource(world), world.faults, Checkpoint(world), display)
 
 
 def check_settings(settings: SimulationSettings) -> None:
@@ -110,7 +112,7 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
 
     world = World(settings, seed)
     try:
-        yield SimulatedCell.of(ports_of(world), world)
+        yield SimulatedCell.of(ports_of(world), world, world.display)
     finally:
         unbind(world)
         world.close()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.camera.board import WorldBoard, built_lens, built_table
 from cell.simulation.camera.camera import Renderer, SimulatedCamera
 from cell.simulation.camera.render_server import Scene, Shot
+from cell.simulation.camera.slabs import Slab
 from cell.simulation.faults import FaultBoard, FaultKind
 from cell.simulation.faults.camera_faults import CameraFaults
 from cell.simulation.faults.port_faults import PortFaults
@@ -136,6 +137,7 @@ class World:
         self._fabric = _mean_colour(scene.garment_texture)
         self._renderer = Renderer(scene) if settings.render else None
         self._camera = self._build_camera(int(rng["camera"].integers(2**31)))
+        self._seen_slabs: Sequence[Slab] = ()
         self._camera_faults = CameraFaults(self.faults, self._camera) if self._camera else None
 
     # construction
@@ -392,10 +394,18 @@ class World:
         """Take a picture without waiting: one exposure, or the mean of several."""
         return self._picture(exposures)
 
+    def display(self) -> CameraFrame:
+        """Take a picture for a person. It changes nothing in the world: the next pictures, faults and noise are
+        the same with and without it."""
+        if self._camera is None:
+            raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
+        return self._camera.display(self._seen_slabs)
+
     def _picture(self, exposures: int) -> CameraFrame:
         if self._camera_faults is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
         slabs = self._world_faults.slabs(self._time, self._fold, self.settings.table, self._fabric)
+        self._seen_slabs = slabs
         return self._camera_faults.take(self._time, self._fold, exposures, slabs)
 
     def _shot(self) -> Shot:

@@ -20,7 +20,7 @@ from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
 from robots.errors import DriverError
-from robots.ports import CameraFrame, Ports, Side, Stop, StopState, Tactile, TactileReading
+from robots.ports import CameraFrame, Clock, Ports, Side, Stop, StopState, Tactile, TactileReading
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
@@ -73,24 +73,29 @@ class LiveView:
 
     # at the ports
 
-    def between(self, ports: Ports) -> Ports:
-        """Return ports that do the same, and tell this view of grips and of every poll of the stop."""
-        tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
-        return replace(ports, stop=_PolledStop(ports.stop, lambda: self._poll(ports)), tactile=tactile)
+    def between(self, ports: Ports, display: Callable[[], CameraFrame | None] | None = None) -> Ports:
+        """Return ports that do the same, and tell this view of grips and of every poll of the stop.
 
-    def _poll(self, ports: Ports) -> None:
+        display: takes a picture for the view; None: the camera's `glimpse`. How many pictures are taken depends on
+        the computer's speed, so in a simulated cell they must not change the world.
+        """
+        take = display or ports.camera.glimpse
+        tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
+        return replace(ports, stop=_PolledStop(ports.stop, lambda: self._poll(ports.clock, take)), tactile=tactile)
+
+    def _poll(self, cell_clock: Clock, take: Callable[[], CameraFrame | None]) -> None:
         now = self._clock()
         if now < self._due:
             return
         try:
-            frame = ports.camera.glimpse()
+            frame = take()
         except DriverError:  # the picture ages, and the page says so
             frame = None
         ended = self._clock()
         self._due = ended + max(PERIOD_S, (ended - now) / LARGEST_SHARE)
         if frame is None:
             return
-        t = ports.clock.now()
+        t = cell_clock.now()
         with self._lock:
             self._change(frame=frame, taken=ended, progress=self._progress(t))
 

@@ -134,7 +134,7 @@ class SimulatedCamera:
         self._ideal = ideal
         self._renderer, self._intrinsics, self._noise, self._seed = renderer, intrinsics, noise, seed
         self._shot, self._now = shot, now
-        self._sequence = 0
+        self._sequence = self._displayed = 0
         self._last: CameraFrame | None = None
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
@@ -158,14 +158,26 @@ class SimulatedCamera:
     def capture(self, exposures: int = 1, slabs: Sequence[Slab] = ()) -> CameraFrame:
         """Return a picture whose depth is the mean of `exposures` pictures. slabs: objects before the camera that
         are not part of the shot. Raises DriverError(CAMERA_FAULT) if `silent`."""
+        if self.frozen and self._last is not None and not self.silent:
+            return self._last
+        self._sequence += not self.silent
+        rng = np.random.default_rng((self._seed, 1, self._sequence))
+        self._last = self._exposed(exposures, slabs, rng)
+        return self._last
+
+    def display(self, slabs: Sequence[Slab] = ()) -> CameraFrame:
+        """Return a picture for a person, who may look at any time: it changes nothing that `capture` returns.
+        Raises DriverError like `capture`."""
+        if self.frozen and self._last is not None and not self.silent:
+            return self._last
+        self._displayed += 1
+        return self._exposed(1, slabs, np.random.default_rng((self._seed, 3, self._displayed)))
+
+    def _exposed(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> CameraFrame:
         if self.silent:
             raise DriverError(
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
             )
-        if self.frozen and self._last is not None:
-            return self._last
-        self._sequence += 1
-        rng = np.random.default_rng((self._seed, 1, self._sequence))
         shot = self._shot()
         picture = self._renderer.picture(shot)
         if slabs:
@@ -177,8 +189,7 @@ class SimulatedCamera:
             depth = mean_depth([self._sense_depth(depth, rng) for _ in range(exposures)])
         if self.black:
             rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
-        self._last = CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
-        return self._last
+        return CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
 
     @property
     def sequence(self) -> int:

@@ -60,7 +60,7 @@ def emulated_cell(
         ports = closing.enter_context(
             connected(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
         )
-        yield SimulatedCell.of(ports, world)
+        yield SimulatedCell.of(ports, world, ports.camera.glimpse)
 
 
 class _Attendant:

@@ -177,3 +177,13 @@ def test_a_contrasting_fabric_differs_from_the_table(seed: int) -> None:
     table, fabric = (f.reshape(-1, 3).mean(axis=0) for f in (
         table_texture(rng, "bare_table"), fabric_texture(rng, "contrast", "bare_table")))  # fmt: skip
     assert np.linalg.norm(table / table.sum() - fabric / fabric.sum()) > 0.1
+
+
+def test_pictures_for_display_change_no_picture_that_the_cell_takes() -> None:
+    """How many of them are taken depends on the computer's speed; a run depends on its seed alone."""
+    alone, watched = camera(), camera()
+    for _ in range(3):
+        shown = watched.display()
+        mine, theirs = alone.capture(2), watched.capture(2)
+        assert (mine.rgb == theirs.rgb).all() and np.array_equal(mine.depth, theirs.depth, equal_nan=True)
+        assert mine.sequence == theirs.sequence and not (shown.rgb == theirs.rgb).all()

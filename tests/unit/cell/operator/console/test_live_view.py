@@ -10,7 +10,7 @@ from cell.states.observers import Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, FailureKind
-from robots.ports import Side
+from robots.ports import CameraFrame, Side
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import Scene, camera, render
@@ -56,18 +56,17 @@ def test_the_age_counts_from_the_moment_of_the_picture() -> None:
     assert view.about()["age_s"] == pytest.approx(3.0)  # type: ignore[index]
 
 
-def test_a_camera_that_fails_only_ages_the_picture(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    cell, watch = FakeCell(), Watch()
-    view, inner = LiveView(camera(), watch), cell.ports()
-    ports = view.between(inner)
+def test_a_camera_that_fails_only_ages_the_picture() -> None:
+    cell, watch, answers = FakeCell(), Watch(), [render(Scene(), camera())]
+    view = LiveView(camera(), watch)
+
+    def take() -> CameraFrame:
+        if not answers:
+            raise DriverError(FailureKind.CAMERA_FAULT, "the camera does not answer")
+        return answers.pop()
+
+    ports = view.between(cell.ports(), take)
     ports.stop.state()
-
-    def silent() -> None:
-        raise DriverError(FailureKind.CAMERA_FAULT, "the camera does not answer")
-
-    monkeypatch.setattr(inner.camera, "glimpse", silent)
     watch.t += 5.0
     assert not ports.stop.state().stopped
     assert view.about()["age_s"] == pytest.approx(5.0)  # type: ignore[index]
@@ -115,3 +114,11 @@ def test_progress_is_the_share_of_the_arc_that_is_done() -> None:
     assert view.about()["progress"] == pytest.approx(0.75)  # type: ignore[index]
     enter(view, State.RELEASING, t=12.0)
     assert view.about()["progress"] is None  # type: ignore[index]
+
+
+def test_a_simulated_cell_gives_its_own_pictures_for_display() -> None:
+    """Taking them must not count at the camera that the executive uses."""
+    cell, frame = FakeCell(), render(Scene(), camera())
+    view, inner, taken = LiveView(camera()), cell.ports(), []
+    view.between(inner, lambda: taken.append(1) or frame).stop.state()
+    assert taken == [1] and view.about() is not None
