@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from robots.ports import Array
 from skills.perception.perceive import smooth_height
@@ -51,6 +52,10 @@ class EdgeSettings:
     """Cloth that was higher than the stack's median height by more than the new layers' rise, at least `min_loop`
     and at most `loop`, belongs to the loop of an earlier crease. New layers press it down, so no rise is measured
     there."""
+    flank: float = 0.030
+    """The flank of such a loop, up to `flank` beside it, is pressed down, too: the surface rises there by as much
+    less as the flank stood above the stack's median height. Where it stood above this height by more than half of
+    the new layers' rise, the rise does not tell whether layers lie there."""
     min_rise: float = 0.0010
     """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
     sample: float = 0.002
@@ -151,7 +156,10 @@ def moved_edge(
     rise[across > -settings.crease] = np.nan
     raised = height_before - _median(height_before[:, depth > 0])
     layer = _layer(np.where(raised > settings.loop, np.nan, rise), depth, settings)
-    rise[raised > np.clip(layer, settings.min_loop, settings.loop)] = np.nan
+    loop = raised > np.clip(layer, settings.min_loop, settings.loop)
+    flank = binary_dilation(loop, iterations=round(settings.flank / settings.sample)) & (raised > 0.0)
+    rise = np.where(flank, rise + raised, rise)
+    rise[loop | (flank & (raised > 0.5 * layer))] = np.nan
     layer = _layer(rise, depth, settings)
     if layer < settings.min_rise:
         return None

@@ -36,11 +36,12 @@ def folded_mesh():
     return PredictedShape(vertices, triangles, material)
 
 
-def heights(lag, seed=0, creases=0.004, loop=0.0):
+def heights(lag, seed=0, creases=0.004, loop=0.0, flank=None):
     """Height maps (before, after): one layer, then two layers up to the moved edge.
 
     lag: distance of the edge behind its place [m], a function of 0..1 along the edge. loop: height of an earlier
-    fold's crease along the end 0 [m], which the moved layer presses down.
+    fold's crease along the end 0 [m], which the moved layer presses down. flank: share of the edge over which the
+    height of the loop falls to 1/e; None: the loop has a steep end.
     """
     rng = np.random.default_rng(seed)
     rows, columns = np.indices(VIEW.shape)
@@ -50,15 +51,17 @@ def heights(lag, seed=0, creases=0.004, loop=0.0):
     lower = LAYER + creases * (1 + np.sin(60 * x) * np.cos(45 * y)) / 2
     before = np.where(on & (np.abs(y) < 0.3), lower, 0.0)
     t = np.clip((x - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
-    raised = loop * np.clip(1.5 - t / 0.13, 0, 1)
+    steep = loop * np.clip(1.5 - t / 0.13, 0, 1)
+    raised = steep if flank is None else loop * np.exp(-t / flank)
     before = np.where(before > 0, before + raised, before)
     moved = on & (y < 0) & (y > -0.3 + lag(t))
-    after = np.where(on & (y < 0) & (y > -0.3), lower + raised, 0.0) + np.where(raised > 0, 0.0, LAYER) * moved
+    over = np.where(moved, np.maximum(raised, LAYER), raised)
+    after = np.where(on & (y < 0) & (y > -0.3), lower + over, 0.0)
     return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (before, after)]
 
 
-def look(lag, seed=0, loop=0.0):
-    before, after = heights(lag, seed, loop=loop)
+def look(lag, seed=0, loop=0.0, flank=None, creases=0.004):
+    before, after = heights(lag, seed, creases, loop, flank)
     return moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
 
 
@@ -92,6 +95,17 @@ def test_a_pressed_down_loop_of_an_earlier_crease_is_no_lost_corner(loop):
     assert seen.corner < 0.006 and abs(seen.sag) < 0.010
     assert seen.rise > 0.7 * LAYER
     assert not np.isfinite(seen.lag[0]) and np.isfinite(seen.lag[2:]).all()
+
+
+@pytest.mark.parametrize("flank", [0.06, 0.10, 0.14])
+def test_the_flank_of_a_pressed_down_loop_is_no_lost_corner(flank):
+    """The surface rises on the flank by less than a layer, because the layer presses the flank down."""
+    limits = InspectionSettings()
+    for seed in range(3):
+        seen = look(lambda t: 0.0 * t, seed, 0.012, flank, creases=0.001)
+        assert seen.corner < limits.edge_corner and abs(seen.sag) < limits.edge_sag
+        lost = look(lambda t: 0.06 * (t > 0.75), seed, 0.012, flank, creases=0.001)
+        assert lost.corner > limits.edge_corner
 
 
 @pytest.mark.parametrize("end", [0, 1])
