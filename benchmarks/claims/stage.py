@@ -28,6 +28,7 @@ from cell.simulation.settings import SimulationSettings
 from cell.simulation.world import World
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
+from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Effect
@@ -70,9 +71,20 @@ class Stage:
             self.context = _perform(effect, self.cell, self.context)
 
     def predict(self) -> None:
-        """Choose the trajectory of the present fold, and predict its outcome."""
-        for effect in (Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION):
-            self.context = _perform(effect, self.cell, self.context)
+        """Choose the trajectory of the present fold, and predict its outcome. If the arms have no path, the next
+        variant of the fold is planned, as in a run."""
+        while True:
+            try:
+                for effect in (Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION):
+                    self.context = _perform(effect, self.cell, self.context)
+                break
+            except StageError:
+                plan, fold = self.context.plan, self.context.fold
+                tried = fold.count(Adjustment.OTHER_VARIANT)
+                if plan is None or tried >= len(plan.garment.plan[fold.index].variants) - 1:
+                    raise
+                fold = replace(fold, adjustments=(*fold.adjustments, Adjustment.OTHER_VARIANT))
+                self.context = _perform(Effect.PLAN_FOLDS, self.cell, replace(self.context, fold=fold))
         attempt = planned_attempt(self.context)
         self.context = self.context.with_attempt(replace(attempt, before=self.context.sight.frame, carried=True))
 
