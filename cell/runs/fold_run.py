@@ -33,6 +33,7 @@ from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
 from cell.recording.camera_pictures.question_files import QuestionFiles
 from cell.recording.journal import RunJournal
+from cell.recording.report.failure_stories import FailureStories, FailureStory
 from cell.recording.report.run_events import RunEvent, RunEvents
 from cell.recording.rerun import Recorder
 from cell.recording.rerun.observer import RecorderObserver
@@ -120,7 +121,8 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
 
             calibration = camera_calibration(request.settings)
             report(
-                folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles, calibration
+                folder, request, ended.end, result, ended.remarks, ended.frames, ended.triangles, calibration,
+                ended.stories,
             )  # fmt: skip
     except StorageError as e:
         return replace(result, unwritten=(*result.unwritten, e.what))
@@ -134,6 +136,7 @@ class _Ended:
     end: RunEnd
     result: FoldResult
     remarks: list[RunEvent]
+    stories: tuple[FailureStory, ...]
     frames: list[TrueFrame]
     triangles: NDArray[np.int32] | None
 
@@ -170,11 +173,13 @@ def _perform(
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
-    questions = (QuestionFiles(run.directory, camera_calibration(request.settings)),) if request.record else ()
+    calibration = camera_calibration(request.settings)
+    stories = FailureStories(calibration)
+    pictures = (QuestionFiles(run.directory, calibration), stories) if request.record else ()
     pictured = (supervision.live_view,) if supervision else ()
     # run_status comes before lines: an operator may answer as soon as the line with the question is shown
     observers: tuple[Observer, ...] = (
-        RecorderObserver(recorder), remarks, *questions, *pictured, run_status, lines, *more_observers,
+        RecorderObserver(recorder), remarks, *pictures, *pictured, run_status, lines, *more_observers,
     )  # fmt: skip
 
     truth_recorder = None
@@ -230,7 +235,7 @@ def _perform(
         interrupted.run if interrupted else None,
     )  # fmt: skip
     frames, triangles = (truth_recorder.key_frames, truth_recorder.triangles) if truth_recorder else ([], None)
-    return _Ended(end, result, remarks.list, frames, triangles)
+    return _Ended(end, result, remarks.list, stories.stories, frames, triangles)
 
 
 @contextmanager

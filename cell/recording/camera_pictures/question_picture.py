@@ -93,7 +93,10 @@ def draw_failure(frame: CameraFrame, calibration: CameraCalibration, context: Ru
 
 def present_outline(context: RunContext) -> Array | None:
     """Return the garment's outline (n, 2) [m] before the present fold, as it was last seen: by the inspection of
-    the fold before, else when it was recognised. None before that."""
+    the fold before, else when it was recognised. None before that. Before a repair: as it was estimated to lie."""
+    repair = context.fold.repair
+    if repair is not None and context.plan is not None:
+        return max(outline(repair.vertices, context.plan.mesh.triangles), key=len, default=None)
     if context.done and len(context.done[-1].observed) >= 3:
         return np.asarray(context.done[-1].observed)
     return None if context.recognition is None else context.recognition.perception.state.contour
@@ -139,4 +142,5 @@ def _believed(plan: Plan) -> PredictedShape:
 
 def _title(context: RunContext, plan: Plan) -> str:
     step = plan.steps[context.fold.index]
-    return f"fold {context.fold.index + 1} of {len(plan.steps)}: {step.name.replace('_', ' ')}"
+    undone = "undo " if context.fold.repair is not None else ""
+    return f"{undone}fold {context.fold.index + 1} of {len(plan.steps)}: {step.name.replace('_', ' ')}"

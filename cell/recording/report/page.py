@@ -19,6 +19,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from cell.recording.report.failure_stories import FailureStory
 from cell.recording.report.formats import (
     FIGURE_NOTES,
     figure_name,
@@ -154,8 +155,11 @@ class RunRecord:
     """What the film shows."""
     pictures: tuple[Picture, ...] = ()
     """Pictures of the whole run: the empty table, the recognised garment, the last picture."""
+    stories: tuple[FailureStory, ...] = ()
+    """The failures as stories in pictures."""
     estimates: tuple[Picture, ...] = ()
-    """Estimates of the garment's state after failures: the candidates over the picture, and the state in words."""
+    """Estimates of the garment's state that no story tells: the candidates over the picture, and the state in
+    words."""
     versions: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The settings that the page lists."""

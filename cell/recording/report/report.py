@@ -15,6 +15,7 @@ from cell.config.cell_settings import load_settings
 from cell.config.changed_settings import changed_settings
 from cell.recording.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from cell.recording.outline import outline
+from cell.recording.report.failure_stories import FailureStory
 from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem, write_report
 from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip, join
 from cell.recording.report.pictures.height_map import TICK, height_maps
@@ -58,12 +59,13 @@ def report(
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
     calibration: CameraCalibration | None = None,
+    stories: Sequence[FailureStory] = (),
 ) -> Path:
     """Write `report.html`, `film.webp`, `fold.png`, `last.jpg` (the last camera picture) and, if a fold was
     pressed, `pressing.png` into the run's folder.
 
-    calibration: of the camera; None: pictures show no outline unless the run has refined the calibration. Returns
-    the page's path. Raises StorageError if the page or the film cannot be written.
+    calibration: of the camera; None: pictures show no outline unless the run has refined the calibration. stories:
+    of the run's failures. Returns the page's path. Raises StorageError if the page or the film cannot be written.
     """
     context = end.context
     notes = context.notes()
@@ -110,7 +112,8 @@ def report(
         film_name=FILM,
         film_note=film_note(drawn),
         pictures=(*_pictures(context, drawing), *_questions(folder)),
-        estimates=tuple(_estimates(end)),
+        stories=tuple(stories),
+        estimates=tuple(_estimates(end, stories)),
         versions={d: metadata.version(d) for d in ("foldcell", "pin", "ruckig", "pybullet", "rerun-sdk", "numba")},
         settings=changed,
         shipped=shipped,
@@ -236,10 +239,14 @@ def _score(score: Mapping[str, Any] | None) -> Iterator[ScoreRow]:
         yield ScoreRow(name, known[name], limit, at_least=name == "iou", unit=unit, ideal=ideal)
 
 
-def _estimates(end: RunEnd) -> Iterator[Picture]:
-    """Yield the candidates of each estimate, drawn over the picture, with the estimate in words."""
+def _estimates(end: RunEnd, stories: Sequence[FailureStory]) -> Iterator[Picture]:
+    """Yield the candidates of each estimate that no story tells, drawn over the picture, with the estimate in
+    words. A resumed run does not tell the stories of the run before."""
     names = [step.name for step in end.context.steps]
+    told = {(scene.t, scene.caption) for story in stories for scene in story.thought}
     for note in end.context.estimates:
+        if (note.t, note.says) in told:
+            continue
         name = names[note.fold] if note.fold < len(names) else f"fold {note.fold + 1}"
         yield Picture(note.picture, f"{note.t:.1f} s, fold {name}: {note.says}")
 
