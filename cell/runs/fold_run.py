@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
+RECORDING = "run.rrd"
 JUDGED = (State.FOLDED, State.NOT_FOLDED)
 """Ends of a run after which the ideal fold is waited for, if all folds were made."""
 OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
@@ -169,7 +170,7 @@ def _perform(
     port_recorder = PortRecorder(run.directory if request.record else None)
     run_status = RunStatus(run.id, request.garment, request.seed, is_simulated(request.driver))
     commands = CommandQueue(run_status.note_command)
-    supervision = _supervision(request, run_status, commands, listener)
+    supervision = _supervision(request, run, run_status, commands, listener)
     remarks = RunEvents()
     lines = ProgressLines(None if request.quiet else sys.stdout)
     notifier = Notifier(lines, run_status, request.quiet, request.terminal)
@@ -189,7 +190,7 @@ def _perform(
             _opened(request, interrupted, lambda stop: PersonAttendant(commands, stop, notifier.ask)) as opened,
             ThreadPoolExecutor(1, "skill") as workers,
             interrupts.stop(opened.ports, asked=request.approve or not opened.ports.simulated),
-            supervision.page(recorder, opened.ports.stop, say) if supervision else nullcontext(),
+            supervision.page(opened.ports.stop, say) if supervision else nullcontext(),
         ):
             ports = opened.ports
             executive_ports = (on_open(opened, commands) if on_open is not None else None) or ports
@@ -248,7 +249,7 @@ def _opened(request: FoldRequest, interrupted: Interrupted | None, person: Perso
 
 
 def _supervision(
-    request: FoldRequest, run_status: RunStatus, commands: CommandQueue, listener: socket | None
+    request: FoldRequest, run: RunJournal, run_status: RunStatus, commands: CommandQueue, listener: socket | None
 ) -> Supervision | None:
     if listener is None:
         return None
@@ -256,7 +257,7 @@ def _supervision(
     from cell.operator.console.supervision import Supervision
 
     live_view = LiveView(camera_calibration(request.settings))
-    return Supervision(request, run_status, live_view, commands, listener)
+    return Supervision(request, run_status, live_view, commands, listener, run.directory / RECORDING)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
@@ -268,8 +269,8 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
         visual = baxter_visual()
     except StorageError:  # the converted meshes cannot be stored: the view shows no robot
         visual = None
-    path, table = run.directory / "run.rrd", request.settings.table
-    recorder = Recorder.open(path, run.id, table, live=request.live or request.page, robot=visual)
+    path, table = run.directory / RECORDING, request.settings.table
+    recorder = Recorder.open(path, run.id, table, live=request.live, robot=visual)
     if recorder.live_url:
         say(f"live view: rerun --connect {recorder.live_url}")
     return recorder

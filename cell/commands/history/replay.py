@@ -10,7 +10,7 @@ import sys
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
 from cell.recording.journal import Journal
-from cell.recording.rerun.viewer import find_viewer
+from cell.recording.rerun.viewer import find_viewer, silent_environment
 from cell.support.files.paths import journal_path, logs_directory
 from robots.errors import StorageError
 
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     print(f"recording  {recording}")
     if opened:
-        subprocess.Popen([str(viewer), str(recording)], start_new_session=True)
+        subprocess.Popen([str(viewer), str(recording)], start_new_session=True, env=silent_environment())
         print("opened in the Rerun viewer")
     else:
         why = "" if screen else " (this terminal has no display: copy the file to a machine that has one)"

@@ -28,12 +28,13 @@ from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.messages import ControlMessage, StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
+from cell.operator.console.viewer_routes import ViewerSource, viewer_routes
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
 from robots.errors import DriverError, StorageError
@@ -43,13 +44,14 @@ __all__ = ["open_listener", "operators_page"]
 
 HOSTS = ["127.0.0.1", "localhost"]
 PAGE = Path(__file__).with_name("page.html")
+VIEWER = "viewer/"
+"""Path of the 3-D view, relative to the page."""
 HEADERS = {
     "Cache-Control": "no-store",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",  # the address contains the secret
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
-    " img-src 'self';"
-    " connect-src 'self' ws:; base-uri 'none'; form-action 'none'",
+    " img-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; form-action 'none'",
 }
 START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 1.0
@@ -84,17 +86,19 @@ def operators_page(
     live_view: LiveView,
     commands: CommandQueue,
     stop: Stop,
-    viewer: str | None,
+    viewer: tuple[Path, Path] | None,
     listener: socket.socket,
 ) -> Iterator[str]:
     """Serve the page for the duration of the context. Yields its address.
 
-    viewer: address of the Rerun viewer, to which the page links; None: no viewer. listener: from `open_listener`,
-    closed at the end. Raises StorageError if the page cannot be served.
+    viewer: folder with the program files of Rerun's web viewer, and the recording that it shows; None: no 3-D
+    view. listener: from `open_listener`, closed at the end. Raises StorageError if the page cannot be served.
     """
     secret = secrets.token_urlsafe(16)
     port = listener.getsockname()[1]
-    app = _Page(run_status, live_view, commands, stop, viewer, port).app(secret)
+    ended = threading.Event()
+    source = ViewerSource(*viewer, ended.is_set) if viewer else None
+    app = _Page(run_status, live_view, commands, stop, source, port).app(secret)
     config = uvicorn.Config(
         app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
     )
@@ -104,8 +108,10 @@ def operators_page(
     try:
         _await_start(server, thread)
         yield f"http://127.0.0.1:{port}/{secret}/"
+        ended.set()
         time.sleep(LAST_WORD_S)
     finally:
+        ended.set()
         server.should_exit = True
         thread.join(3.0)
         listener.close()
@@ -120,7 +126,7 @@ def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
 
 
 class _Page:
-    """Answers on three routes: the page, its WebSocket, and the operator's picture."""
+    """Answers on the routes of the page: the page, its WebSocket, the operator's picture, and the 3-D view."""
 
     def __init__(
         self,
@@ -128,7 +134,7 @@ class _Page:
         live_view: LiveView,
         commands: CommandQueue,
         stop: Stop,
-        viewer: str | None,
+        viewer: ViewerSource | None,
         port: int,
     ) -> None:
         self._run_status, self._live_view, self._commands, self._stop = run_status, live_view, commands, stop
@@ -136,27 +142,32 @@ class _Page:
         self._in_control: str | None = None
         self._links: Counter[str] = Counter()
         self._origins = {f"http://{host}:{port}" for host in HOSTS}
+        policy = HEADERS["Content-Security-Policy"]
+        sockets = " ".join(f"ws://{host}:{port}" for host in HOSTS)
+        self._headers = {**HEADERS, "Content-Security-Policy": policy.format(sockets=sockets)}
 
     def app(self, secret: str) -> Starlette:
-        routes = [
+        routes: list[BaseRoute] = [
             Route(f"/{secret}/", self.page),
             Route(f"/{secret}/picture.jpg", self.picture),
             WebSocketRoute(f"/{secret}/link", self.link),
         ]
+        if self._viewer:
+            routes += viewer_routes(f"/{secret}/{VIEWER}", self._viewer)
         return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
 
     async def page(self, request: Request) -> HTMLResponse:
-        viewer = json.dumps(self._viewer).replace("<", "\\u003c")
+        viewer = json.dumps(VIEWER if self._viewer else None)
         page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
-        return HTMLResponse(page, headers=HEADERS)
+        return HTMLResponse(page, headers=self._headers)
 
     async def picture(self, request: Request) -> Response:
         """Return the operator's picture of this moment."""
         drawn = await run_in_threadpool(self._live_view.jpeg)
         if drawn is None:
-            return Response(status_code=404, headers=HEADERS)
+            return Response(status_code=404, headers=self._headers)
         number, content = drawn
-        return Response(content, media_type="image/jpeg", headers={**HEADERS, "X-Picture": str(number)})
+        return Response(content, media_type="image/jpeg", headers={**self._headers, "X-Picture": str(number)})
 
     async def link(self, link: WebSocket) -> None:
         """Serve the WebSocket of one open page. The socket is closed if sending or receiving fails, so that the

@@ -1,18 +1,19 @@
-"""Supervise a run with the operator's page, which contains the Rerun view."""
+"""Supervise a run with the operator's page, which links to the 3-D view of the recording."""
 
 from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
-from cell.recording.rerun import Recorder
-from cell.recording.rerun.live import viewer_address, web_viewer
+from cell.recording.rerun.web_viewer import web_viewer_files
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
+from robots.errors import StorageError
 from robots.ports import Stop
 
 __all__ = ["Supervision"]
@@ -29,20 +30,27 @@ class Supervision:
         live_view: LiveView,
         commands: CommandQueue,
         listener: socket.socket,
+        recording: Path,
     ) -> None:
+        """recording: the file `run.rrd` of the run, for the 3-D view."""
         self._run_status, self._commands = run_status, commands
         self.live_view = live_view
         self._listener = listener
-        self._viewer = web_viewer() if request.record else None
+        self._viewer = _viewer(recording) if request.record else None
 
     @contextmanager
-    def page(self, recorder: Recorder, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
+    def page(self, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
         """Serve the operator's page for the duration of the context. Raises StorageError as `operators_page`
         does."""
-        live = recorder.live_url
-        viewer = viewer_address(self._viewer, live) if self._viewer and live else None
         with operators_page(
-            self._run_status, self.live_view, self._commands, stop, viewer, self._listener
+            self._run_status, self.live_view, self._commands, stop, self._viewer, self._listener
         ) as address:
             say(f"operator's page: {address}")
             yield
+
+
+def _viewer(recording: Path) -> tuple[Path, Path] | None:
+    try:
+        return web_viewer_files(), recording
+    except StorageError:  # the page works without the 3-D view
+        return None

@@ -19,7 +19,7 @@ def layout(floor: float = 0.0) -> rrb.Blueprint:
             rrb.Vertical(_camera(), _series(), _log(), row_shares=[5, 4, 3]),
             column_shares=[8, 5],
         ),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
-from urllib.parse import quote
 
 import rerun as rr
 from rerun.error_utils import catch_and_log_exceptions
@@ -19,7 +18,7 @@ from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.recording.rerun.entry import Entry
 from cell.recording.rerun.streams import begin_stream
 
-__all__ = ["LiveStream", "free_port", "viewer_address", "web_viewer"]
+__all__ = ["LiveStream", "free_port"]
 
 OnError = Callable[[BaseException], None]
 
@@ -73,25 +72,6 @@ class LiveStream:
     def _leave(self) -> None:
         if self._stream is not None:
             self._stream.disconnect()
-
-
-def web_viewer() -> str | None:
-    """Serve Rerun's web viewer on a free port. Returns the viewer's origin, or None if that fails.
-
-    The server contains only the viewer program and no data. It runs until this process ends. It listens on every
-    network interface, because Rerun cannot bind it to a single one.
-    """
-    port = free_port(0)
-    try:
-        rr.serve_web_viewer(web_port=port, open_browser=False)
-    except RuntimeError:
-        return None
-    return f"http://127.0.0.1:{port}"
-
-
-def viewer_address(origin: str, live_url: str) -> str:
-    """Return the address at which a browser shows the stream `live_url` in the web viewer at `origin`."""
-    return f"{origin}/?url={quote(live_url, safe='')}&renderer=webgl&hide_welcome_screen=1"
 
 
 def free_port(wanted: int = PORT) -> int:

@@ -32,7 +32,8 @@ def begin_stream(
     )
     drawn.set_time("blueprint", sequence=0)
     layout.to_blueprint()._log_to_stream(drawn)
-    bindings.send_blueprint(drawn.memory_recording().storage, False, True, recording=stream.to_native())
+    # active at once: a viewer that reads a recording while it is written would otherwise keep a layout of its own
+    bindings.send_blueprint(drawn.memory_recording().storage, True, True, recording=stream.to_native())
     drawn.disconnect()
     return stream
 

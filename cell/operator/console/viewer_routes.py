@@ -1,0 +1,82 @@
+"""The 3-D view of the operator's page: Rerun's web viewer and the recording, under the page's own address.
+
+The viewer reads the recording over HTTP while it is written. It would report its use to its makers, ask for newer
+versions and load fonts: the Content-Security-Policy lets its page reach nothing but this server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+__all__ = ["ViewerSource", "viewer_routes"]
+
+PAGE = Path(__file__).with_name("viewer.html")
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
+    "Content-Security-Policy": "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval';"
+    " style-src 'unsafe-inline'; connect-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:;"
+    " base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+}
+SCRIPT, PROGRAM = "re_viewer.js", "re_viewer_bg.wasm"
+CHUNK = 2**18
+"""The recording is sent in pieces of at most this size [bytes]."""
+PERIOD_S = 0.2
+"""Period at which the recording is checked for more content [s]."""
+
+
+@dataclass(frozen=True)
+class ViewerSource:
+    """program: folder with the files of the web viewer; recording: the file that it shows; ended: whether nothing
+    will be added to the recording any more."""
+
+    program: Path
+    recording: Path
+    ended: Callable[[], bool]
+
+
+def viewer_routes(prefix: str, source: ViewerSource) -> list[Route]:
+    """Return the routes of the 3-D view below the path `prefix`."""
+
+    async def page(request: Request) -> Response:
+        return Response(PAGE.read_bytes(), media_type="text/html", headers=HEADERS)
+
+    async def recording(request: Request) -> Response:
+        if not source.recording.is_file():
+            return Response(status_code=404, headers=HEADERS)
+        return StreamingResponse(
+            growing_file(source.recording, source.ended), media_type="application/octet-stream", headers=HEADERS
+        )
+
+    def program(name: str, kind: str) -> Route:
+        async def file(request: Request) -> Response:
+            return FileResponse(source.program / name, media_type=kind, headers=HEADERS)
+
+        return Route(f"{prefix}{name}", file)
+
+    return [
+        Route(prefix, page),
+        program(SCRIPT, "text/javascript"),
+        program(PROGRAM, "application/wasm"),
+        Route(f"{prefix}run.rrd", recording),
+    ]
+
+
+async def growing_file(path: Path, ended: Callable[[], bool]) -> AsyncIterator[bytes]:
+    """Yield the content of a file, and what is added to it, until `ended`."""
+    with path.open("rb") as file:
+        while True:
+            last = ended()  # asked before reading, so that nothing is missed
+            while piece := file.read(CHUNK):
+                yield piece
+            if last:
+                return
+            await asyncio.sleep(PERIOD_S)
