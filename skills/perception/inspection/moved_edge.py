@@ -53,9 +53,8 @@ class EdgeSettings:
     and at most `loop`, belongs to the loop of an earlier crease. New layers press it down, so no rise is measured
     there."""
     flank: float = 0.030
-    """The flank of such a loop, up to `flank` beside it, is pressed down, too: the surface rises there by as much
-    less as the flank stood above the stack's median height. Where it stood above this height by more than half of
-    the new layers' rise, the rise does not tell whether layers lie there."""
+    """Up to `flank` beside such a loop, no rise is measured where cloth was higher than the stack's median height by
+    more than half of the new layers' rise."""
     min_rise: float = 0.0010
     """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
     sample: float = 0.002
@@ -157,9 +156,9 @@ def moved_edge(
     raised = height_before - _median(height_before[:, depth > 0])
     layer = _layer(np.where(raised > settings.loop, np.nan, rise), depth, settings)
     loop = raised > np.clip(layer, settings.min_loop, settings.loop)
-    flank = binary_dilation(loop, iterations=round(settings.flank / settings.sample)) & (raised > 0.0)
-    rise = np.where(flank, rise + raised, rise)
-    rise[loop | (flank & (raised > 0.5 * layer))] = np.nan
+    near = binary_dilation(loop, iterations=round(settings.flank / settings.sample))
+    rise[loop | (near & (raised > 0.5 * layer))] = np.nan
+    raised[np.isnan(rise)] = np.nan
     layer = _layer(rise, depth, settings)
     if layer < settings.min_rise:
         return None
@@ -167,7 +166,13 @@ def moved_edge(
     count = max(settings.strips, round(len(rise) * settings.sample / width))
     edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), settings.min_rise))
     return MovedEdge(
-        np.array([_step_place(_mean(part), depth, edge) for part in np.array_split(rise, count)]), layer
+        np.array(
+            [
+                _step_place(_mean(part), _mean(above), depth, edge)
+                for part, above in zip(np.array_split(rise, count), np.array_split(raised, count), strict=True)
+            ]
+        ),
+        layer,
     )
 
 
@@ -238,14 +243,21 @@ def _mean(rise: Array) -> Array:
     return np.where(count > 0.25 * len(rise), total / np.maximum(count, 1), np.nan)
 
 
-def _step_place(profile: Array, depth: Array, layer: float) -> float:
-    """Find the place [m] of a step from 0 to `layer` [m] in a profile (m,), by least squares; NaN if too few
-    values are known."""
-    known = np.isfinite(profile)
+def _step_place(rise: Array, raised: Array, depth: Array, layer: float) -> float:
+    """Find the place [m] behind which layers lie that are `layer` [m] thick, by least squares; NaN if too few
+    values are known.
+
+    rise, raised: profiles (m,) of a strip: the rise of the surface, and the height of the surface before above the
+    stack's median height [m]. Layers either follow a wrinkle or the flank of a crease below them, so that the
+    surface rises by their thickness, or press it down to the height of the stack.
+    """
+    known = np.isfinite(rise)
     if np.count_nonzero(known) < 20:
         return float("nan")
-    # A sample costs rise^2 in front of the step and (rise - layer)^2 behind it. At the best step, the sum of (cost
-    # behind - cost in front) over all samples in front of the step is largest.
-    cost_difference = np.where(known, 0.5 * layer - np.clip(profile, -0.5 * layer, 1.5 * layer), 0.0)
+    pressed = rise + np.maximum(raised, 0.0)
+    squares = np.minimum((rise - layer) ** 2, (pressed - layer) ** 2) - rise**2
+    # A sample costs rise^2 in front of the step. At the best step, the sum of (cost behind - cost in front) over
+    # all samples in front of the step is largest.
+    cost_difference = np.where(known, np.clip(squares / (2.0 * layer), -layer, layer), 0.0)
     total = np.r_[0.0, np.cumsum(cost_difference)]
     return float(np.r_[depth, 2 * depth[-1] - depth[-2]][int(np.argmax(total))])

@@ -60,6 +60,19 @@ def heights(lag, seed=0, creases=0.004, loop=0.0, flank=None):
     return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (before, after)]
 
 
+def pressed_flat(lag, seed=0, layer=LAYER):
+    """Height maps (before, after): the moved layer presses the wrinkles below it to the stack's mean height."""
+    rng = np.random.default_rng(seed)
+    xy = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
+    x, y = xy[..., 0], xy[..., 1]
+    on = (x > SPAN[0]) & (x < SPAN[1]) & (np.abs(y) < 0.3)
+    wrinkled = layer * (1.0 + 0.5 * (1 + np.sin(18 * x) * np.cos(20 * y)))
+    t = np.clip((x - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
+    moved = on & (y < 0) & (y > -0.3 + lag(t))
+    after = np.where(moved, 2.5 * layer, wrinkled * (on & (y < 0)))
+    return [(h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in (wrinkled * on, after)]
+
+
 def look(lag, seed=0, loop=0.0, flank=None, creases=0.004):
     before, after = heights(lag, seed, creases, loop, flank)
     return moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
@@ -106,6 +119,16 @@ def test_the_flank_of_a_pressed_down_loop_is_no_lost_corner(flank):
         assert seen.corner < limits.edge_corner and abs(seen.sag) < limits.edge_sag
         lost = look(lambda t: 0.06 * (t > 0.75), seed, 0.012, flank, creases=0.001)
         assert lost.corner > limits.edge_corner
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wrinkles_that_the_moved_layer_presses_flat_are_no_lag(seed):
+    """On a wrinkle that is pressed flat, the surface rises by less than half a layer."""
+    for lag, found in ((lambda t: 0.0 * t, False), (lambda t: 0.05 * (t > 0.75), True)):
+        before, after = pressed_flat(lag, seed)
+        seen = moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
+        assert (seen.corner > InspectionSettings().edge_corner) is found
+        assert found or np.abs(seen.lag).max() < 0.010
 
 
 @pytest.mark.parametrize("end", [0, 1])
