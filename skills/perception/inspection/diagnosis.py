@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.vocabulary import Array, FailureKind, FoldStep
 
@@ -68,11 +69,12 @@ def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, 
     outline_ok = outline_matches(seen, settings)
     behind = (np.nan, np.nan) if outline_ok else (_corner_lag(seen), _min_left_behind(seen))
     edge = (np.nan, np.nan) if seen.edge is None else (seen.edge.corner, seen.edge.sag)
+    limits = (np.nan, np.nan) if seen.edge is None else _edge_limits(seen.edge, settings)
     lengths = (
         ("one corner lies {} behind the other", behind[0], settings.left_behind),
         ("all of the edge lies {} behind", behind[1], settings.left_behind),
-        ("a corner of the moved edge lies {} behind the rest of it", edge[0], settings.edge_corner),
-        ("the middle of the moved edge lies {} behind its ends", edge[1], settings.edge_sag),
+        ("a corner of the moved edge lies {} behind the rest of it", edge[0], limits[0]),
+        ("the middle of the moved edge lies {} behind its ends", edge[1], limits[1]),
         ("the outline is {} off", abs(seen.edge_deviation_m), settings.deviation),
         ("it lies {} off as a whole", seen.drift_m, settings.drift),
     )
@@ -101,11 +103,19 @@ def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[
     confidence; None if both are within their limits."""
     if seen.edge is None:
         return None
-    corner, sag = seen.edge.corner / settings.edge_corner, seen.edge.sag / settings.edge_sag
+    corner_limit, sag_limit = _edge_limits(seen.edge, settings)
+    corner, sag = seen.edge.corner / corner_limit, seen.edge.sag / sag_limit
     if not max(corner, sag) > 1.0:  # also true if both are NaN, not visible
         return None
     kind = FailureKind.DROPPED_CORNER if corner > sag else FailureKind.SAG
     return kind, _confidence(max(corner, sag), 1.0)
+
+
+def _edge_limits(edge: MovedEdge, settings: InspectionSettings) -> tuple[float, float]:
+    """Limits for the lag of a corner and of the middle of this edge [m]: thin layers are measured less exactly."""
+    share = max(1.0, settings.edge_rise / max(edge.rise, 1e-6))
+    corner, sag = (min(limit * share, settings.edge_lag_thin) for limit in (settings.edge_corner, settings.edge_sag))
+    return corner, sag
 
 
 def _edge_visible(seen: Inspection) -> bool:

@@ -57,6 +57,10 @@ class InspectionSettings:
     The lag of a corner is measured in steps of 2 mm, or of 1 mm if a strip is not visible; the limit lies between
     two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good folds lag by up to
     15 mm, nearly all by less than 8 mm."""
+    edge_rise: float = 0.0022
+    edge_lag_thin: float = 0.030
+    """For layers that raise the surface by less than `edge_rise`, the two limits grow in inverse proportion to the
+    rise, up to `edge_lag_thin`: wrinkles of a millimetre then hide the edge."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
     claim: ClaimSettings = field(default_factory=ClaimSettings)
 

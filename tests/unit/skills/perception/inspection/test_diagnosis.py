@@ -26,7 +26,7 @@ def edge(corner=0.0, sag=0.0, unseen=slice(0, 0)):
     lag = sag * np.sin(np.pi * t)
     lag[:2] += corner
     lag[unseen] = np.nan
-    return MovedEdge(lag, 0.002)
+    return MovedEdge(lag, 0.003)
 
 
 def behind(left=0.0, right=0.0, middle=0.0):
@@ -125,6 +125,13 @@ def test_the_place_of_a_bad_edge_determines_the_defect(place, kind):
 def test_the_larger_of_two_defects_of_the_moved_edge_is_reported():
     assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
+
+
+@pytest.mark.parametrize(("rise", "allowed"), [(0.005, S.edge_corner), (0.0018, 0.0238), (0.0012, S.edge_lag_thin)])
+def test_thin_layers_may_lag_by_more_because_wrinkles_hide_their_edge(rise, allowed):
+    for lag, kind in ((0.98 * allowed, None), (1.02 * allowed, K.DROPPED_CORNER)):
+        lags = np.array([lag] * 2 + [0.0] * 7)
+        assert verdict(edge=MovedEdge(lags, rise))[0] is kind
 
 
 def test_diagnoses_by_height_are_piles_and_lagging_edges_within_a_good_outline():
