@@ -53,8 +53,8 @@ class EdgeSettings:
     and at most `loop`, belongs to the loop of an earlier crease. New layers press it down, so no rise is measured
     there."""
     flank: float = 0.030
-    """Up to `flank` beside such a loop, no rise is measured where cloth was higher than the stack's median height by
-    more than half of the new layers' rise."""
+    """Up to `flank` beside such a loop, no rise is measured where cloth was higher than the stack's median height
+    by more than half of the new layers' rise."""
     min_rise: float = 0.0010
     """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
     sample: float = 0.002

@@ -127,7 +127,9 @@ def test_the_larger_of_two_defects_of_the_moved_edge_is_reported():
     assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
 
 
-@pytest.mark.parametrize(("rise", "allowed"), [(0.005, S.edge_corner), (0.0018, 0.0238), (0.0012, S.edge_lag_thin)])
+@pytest.mark.parametrize(
+    ("rise", "allowed"), [(0.005, S.edge_corner), (0.0018, 0.0238), (0.0012, S.edge_lag_thin)]
+)
 def test_thin_layers_may_lag_by_more_because_wrinkles_hide_their_edge(rise, allowed):
     for lag, kind in ((0.98 * allowed, None), (1.02 * allowed, K.DROPPED_CORNER)):
         lags = np.array([lag] * 2 + [0.0] * 7)
