@@ -212,8 +212,9 @@ class LayingRule:
 NEVER = 2.0
 
 LAYING: Mapping[FailureKind, LayingRule] = {
-    # something may stand in the way, and the way back was free
-    K.TRACKING_ERROR: LayingRule(all_hold=0.9, some_hold=NEVER),
+    # something may stand in the way, and the way back was free; near the target, one hand alone would drag the
+    # whole fold back into a heap
+    K.TRACKING_ERROR: LayingRule(all_hold=0.9, some_hold=0.9),
     K.IN_COLLISION: LayingRule(NEVER, NEVER),
 }
 """Failure kind -> rule. Kinds without an entry, the operator's abort among them, have the rule `LayingRule()`: the

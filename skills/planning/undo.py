@@ -38,6 +38,10 @@ COVERED = 0.3
 middle of the next layer lies half a thickness higher."""
 
 
+OWN = 0.040
+"""Cloth that lay nearer to a grasp than this before the fold is the grasped cloth itself [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Undo:
     """step: the way back as a fold step: grasps where the moved cloth lies now, targets where it lay before the
@@ -67,7 +71,8 @@ def plan_undo(mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickn
         name = f"the cloth of the {grasp_id.value} grasp"
         if smooth < SMOOTH:
             return Outcome(failure=_impossible(step, f"{name} is rumpled"))
-        if _covered(mesh, now, place[:2], top + COVERED * thickness):
+        others = _other_layers(mesh, before, now, grasp.point, place[:2])
+        if (others > top + COVERED * thickness).any():
             return Outcome(failure=_impossible(step, f"{name} lies under other cloth"))
         grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=top)
         below = max(grasp.height - grasp.layers * thickness, 0.0)
@@ -102,9 +107,11 @@ def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float,
     return affine[0], grasp.heading + turn, float(np.linalg.norm(along))
 
 
-def _covered(mesh: SheetMesh, vertices: Array, point: Array, height: float) -> bool:
-    """Whether a triangle of the mesh lies over a point (2,) higher than `height` [m]."""
-    a, b, c = np.moveaxis(vertices[mesh.triangles], 1, 0)
+def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, point: Array) -> Array:
+    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,): its triangles
+    lay further than OWN from the grasp (2,) before the fold. The grasped cloth itself may be lofty, for example
+    beside the crease of an earlier fold."""
+    a, b, c = np.moveaxis(now[mesh.triangles], 1, 0)
     u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], point - a[:, :2]
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     flat = np.abs(area) > 1e-12
@@ -112,8 +119,8 @@ def _covered(mesh: SheetMesh, vertices: Array, point: Array, height: float) -> b
     s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
     over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
-    z = a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2])
-    return bool((z[over] > height).any())
+    over &= np.linalg.norm(before[mesh.triangles].mean(axis=1)[:, :2] - grasped, axis=1) > OWN
+    return np.asarray((a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2]))[over])
 
 
 def _impossible(step: FoldStep, why: str) -> Failure:

@@ -185,6 +185,7 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "the cell waits 2 s and clears once more": recovery_table.CLEARING_DWELL_S == 2.0,
         "A motion that fails is tried three times": recovery_table.LAYING_TRIES == 3,
         "(something may stand ahead) | on to the target from 90 %": strayed.all_hold == 0.9,
+        "from 90 % of the path, else back | the same |": strayed.some_hold == strayed.all_hold,
         "the abort | on to the target from 50 %, else back": recovery_table.LayingRule().all_hold == 0.5,
         "| on to the target from 80 %, else back |": recovery_table.LayingRule().some_hold == 0.8,
         "One of more than 2 s in the middle of a motion": ticks.LOST_S == 2.0,

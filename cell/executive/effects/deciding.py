@@ -90,10 +90,13 @@ _OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.INWARD})
 
 
 def _undoable(fold: FoldContext) -> bool:
-    """Whether it is known well enough how the garment lies to undo the fold."""
+    """Whether it is known well enough how the garment lies to undo the fold. Whether the edge of
+    a refused fold has come half the way or the whole way does not matter: the best fit shows where it lies."""
     found = fold.estimate
-    known = found is not None and found.best is not None and found.confidence >= SURE
-    return known or fold.repair is not None
+    if found is None or found.best is None:
+        return fold.repair is not None
+    moved = sum(found.probabilities[state] for state in (FoldState.HALF_WAY, FoldState.AFTER))
+    return max(found.confidence, moved) >= SURE or fold.repair is not None
 
 
 def _lies_as_before(fold: FoldContext) -> bool:

@@ -9,13 +9,14 @@ from cell.control.checks import stopped
 from cell.executive.effects.planning import simulated_paths
 from cell.hardware.workcell import Workcell
 from cell.states.estimate_note import EstimateNote
+from cell.states.recovery_table import VERDICTS
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame
 from skills.perception.state_estimate.drawing import draw_estimate
-from skills.perception.state_estimate.estimate import StateEstimate, estimate_state
+from skills.perception.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate, estimate_state
 from skills.perception.state_estimate.hypothesis import FoldState, Interruption
 from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
 from skills.perception.state_estimate.observation import Observation, observe
@@ -82,6 +83,7 @@ def _estimated(
     top = context.recognition.perception.top if context.recognition else 0.0
     lift = max(top - float(plan.vertices[:, 2].min()), 0.0)
     several_layers = any(grasp.layers > 1 for grasp in attempt.step.grasps.values())
+    settings = EstimateSettings(priors=COMPLETED) if _uneventful(context) else EstimateSettings()
 
     def proceed() -> None:
         failure = stopped(cell.ports)
@@ -98,7 +100,7 @@ def _estimated(
         if seen.failure:
             return Outcome(failure=seen.failure)
         found = estimate_state(
-            seen.unwrap(), before, attempt.predicted, list(paths), simulate, lift, several_layers
+            seen.unwrap(), before, attempt.predicted, list(paths), simulate, lift, several_layers, settings
         )
         return Outcome((seen.unwrap(), found))
 
@@ -107,6 +109,12 @@ def _estimated(
         return costs.inspection_s + simulations * costs.simulation_s
 
     return cell.compute(cost, work)
+
+
+def _uneventful(context: RunContext) -> bool:
+    """Whether the hands completed the fold and nothing but verdicts of inspections spoke against it."""
+    failed = {kind for index, kind in context.attempts if index == context.fold.index}
+    return context.fold.carried and failed <= {kind.value for kind in VERDICTS}
 
 
 def _record(found: StateEstimate, says: str) -> dict[str, object]:

@@ -13,7 +13,7 @@ from skills.perception.state_estimate.hypothesis import FoldState, Hypothesis, I
 from skills.perception.state_estimate.observation import Observation
 from skills.vocabulary import GraspId, PredictedShape
 
-__all__ = ["EstimateSettings", "StateEstimate", "estimate_state", "interruptions_of"]
+__all__ = ["COMPLETED", "EstimateSettings", "StateEstimate", "estimate_state", "interruptions_of"]
 
 Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 """Simulates interrupted folds: returns the vertices (n, 3) after each of them."""
@@ -24,6 +24,15 @@ NEARLY_ALL = 0.98
 """Share of the vertices that decides which state a simulated shape amounts to."""
 REACTION = 0.12
 """Share of the way that the hands cover from the slip of one until the other opens, at first."""
+
+
+COMPLETED: Mapping[FoldState, float] = {
+    FoldState.BEFORE: 0.02,
+    FoldState.AFTER: 0.70,
+    FoldState.HALF_WAY: 0.25,
+    FoldState.HEAP: 0.03,
+}
+"""Priors of the states if the hands came to the targets and no loss of cloth was noticed (assumed)."""
 
 
 @dataclass(frozen=True)

@@ -105,6 +105,18 @@ def test_cloth_under_other_cloth_or_rumpled_or_unmoved_is_not_grasped() -> None:
     assert shrunk.failure is not None and "rumpled" in shrunk.failure.what
 
 
+def test_cloth_that_is_lofty_where_it_is_grasped_does_not_cover_itself() -> None:
+    """Beside the crease of an earlier fold, the grasped cloth rises on one side of the grasp."""
+    mesh, flat = sheet()
+    lofty = folded_at(0.68, flat)
+    grasp = step().grasps[GraspId.LEFT]
+    near = (flat[:, 0] > 0.68) & (np.linalg.norm(flat[:, :2] - grasp.point, axis=1) < 0.05)
+    lofty[near, 2] += 0.25 * np.abs(flat[near, 1] - grasp.point[1])
+    undo = plan_undo(mesh, flat, lofty, step(), THICKNESS).unwrap()
+    assert set(undo.step.grasps) == set(step().grasps)
+    assert undo.step.grasps[GraspId.LEFT].height >= undo.step.grasps[GraspId.RIGHT].height
+
+
 def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
     """Two layers that moved together: the tips begin under the lower one."""
     mesh, flat = sheet()

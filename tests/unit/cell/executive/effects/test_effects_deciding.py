@@ -140,10 +140,12 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: 
     assert list(context.fold.adjustments) == [a for _, a in tried if a is not Adjustment.NONE]
 
 
-def lying(state: FoldState, confidence: float = 0.9) -> StateEstimate:
-    """An estimate of the garment's state, with a shape that fits unless it is a heap."""
+def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldState.BEFORE) -> StateEstimate:
+    """An estimate of the garment's state, with a shape that fits unless it is a heap. second: the next probable
+    state."""
     best: Any = None if state is FoldState.HEAP else SimpleNamespace(hypothesis=None)
-    return StateEstimate(state, confidence, best, {state: confidence}, (), 0, np.zeros((3, 2)))
+    probabilities = dict.fromkeys(FoldState, 0.0) | {second: 1.0 - confidence} | {state: confidence}
+    return StateEstimate(state, confidence, best, probabilities, (), 0, np.zeros((3, 2)))
 
 
 @pytest.mark.parametrize(
@@ -177,6 +179,14 @@ def test_a_fold_of_which_the_state_is_not_known_is_not_undone(estimate: StateEst
     context = failed(K.DROPPED_CORNER, 2, planned(carried=True, estimate=estimate))
     poor = Failure(K.DROPPED_CORNER, "it failed", "", {"iou_aligned": 0.5})
     assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize("ends", [(FoldState.AFTER, FoldState.HALF_WAY), (FoldState.HALF_WAY, FoldState.AFTER)])
+def test_a_refused_fold_is_undone_whether_it_is_half_made_or_made_amiss(ends: tuple[FoldState, FoldState]) -> None:
+    """Its edge has moved, and the best fit shows where it lies."""
+    context = failed(K.OFF_TARGET, 2, planned(carried=True, estimate=lying(ends[0], 0.6, ends[1])))
+    poor = Failure(K.OFF_TARGET, "it failed", "", {"iou_aligned": 0.5})
+    assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.UNDO
 
 
 def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_undoing() -> None:

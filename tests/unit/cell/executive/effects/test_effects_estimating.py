@@ -14,7 +14,7 @@ from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
-from skills.perception.state_estimate.estimate import StateEstimate
+from skills.perception.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate
 from skills.perception.state_estimate.hypothesis import FoldState
 from skills.vocabulary import GraspId, Outcome, PredictedShape
 from tests.builders.contexts import context_with
@@ -116,3 +116,30 @@ def test_a_look_ends_a_repair_and_the_state_is_estimated_again() -> None:
     fold = result.context.fold
     assert result.event is Event.TOUCHED and fold.repair is None and fold.estimate is None
     assert fold.attempt is not None and fold.attempt.predicted is undone.predicted and not fold.carried
+
+
+@pytest.mark.parametrize(
+    ("carried", "failed", "priors"),
+    [
+        (True, (), COMPLETED),
+        (True, (FailureKind.OFF_TARGET,), COMPLETED),
+        (True, (FailureKind.SLIPPED,), EstimateSettings().priors),
+        (False, (), EstimateSettings().priors),
+    ],
+)
+def test_a_fold_in_which_no_loss_was_noticed_is_probably_made(
+    monkeypatch: pytest.MonkeyPatch, carried: bool, failed: tuple[FailureKind, ...], priors: Any
+) -> None:
+    used: list[EstimateSettings] = []
+    found = StateEstimate(FoldState.AFTER, 1.0, None, dict.fromkeys(FoldState, 0.0), (), 0, FLAT[:, :2])
+    cell = FakeCell()
+    monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None})
+    monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(SimpleNamespace()))
+    monkeypatch.setattr(estimating, "estimate_state", lambda *given: (used.append(given[-1]), found)[1])
+    monkeypatch.setattr(estimating, "draw_estimate", lambda *_: PICTURE)
+    context = touched(cell, carried=carried)
+    for kind in failed:
+        context = context.with_failure(Failure(kind, "it failed"))
+    EFFECTS[Effect.ESTIMATE](fake_workcell(cell), context)
+    assert [settings.priors for settings in used] == [priors]
+    assert sum(priors.values()) == pytest.approx(1.0) and set(priors) == set(FoldState)

@@ -105,6 +105,15 @@ def test_with_one_hand_left_the_cloth_is_laid_back_unless_the_fold_is_nearly_don
     assert lay_back(workcell, context).record["holding"] == ["left"]
 
 
+def test_a_hand_that_strayed_near_the_target_does_not_drag_the_fold_back_alone() -> None:
+    """Something may stand ahead, so the way back is taken from farther off."""
+    for share, chosen in ((0.6, "back"), (0.97, "onward")):
+        cell, workcell, context = carrying(share, K.TRACKING_ERROR)
+        cell.openings[Side.LEFT] = 0.0
+        result = lay_back(workcell, context)
+        assert (result.record["laying"], result.record["holding"]) == (chosen, ["right"])
+
+
 def test_empty_hands_open_where_they_are() -> None:
     cell, workcell, context = carrying(0.4, K.SLIPPED, side="left")
     cell.openings[Side.RIGHT] = 0.0
