@@ -76,11 +76,12 @@ class SimulatedCell:
     truth: TruthSource
     faults: Faults
     checkpoint: Checkpoint
-    display: Callable[[], CameraFrame | None]
-    """Takes a picture for a person. It changes nothing in the world, and no decision may depend on it."""
+    display: Callable[[], Callable[[], CameraFrame | None]]
+    """Takes the present state for a picture that a person sees. The returned function draws it, on any thread. It
+    changes nothing in the world, and no decision may depend on it."""
 
     @classmethod
-    def of(cls, ports: Ports, world: _World, display: Callable[[], CameraFrame | None]) -> Self:
+    def of(cls, ports: Ports, world: _World, display: Callable[[], Callable[[], CameraFrame | None]]) -> Self:
         return cls(ports, TruthSource(world), world.faults, Checkpoint(world), display)
 
 

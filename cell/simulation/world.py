@@ -394,9 +394,10 @@ class World:
         """Take a picture without waiting: one exposure, or the mean of several."""
         return self._picture(exposures)
 
-    def display(self) -> CameraFrame:
-        """Take a picture for a person. It changes nothing in the world: the next pictures, faults and noise are
-        the same with and without it."""
+    def display(self) -> Callable[[], CameraFrame]:
+        """Take the present state for a picture that a person sees. It changes nothing in the world: the next
+        pictures, faults and noise are the same with and without it. The returned function draws the picture, on
+        any thread."""
         if self._camera is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
         return self._camera.display(self._seen_slabs)

@@ -1,8 +1,9 @@
 """The operator's picture: the camera's latest picture with the plan, or with what is expected, drawn on it.
 
 The picture is drawn by the cell, because a 3-D viewer on a computer without a graphics card is always behind. The
-view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. It
-also remembers the last grip of each hand. It draws only when a page asks for the picture.
+view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. A
+simulated camera only takes the state of the world then, and its picture is rendered on the view's thread, so that
+the executive does not wait. The view also remembers the last grip of each hand. It draws only if a page is open.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from cell.recording.camera_pictures.live_picture import draw_live
 from cell.recording.camera_pictures.projected_drawing import jpeg_file
 from cell.recording.camera_pictures.question_picture import QUESTIONS
+from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
@@ -25,10 +28,14 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
 
-PERIOD_S = 0.5
+PERIOD_S = 0.4
 """Shortest time between two display pictures [s]."""
 LARGEST_SHARE = 0.2
 """Share of the executive's time that display pictures may take."""
+Take = Callable[[], Callable[[], CameraFrame | None]]
+"""Takes a display picture. The returned function gives it, on any thread; None: the camera has none."""
+Work = Callable[[], None]
+CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +54,20 @@ class _Moment:
 class LiveView:
     """The operator's picture of one run: an observer, and ports that notice when a picture is due."""
 
-    def __init__(self, calibration: CameraCalibration, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        calibration: CameraCalibration,
+        clock: Callable[[], float] = time.monotonic,
+        offer: Callable[[Work], bool] | None = None,
+    ) -> None:
+        """offer: performs work on another thread, and returns False if it is busy; None: a thread of its own."""
+        self._worker = BoundedWorker[Work]("operators-picture", lambda work: work(), _ignore, 1.0)
+        self._offer = offer or self._worker.offer
         self._nominal, self._clock = calibration, clock
         self._lock = threading.Lock()
         self._moment = _Moment()
         self._due = 0.0
+        self._busy = False
         self._fold_began = 0.0
         self._grips: dict[Side, float] = {}
         self._drawn: tuple[int, bytes] | None = None
@@ -63,8 +79,10 @@ class LiveView:
             if step.target is State.FOLDING:
                 self._fold_began = t
             frame, taken = self._moment.frame, self._moment.taken
-            if step.target in QUESTIONS and self._moment.context.sight.frame is not None:
-                frame, taken = self._moment.context.sight.frame, self._clock()  # the arms rest out of the view
+            if (
+                frame is None and step.target in QUESTIONS
+            ):  # else the latest picture: the arms rest out of the view
+                frame, taken = self._moment.context.sight.frame, self._clock()
             self._change(frame=frame, taken=taken, state=step.target, progress=None)
 
     def performed(self, t: float, step: Step, result: Result) -> None:
@@ -73,31 +91,52 @@ class LiveView:
 
     # at the ports
 
-    def between(self, ports: Ports, display: Callable[[], CameraFrame | None] | None = None) -> Ports:
+    def between(self, ports: Ports, display: Take | None = None) -> Ports:
         """Return ports that do the same, and tell this view of grips and of every poll of the stop.
 
-        display: takes a picture for the view; None: the camera's `glimpse`. How many pictures are taken depends on
-        the computer's speed, so in a simulated cell they must not change the world.
+        display: takes a picture for the view; None: by the camera's `glimpse`. How many pictures are taken
+        depends on the computer's speed, so in a simulated cell they must not change the world.
         """
-        take = display or ports.camera.glimpse
+        take = display or partial(_glimpsed, ports)
         tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
         return replace(ports, stop=_PolledStop(ports.stop, lambda: self._poll(ports.clock, take)), tactile=tactile)
 
-    def _poll(self, cell_clock: Clock, take: Callable[[], CameraFrame | None]) -> None:
+    def _poll(self, cell_clock: Clock, take: Take) -> None:
         now = self._clock()
-        if now < self._due:
+        if now < self._due or self._busy:
             return
         try:
-            frame = take()
+            picture = take()
         except DriverError:  # the picture ages, and the page says so
-            frame = None
-        ended = self._clock()
-        self._due = ended + max(PERIOD_S, (ended - now) / LARGEST_SHARE)
-        if frame is None:
             return
-        t = cell_clock.now()
-        with self._lock:
-            self._change(frame=frame, taken=ended, progress=self._progress(t))
+        finally:
+            ended = self._clock()
+            self._due = max(now + PERIOD_S, ended + (ended - now) / LARGEST_SHARE)
+        self._busy = True
+        if not self._offer(partial(self._show, picture, now, cell_clock.now(), self._moment.state)):
+            self._busy = False
+
+    def _show(self, picture: Callable[[], CameraFrame | None], taken: float, t: float, state: State) -> None:
+        """Show a display picture that was taken at `taken` [s, monotonic], `t` [s, cell] and in `state`."""
+        try:
+            frame = picture()
+            if frame is None:  # it was requested and has not arrived
+                self._due = 0.0
+            else:
+                taken -= max(t - frame.stamp, 0.0)
+                with self._lock:
+                    progress = self._progress(t) if self._moment.state is state else None
+                    self._change(frame=frame, taken=taken, progress=progress)
+                if self._drawn is not None:  # a page is open: it will ask for this picture at once
+                    self.jpeg()
+        except (DriverError, OSError):  # the cell may be closed meanwhile
+            return
+        finally:
+            self._busy = False
+
+    def close(self) -> None:
+        """End the view's thread. A picture that is being rendered is waited for, for a short time."""
+        self._worker.close(CLOSE_S)
 
     def _progress(self, t: float) -> float | None:
         attempt = self._moment.context.fold.attempt
@@ -142,6 +181,15 @@ class LiveView:
         with self._lock:
             self._drawn = drawn
         return drawn
+
+
+def _glimpsed(ports: Ports) -> Callable[[], CameraFrame | None]:
+    frame = ports.camera.glimpse()
+    return lambda: frame
+
+
+def _ignore(error: BaseException) -> None:
+    """A picture that fails is missing; its age shows that."""
 
 
 class _PolledStop:

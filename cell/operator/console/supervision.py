@@ -42,11 +42,14 @@ class Supervision:
     def page(self, stop: Stop, say: Callable[[str], None]) -> Iterator[None]:
         """Serve the operator's page for the duration of the context. Raises StorageError as `operators_page`
         does."""
-        with operators_page(
-            self._run_status, self.live_view, self._commands, stop, self._viewer, self._listener
-        ) as address:
-            say(f"operator's page: {address}")
-            yield
+        try:
+            with operators_page(
+                self._run_status, self.live_view, self._commands, stop, self._viewer, self._listener
+            ) as address:
+                say(f"operator's page: {address}")
+                yield
+        finally:
+            self.live_view.close()
 
 
 def _viewer(recording: Path) -> tuple[Path, Path] | None:

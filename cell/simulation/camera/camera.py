@@ -6,8 +6,10 @@ import contextlib
 import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -32,6 +34,9 @@ but on a busy machine a picture can take half a minute."""
 PICTURES_A_PROCESS = 400
 """After this number of pictures the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2
+SLOW_S, FAST_S = 0.3, 0.08
+"""Display pictures are made with half the resolution after one that took longer than SLOW_S, and with the full one
+again after one that took less than FAST_S [s, wall]. A full one takes three times as long as a half one."""
 
 
 class Renderer:
@@ -43,6 +48,7 @@ class Renderer:
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
         self._count = 0
+        self._lock = threading.Lock()
         self._start()
 
     def _start(self) -> None:
@@ -60,7 +66,11 @@ class Renderer:
         self._connection, self._count = ours, 0
 
     def picture(self, shot: Shot) -> Picture:
-        """Render a shot. Raises DriverError(CAMERA_FAULT) if two processes in a row fail."""
+        """Render a shot, on any thread. Raises DriverError(CAMERA_FAULT) if two processes in a row fail."""
+        with self._lock:
+            return self._picture(shot)
+
+    def _picture(self, shot: Shot) -> Picture:
         problem = ""
         for _ in range(ATTEMPTS):
             if self._process is None or self._count >= PICTURES_A_PROCESS:
@@ -136,6 +146,7 @@ class SimulatedCamera:
         self._shot, self._now = shot, now
         self._sequence = self._displayed = 0
         self._last: CameraFrame | None = None
+        self._quick = 1
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
         """Faults: the camera repeats its last picture, takes black pictures, or does not answer."""
@@ -165,24 +176,31 @@ class SimulatedCamera:
         self._last = self._exposed(exposures, slabs, rng)
         return self._last
 
-    def display(self, slabs: Sequence[Slab] = ()) -> CameraFrame:
-        """Return a picture for a person, who may look at any time: it changes nothing that `capture` returns.
-        Raises DriverError like `capture`."""
-        if self.frozen and self._last is not None and not self.silent:
-            return self._last
+    def display(self, slabs: Sequence[Slab] = ()) -> Callable[[], CameraFrame]:
+        """Take the present state for a picture that a person sees, who may look at any time: it changes nothing
+        that `capture` returns. The returned function draws the picture, on any thread, without the errors of
+        depth. Raises DriverError like `capture`."""
+        last = self._last
+        if self.frozen and last is not None and not self.silent:
+            return lambda: last
+        self._answers()
         self._displayed += 1
-        return self._exposed(1, slabs, np.random.default_rng((self._seed, 3, self._displayed)))
+        rng = np.random.default_rng((self._seed, 3, self._displayed))
+        now, sequence, black = self._now(), self._sequence, self.black
+        shot = replace(self._shot(), quick=self._quick)
+
+        def draw() -> CameraFrame:
+            began = time.monotonic()
+            picture = self._rendered(shot, slabs)
+            self._quick = _quick(shot.quick, time.monotonic() - began)
+            rgb = np.zeros_like(picture.rgb) if black else self._sense_colour(picture.rgb, rng)
+            return CameraFrame(now, sequence, frozen(rgb), frozen(picture.depth), self._intrinsics)
+
+        return draw
 
     def _exposed(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> CameraFrame:
-        if self.silent:
-            raise DriverError(
-                FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
-            )
-        shot = self._shot()
-        picture = self._renderer.picture(shot)
-        if slabs:
-            scene = self._renderer.scene
-            picture = with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
+        self._answers()
+        picture = self._rendered(self._shot(), slabs)
         rgb, depth = picture.rgb, picture.depth
         if not self._ideal:
             rgb = self._sense_colour(rgb, rng)
@@ -190,6 +208,19 @@ class SimulatedCamera:
         if self.black:
             rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
         return CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
+
+    def _answers(self) -> None:
+        if self.silent:
+            raise DriverError(
+                FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
+            )
+
+    def _rendered(self, shot: Shot, slabs: Sequence[Slab]) -> Picture:
+        picture = self._renderer.picture(shot)
+        if not slabs:
+            return picture
+        scene = self._renderer.scene
+        return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
 
     @property
     def sequence(self) -> int:
@@ -225,6 +256,11 @@ class SimulatedCamera:
         lost = edge & (rng.random(z.shape) < noise.edge_loss) | (rng.random(z.shape) < noise.pixel_loss)
         measured[~hit | lost] = np.nan
         return measured.astype(np.float32)
+
+
+def _quick(quick: int, took: float) -> int:
+    """Return how quickly the next display picture is made (`Shot.quick`). took: wall time of the last one [s]."""
+    return 2 if took > SLOW_S else 1 if took < FAST_S else quick
 
 
 def _edges(z: Array, jump: float) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from cell.simulation.truth import Truth
 from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
-from robots.ports import BoardPlace
+from robots.ports import BoardPlace, CameraFrame
 
 __all__ = ["emulated_cell"]
 
@@ -60,7 +60,12 @@ def emulated_cell(
         ports = closing.enter_context(
             connected(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
         )
-        yield SimulatedCell.of(ports, world, ports.camera.glimpse)
+
+        def display() -> Callable[[], CameraFrame | None]:
+            frame = ports.camera.glimpse()
+            return lambda: frame
+
+        yield SimulatedCell.of(ports, world, display)
 
 
 class _Attendant:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cell.simulation.camera.camera import Renderer, SimulatedCamera
+from cell.simulation.camera.camera import Renderer, SimulatedCamera, _quick
 from cell.simulation.camera.render_server import Picture, Scene, Shot
 from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.noise import load_noise
@@ -105,6 +106,20 @@ def test_a_dead_render_process_is_replaced_and_draws_the_same_picture(renderer: 
     np.testing.assert_array_equal(before.depth, after.depth)
 
 
+@pytest.mark.parametrize("quick", [1, 2])
+def test_quick_pictures_for_a_person_show_the_same(renderer: Renderer, quick: int) -> None:
+    vertices = lying(sheet()[0])
+    exact, fast = (renderer.picture(replace(shot(vertices), quick=k)) for k in (0, quick))
+    assert fast.rgb.shape == exact.rgb.shape and fast.depth.shape == exact.depth.shape
+    same = blue(fast) == blue(exact)
+    assert np.mean(same) > 0.995, "up to the pixels of its edge"
+    assert np.nanpercentile(np.abs(fast.depth - exact.depth), 99) < 0.005
+
+
+def test_a_slow_computer_gets_pictures_of_half_the_resolution() -> None:
+    assert [_quick(quick, took) for quick, took in ((1, 0.5), (2, 0.2), (2, 0.05), (1, 0.1))] == [2, 2, 1, 1]
+
+
 class Still:
     """A renderer that always sees a plane at 1.1 m with a block 0.1 m high in the middle."""
 
@@ -183,7 +198,7 @@ def test_pictures_for_display_change_no_picture_that_the_cell_takes() -> None:
     """How many of them are taken depends on the computer's speed; a run depends on its seed alone."""
     alone, watched = camera(), camera()
     for _ in range(3):
-        shown = watched.display()
+        shown = watched.display()()
         mine, theirs = alone.capture(2), watched.capture(2)
         assert (mine.rgb == theirs.rgb).all() and np.array_equal(mine.depth, theirs.depth, equal_nan=True)
         assert mine.sequence == theirs.sequence and not (shown.rgb == theirs.rgb).all()
