@@ -63,10 +63,13 @@ class EdgeSettings:
 @dataclass(frozen=True, eq=False)
 class MovedEdge:
     """The place of the moved edge. lag: (n,) distance of the edge behind its predicted place in n strips from one
-    end to the other [m], NaN where unknown. rise: height of the moved layers [m]."""
+    end to the other [m], NaN where unknown. rise: height of the moved layers [m]. on_crease: whether the first and
+    the last strip lie on the loop of an earlier crease. The step is several layers high there, and such a strip is
+    not misplaced by noise."""
 
     lag: Array
     rise: float
+    on_crease: tuple[bool, bool] = (False, False)
 
     @property
     def corner(self) -> float:
@@ -102,17 +105,20 @@ class MovedEdge:
     def _ends(self) -> tuple[float, float]:
         """For each end, its lag minus the median lag of the opposite half of the edge [m]; NaN if the end is not
         visible."""
-        first, last = (self._end(lag) - _median(lag[len(lag) // 2 :]) for lag in (self.lag, self.lag[::-1]))
+        ends = zip((self.lag, self.lag[::-1]), self.on_crease, strict=True)
+        first, last = (self._end(lag, sure) - _median(lag[len(lag) // 2 :]) for lag, sure in ends)
         return first, last
 
     @staticmethod
-    def _end(lag: Array) -> float:
+    def _end(lag: Array, sure: bool) -> float:
         """Lag of the end at which `lag` begins [m]: the median of the first three visible strips in the first
         third of the edge, or the smaller lag of the first two. A single misplaced strip does not count, neither as
-        a false alarm nor by hiding a corner. NaN if no strip is visible there."""
+        a false alarm nor by hiding a corner. NaN if no strip is visible there. sure: the first strip cannot be
+        misplaced, so that the end lags by no more than this strip."""
         seen = lag[: len(lag) // 3]
         seen = np.sort(seen[np.isfinite(seen)][:3])
-        return float(seen[(len(seen) - 1) // 2]) if len(seen) else float("nan")
+        end = float(seen[(len(seen) - 1) // 2]) if len(seen) else float("nan")
+        return min(end, float(lag[0])) if sure and np.isfinite(lag[0]) else end
 
 
 def _median(values: Array) -> float:
@@ -157,7 +163,10 @@ def moved_edge(
     layer = _layer(np.where(raised > settings.loop, np.nan, rise), depth, settings)
     loop = raised > np.clip(layer, settings.min_loop, settings.loop)
     near = binary_dilation(loop, iterations=round(settings.flank / settings.sample))
-    rise[loop | (near & (raised > 0.5 * layer))] = np.nan
+    pressed = loop | (near & (raised > 0.5 * layer))
+    crossing = _crossing_creases(rise, pressed, depth, layer, settings)
+    raised[crossing & pressed] = 0.0
+    rise[pressed & ~crossing] = np.nan
     raised[np.isnan(rise)] = np.nan
     layer = _layer(rise, depth, settings)
     if layer < settings.min_rise:
@@ -165,15 +174,22 @@ def moved_edge(
     width = settings.strip_width * max(1.0, settings.strip_rise / layer) ** 2
     count = max(settings.strips, round(len(rise) * settings.sample / width))
     edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), settings.min_rise))
-    return MovedEdge(
-        np.array(
-            [
-                _step_place(_mean(part), _mean(above), depth, edge)
-                for part, above in zip(np.array_split(rise, count), np.array_split(raised, count), strict=True)
-            ]
-        ),
-        layer,
-    )
+    parts = [np.array_split(values, count) for values in (rise, raised, crossing)]
+    lag = [_step_place(_mean(r), _mean(above), depth, edge) for r, above, _ in zip(*parts, strict=True)]
+    return MovedEdge(np.array(lag), layer, (bool(parts[2][0].all()), bool(parts[2][-1].all())))
+
+
+def _crossing_creases(
+    rise: Array, pressed: NDArray[np.bool_], depth: Array, layer: float, settings: EdgeSettings
+) -> NDArray[np.bool_]:
+    """Return for which rows the crease of the new layers visibly lies on the loop of the earlier crease, (n, 1):
+    well behind the edge, the surface rose by more than the layers. The loop is then not pressed flat there."""
+    wide = max(1, round(settings.strip_width / settings.sample))
+    inner = depth > 0.5 * settings.inside
+    rows = np.zeros(len(rise), dtype=bool)
+    for part in np.array_split(np.arange(len(rise)), max(1, len(rise) // wide)):
+        rows[part] = pressed[part].any() and _median(rise[np.ix_(part, inner)]) > layer
+    return rows[:, None]
 
 
 def _thickness_moved(flat: PredictedShape, step: FoldStep) -> float:

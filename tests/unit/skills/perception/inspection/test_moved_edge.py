@@ -15,6 +15,7 @@ from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)
+XY = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
 LAYER, NOISE = 0.0025, 0.0015
 # The line is along x at y = 0. The part at y > 0 moves onto y < 0.
 LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
@@ -63,8 +64,7 @@ def heights(lag, seed=0, creases=0.004, loop=0.0, flank=None):
 def pressed_flat(lag, seed=0, layer=LAYER):
     """Height maps (before, after): the moved layer presses the wrinkles below it to the stack's mean height."""
     rng = np.random.default_rng(seed)
-    xy = VIEW.to_table(np.stack(np.indices(VIEW.shape)[::-1], axis=-1))
-    x, y = xy[..., 0], xy[..., 1]
+    x, y = XY[..., 0], XY[..., 1]
     on = (x > SPAN[0]) & (x < SPAN[1]) & (np.abs(y) < 0.3)
     wrinkled = layer * (1.0 + 0.5 * (1 + np.sin(18 * x) * np.cos(20 * y)))
     t = np.clip((x - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
@@ -129,6 +129,30 @@ def test_wrinkles_that_the_moved_layer_presses_flat_are_no_lag(seed):
         seen = moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
         assert (seen.corner > InspectionSettings().edge_corner) is found
         assert found or np.abs(seen.lag).max() < 0.010
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.05])
+def test_a_corner_on_the_loop_of_an_earlier_crease_is_seen_where_the_new_crease_lies_on_it(behind):
+    """The new layers' crease doubles the height of the loop. Where they are missing, the loop has sunk."""
+    loop, t = 0.016, np.clip((XY[..., 0] - SPAN[0]) / (SPAN[1] - SPAN[0]), 0, 1)
+    on = (XY[..., 0] > SPAN[0]) & (XY[..., 0] < SPAN[1]) & (np.abs(XY[..., 1]) < 0.3)
+    raised = loop * np.clip(1.2 - t / 0.13, 0, 1)
+    moved = on & (XY[..., 1] < 0) & (XY[..., 1] > -0.3 + behind * (t < 0.3))
+    covered = LAYER + np.where(raised > 0, 2.0 * raised, LAYER)
+    after = np.where(moved, covered, (LAYER + 0.6 * raised) * (on & (XY[..., 1] < 0)))
+    rng = np.random.default_rng(2)
+    before, after = (
+        (h + NOISE * rng.standard_normal(h.shape)).astype(np.float32) for h in ((LAYER + raised) * on, after)
+    )
+    seen = moved_edge(after, before, folded_mesh(), STEP, VIEW, np.eye(2), np.zeros(2))
+    assert np.isfinite(seen.lag[0])
+    assert (seen.corner > InspectionSettings().edge_corner) is (behind > 0.0)
+
+
+def test_an_end_on_a_crease_lags_by_no_more_than_its_last_strip():
+    lag = np.array([0.002, 0.03, 0.05, *[0.0] * 6])
+    assert MovedEdge(lag, LAYER).corner == pytest.approx(0.03)
+    assert MovedEdge(lag, LAYER, (True, False)).corner == pytest.approx(0.002)
 
 
 @pytest.mark.parametrize("end", [0, 1])
