@@ -7,6 +7,7 @@ colour of a state shows which state follows its failure. A legend below the char
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from typing import Any
 
 from transitions.extensions import GraphMachine
@@ -78,6 +79,7 @@ def draw_chart() -> str:
         style = after_failure.value if after_failure in ON_FAILURE else "default"
         graph.set_node_style(state.value, "end" if state in TERMINAL else style)
     try:
+        import_module("graphviz")  # without it, `transitions` draws with another program
         svg: str = chart.get_graph().pipe(format="svg", encoding="utf-8")
     except (ImportError, OSError) as e:
         raise ConfigurationError(

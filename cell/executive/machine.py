@@ -27,9 +27,9 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
 
     A pause happens between two effects. RESUME enters the interrupted state again: the machine returns the same
     effect again, and the effect checks its start conditions itself. While the cell makes itself safe, it accepts
-    no abort and no pause. A state with its own row for ABORT gets no other.
+    no abort and no pause. A state with its own row for ABORT or CRASH gets no other.
     """
-    own_abort = {row.state for row in rows if row.event is Event.ABORT}
+    own = {(row.state, row.event) for row in rows}
     working = [s for s in State if s not in TERMINAL and s not in {State.IDLE, State.PAUSED}]
     added = [Row(State.PAUSED, Event.RESUME, State.PAUSED, Effect.WAIT)]  # `handle` sets the target
     for s in [*working, State.PAUSED]:
@@ -38,8 +38,9 @@ def complete_table(rows: tuple[Row, ...] = TRANSITIONS) -> tuple[Row, ...]:
         if s in _ENDING:
             added.append(Row(s, Event.CRASH, State.FAULT, Effect.HOLD))
             continue
-        added.append(Row(s, Event.CRASH, State.MAKING_SAFE, Effect.MAKE_SAFE))
-        if s not in own_abort:
+        if (s, Event.CRASH) not in own:
+            added.append(Row(s, Event.CRASH, State.MAKING_SAFE, Effect.MAKE_SAFE))
+        if (s, Event.ABORT) not in own:
             added.append(Row(s, Event.ABORT, State.GIVING_UP, Effect.MAKE_SAFE))
         if s is not State.PAUSED:
             added.append(Row(s, Event.PAUSE, State.PAUSED, Effect.WAIT))

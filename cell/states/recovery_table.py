@@ -29,6 +29,7 @@ __all__ = [
     "LAYING",
     "LAYING_DWELL_S",
     "LAYING_TRIES",
+    "PREPARING_DWELLS_S",
     "RECOVERIES",
     "VERDICTS",
     "Adjustment",
@@ -37,6 +38,7 @@ __all__ = [
     "Recovery",
     "choose_laying",
     "choose_recovery",
+    "transient",
 ]
 
 GOOD_ENOUGH_M = 0.030
@@ -188,6 +190,15 @@ together."""
 CLEARING_DWELL_S = 2.0
 """After a failure of CLEARING, the cell waits for this time before CLEARING_AGAIN [s]. It is longer than most
 transients, such as an arm that hangs for a moment."""
+
+
+PREPARING_DWELLS_S = (1.0, 3.0)
+"""PREPARING and RESUMING are tried again after each of these times [s], if the kind of failure is transient."""
+
+
+def transient(kind: FailureKind) -> bool:
+    """Whether the cell tries again after a failure of this kind. The others need a person at once."""
+    return len(RECOVERIES[kind]) > 1
 
 
 class Laying(StrEnum):

@@ -62,6 +62,8 @@ class RunContext:
     """Number of failures of a kind in a step: (step index, kind) -> count."""
     recoveries: tuple[tuple[int, str], ...] = ()
     """Every recovery so far: (step index, "failure kind -> event")."""
+    forgiven: int = 0
+    """Number of these recoveries before the operator's last RETRY. They no longer count against the limits."""
     estimates: tuple[EstimateNote, ...] = ()
     """The estimates of the garment's state after failures."""
     done: tuple[StepNote, ...] = ()
@@ -84,9 +86,11 @@ class RunContext:
 
     @property
     def retries(self) -> tuple[int, ...]:
-        """The step index of every recovery that repeated something. Carrying on with a fold repeats nothing."""
+        """The step index of every recovery that repeated something, since the operator's last RETRY. Carrying on
+        with a fold repeats nothing."""
         carried_on = f"-> {Event.CARRY_ON.value}"
-        return tuple(index for index, what in self.recoveries if not what.endswith(carried_on))
+        counted = self.recoveries[self.forgiven :]
+        return tuple(index for index, what in counted if not what.endswith(carried_on))
 
     @property
     def recoveries_in_step(self) -> int:

@@ -6,8 +6,8 @@ DONE if it succeeded, FAILED if not (the context contains the failure), or the e
 `cell/executive/machine.py` adds five rows to every working state: STOP -> STOPPED (HOLD), CRASH -> MAKING_SAFE
 (MAKE_SAFE), ABORT -> GIVING_UP (MAKE_SAFE), PAUSE -> PAUSED (WAIT) and UNRECORDED -> FAULT (HOLD). The last row
 exists because nothing may move without a journal. GIVING_UP and MAKING_SAFE are exceptions: they have no ABORT and
-no PAUSE, and their CRASH leads to FAULT (HOLD). A state with a row of its own for ABORT keeps this row. An abort
-in a pause takes the ABORT row of the interrupted state.
+no PAUSE, and their CRASH leads to FAULT (HOLD). A state with a row of its own for ABORT or CRASH keeps this row.
+An abort in a pause takes the ABORT row of the interrupted state.
 """
 
 from __future__ import annotations
@@ -161,7 +161,8 @@ HANDS_ON_CLOTH = frozenset(
 """States whose failure leaves the hands near the garment. After such a failure, CLEARING first moves the hands
 away."""
 HANDS_CARRY_CLOTH = frozenset({S.LIFTING, S.FOLDING})
-"""States in which the hands carry the garment. After a failure or an abort, LAYING_BACK first lays it down."""
+"""States in which the hands carry the garment. After a failure, an abort or a crash of the program, LAYING_BACK
+first lays it down."""
 
 TRANSITIONS: tuple[Row, ...] = (
     # see and plan
@@ -229,8 +230,10 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.GRASPING, E.FAILED, S.CLEARING, Do.CLEAR),
     Row(S.LIFTING, E.FAILED, S.LAYING_BACK, Do.LAY_BACK),
     Row(S.LIFTING, E.ABORT, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.LIFTING, E.CRASH, S.LAYING_BACK, Do.LAY_BACK),
     Row(S.FOLDING, E.FAILED, S.LAYING_BACK, Do.LAY_BACK),
     Row(S.FOLDING, E.ABORT, S.LAYING_BACK, Do.LAY_BACK),
+    Row(S.FOLDING, E.CRASH, S.LAYING_BACK, Do.LAY_BACK),
     Row(S.LAYING_BACK, E.DONE, S.CLEARING, Do.CLEAR),
     Row(S.LAYING_BACK, E.GIVE_UP, S.GIVING_UP, Do.MAKE_SAFE),  # the operator ended the run
     Row(S.LAYING_BACK, E.FAILED, S.CLEARING, Do.CLEAR),

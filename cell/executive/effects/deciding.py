@@ -187,7 +187,13 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
     fold = replace(answer.context.fold, attempt=None, touched=False)
-    return replace(answer, event=event, context=replace(answer.context, fold=fold))
+    return replace(answer, event=event, context=replace(_counted_anew(answer.context), fold=fold))
+
+
+def _counted_anew(context: RunContext) -> RunContext:
+    """Return the context with the failures of the present fold forgotten: a person has changed something."""
+    others = {key: count for key, count in context.attempts.items() if key[0] != context.fold.index}
+    return replace(context, attempts=others, forgiven=len(context.recoveries))
 
 
 def pause(cell: Workcell, context: RunContext) -> Result:

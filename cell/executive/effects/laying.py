@@ -29,7 +29,9 @@ from skills.vocabulary import Outcome
 
 __all__ = ["carried_path", "lay_back", "progress", "still_holding"]
 
-_ENDING = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
+_ENDINGS = {FailureKind.ABORTED: Event.GIVE_UP, FailureKind.SKILL_CRASHED: Event.CRASH}
+"""Failures after which the run ends when the cloth is laid down, and the event that ends it."""
+_FINAL = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
 """Failures after which the hands do not try to follow the path again."""
 
 
@@ -38,12 +40,12 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     cloth there, and rise.
 
     If a motion fails, the arms come to rest and the hands try again, at most LAYING_TRIES times. Without a path
-    the hands open where they are. If the operator ended the run, the event is GIVE_UP, otherwise DONE. The failure
-    that led here stays the one for which the recovery is chosen.
+    the hands open where they are. If the operator ended the run, the event is GIVE_UP; after a bug of the program
+    it is CRASH; otherwise DONE. The failure that led here stays the one for which the recovery is chosen.
     """
     cause, fold, control = context.cause or context.failure, context.fold, pausable(cell)
     assert cause is not None
-    aborted = cause.kind is FailureKind.ABORTED
+    ending = _ENDINGS.get(cause.kind)
     failure = await_rest(cell.ports, cell.execution)
     path, q = carried_path(fold.carrying), cell.ports.arms.state().q
     done = progress(fold.carrying, q)
@@ -61,10 +63,10 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
             context = context.with_attempt(replace(attempt, carried=True))
     context = replace(with_waiting_time(context, control), cause=cause)
     if failure is None:
-        return Result(Event.GIVE_UP if aborted else Event.DONE, replace(context, failure=cause), record)
-    if aborted and failure.kind is not FailureKind.STOPPED:
+        return Result(ending or Event.DONE, replace(context, failure=cause), record)
+    if ending is not None and failure.kind is not FailureKind.STOPPED:
         record["unfinished"] = str(failure)
-        return Result(Event.GIVE_UP, replace(context, failure=cause), record)
+        return Result(ending, replace(context, failure=cause), record)
     return Result(Event.FAILED, replace(context, failure=failure), record)
 
 
@@ -102,7 +104,7 @@ def _follow(cell: Workcell, path: Array, tool_speed: float, control: PathControl
     for attempt in range(1, LAYING_TRIES + 1):
         planned = _plan(cell, path, tool_speed)
         failure = planned.failure or move(cell, planned.unwrap(), fingertips=True, control=control)
-        if failure is None or failure.kind in _ENDING or planned.failure:
+        if failure is None or failure.kind in _FINAL or planned.failure:
             return failure
         if attempt < LAYING_TRIES:
             stand_by(cell.ports, LAYING_DWELL_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from cell.control.checks import hold, stopped
@@ -11,7 +12,7 @@ from cell.executive.effects.checked_motion import as_failure, move, pausable, un
 from cell.executive.effects.freeing import rise_free
 from cell.executive.effects.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
 from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import CLEARING_DWELL_S
+from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S, transient
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Event
@@ -29,35 +30,57 @@ BRAKING_S = 1.5
 
 
 def prepare(cell: Workcell, context: RunContext) -> Result:
-    """Turn the motors on, calibrate and open the grippers, turn the head to its calibrated pan, park the arms."""
-    ports = cell.ports
-    failure = stopped(ports)
-    if failure is None:
-        ports.arms.enable()
-        ports.head.command_pan(cell.calibration.head_pan)
-        for gripper in ports.grippers.values():
+    """Turn the motors on, calibrate and open the grippers, turn the head to its calibrated pan, park the arms. A
+    transient failure is tried again."""
+    control = pausable(cell)
+
+    def begin() -> Failure | None:
+        cell.ports.head.command_pan(cell.calibration.head_pan)
+        for gripper in cell.ports.grippers.values():
             gripper.calibrate()
         open_hands(cell)
-        control = pausable(cell)
-        failure = wait(cell.loop, HEAD_TURN_S, cell.hands.recording()) or calibrated(cell)
-        failure = failure or park(cell, control)
-        context = with_waiting_time(context, control)
-    return _ended(context, failure)
+        return wait(cell.loop, HEAD_TURN_S, cell.hands.recording())
+
+    failure = _enable(cell) or _persistent(cell, begin) or calibrated(cell)
+    failure = failure or _persistent(cell, lambda: park(cell, control))
+    return _ended(with_waiting_time(context, control), failure)
 
 
 def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
-    """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park."""
-    ports = cell.ports
-    failure = stopped(ports)
-    if failure is None:
-        ports.arms.enable()
-        ports.head.command_pan(cell.calibration.head_pan)
-        control = pausable(cell)
-        failure = let_go_and_park(cell, control, HEAD_TURN_S)
-        context = with_waiting_time(context, control)
+    """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park. A
+    transient failure is tried again."""
+    control = pausable(cell)
+
+    def work() -> Failure | None:
+        cell.ports.head.command_pan(cell.calibration.head_pan)
+        return let_go_and_park(cell, control, HEAD_TURN_S)
+
+    failure = _enable(cell) or _persistent(cell, work)
+    context = with_waiting_time(context, control)
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure))
     return Result(reentry, context, {"folds_done": len(context.done)})
+
+
+def _enable(cell: Workcell) -> Failure | None:
+    """Turn the motors on, if the cell is not stopped. A failure after this does not turn them on again."""
+    failure = stopped(cell.ports)
+    if failure is None:
+        cell.ports.arms.enable()
+    return failure
+
+
+def _persistent(cell: Workcell, work: Callable[[], Failure | None]) -> Failure | None:
+    """Do the work. After a transient failure, the arms come to rest and it is done again, after each of the dwells
+    of the table."""
+    failure = as_failure(work)
+    for dwell in PREPARING_DWELLS_S:
+        if failure is None or not transient(failure.kind):
+            break
+        cell.tell(f"{failure.what}: the cell tries again in {dwell:.0f} s")
+        stand_by(cell.ports, dwell)
+        failure = as_failure(lambda: await_rest(cell.ports, cell.execution) or work())
+    return failure
 
 
 def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:

@@ -412,7 +412,7 @@ def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
     assert all((f["kind"], f["values"]) == ("camera_fault", {"waited_s": 2.0}) for f in failed)
 
 
-@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
+@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.RELEASE])
 def test_a_crash_makes_the_cell_safe_and_ends_as_a_fault(rig: Rig, effect: Effect) -> None:
     def crash(cell: Any, context: RunContext) -> Result:
         raise ZeroDivisionError("of course")
@@ -424,6 +424,19 @@ def test_a_crash_makes_the_cell_safe_and_ends_as_a_fault(rig: Rig, effect: Effec
     crashed = next(e.payload for e in rig.entries("result") if e.name == effect.value)
     assert crashed["kind"] == "skill_crashed" and "ZeroDivisionError: of course" in crashed["what"]
     assert "Traceback" in crashed["values"]["traceback"]
+
+
+@pytest.mark.parametrize("effect", [Effect.LIFT, Effect.FOLD])
+def test_after_a_crash_with_cloth_in_the_hands_the_cloth_is_laid_down_first(rig: Rig, effect: Effect) -> None:
+    def crash(cell: Any, context: RunContext) -> Result:
+        raise ZeroDivisionError("of course")
+
+    for laying in (lambda c, x: Result(Event.CRASH, x), crash):  # also if the laying meets the same bug
+        rig.special[effect], rig.special[Effect.LAY_BACK] = crash, laying
+        end = rig.run()
+        assert end.state is State.FAULT
+        assert rig.performed[-4:] == [effect, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+        assert end.context.failure is not None and end.context.failure.kind is K.SKILL_CRASHED
 
 
 def test_a_crash_while_making_safe_holds_the_arms(rig: Rig) -> None:

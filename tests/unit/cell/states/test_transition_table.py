@@ -62,11 +62,21 @@ def test_every_state_accepts_stop_and_crash(state: State) -> None:
     safe = state in {State.GIVING_UP, State.MAKING_SAFE}
     assert to[Event.STOP] == (State.STOPPED, Effect.HOLD)
     assert to[Event.UNRECORDED] == (State.FAULT, Effect.HOLD)
-    assert to[Event.CRASH] == ((State.FAULT, Effect.HOLD) if safe else (State.MAKING_SAFE, Effect.MAKE_SAFE))
-    aborted = (State.LAYING_BACK, Effect.LAY_BACK) if state in HANDS_CARRY_CLOTH else _GIVEN_UP
-    assert to.get(Event.ABORT) == (None if safe else aborted)
+    laid = (State.LAYING_BACK, Effect.LAY_BACK) if state in HANDS_CARRY_CLOTH else None
+    made_safe = (State.FAULT, Effect.HOLD) if safe else (State.MAKING_SAFE, Effect.MAKE_SAFE)
+    assert to[Event.CRASH] == (laid or made_safe), "cloth in the hands is laid down, not dropped"
+    assert to.get(Event.ABORT) == (None if safe else laid or _GIVEN_UP)
     waits = safe or state is State.PAUSED
     assert to.get(Event.PAUSE) == (None if waits else (State.PAUSED, Effect.WAIT))
+
+
+@pytest.mark.parametrize("state", WORKING)
+def test_every_state_accepts_a_failure(state: State) -> None:
+    """Every effect may fail. A kind then chooses the recovery (`RECOVERIES` has a row for each)."""
+    to = {r.event: r.target for r in ROWS if r.state is state}
+    assert to[Event.FAILED] in {
+        State.RECOVERING, State.CLEARING, State.CLEARING_AGAIN, State.LAYING_BACK, State.MAKING_SAFE, State.FAULT
+    }  # fmt: skip
 
 
 def test_a_state_has_the_same_effect_from_every_previous_state() -> None:

@@ -436,6 +436,29 @@ def test_a_retry_by_the_operator_starts_the_attempt_anew() -> None:
     assert blind.event is Event.LOOK_AGAIN
 
 
+def test_after_a_retry_by_the_operator_failures_are_counted_anew(tmp_path: Path) -> None:
+    """A person has changed something, so the table begins with its first recovery, within the same limits."""
+    workcell = fake_workcell(FakeCell(), settings=bounded(tmp_path, attempts_per_step=2, attempts_per_run=2))
+
+    def tried(context: RunContext) -> tuple[list[Event], RunContext]:
+        events = []
+        while not events or events[-1] is not Event.GIVE_UP:
+            result = choose_next(workcell, failed(K.MISSED_GRASP, context=context))
+            context, events = result.context, [*events, result.event]
+        return events, context
+
+    earlier = {(5, K.SLIPPED.value): 1}
+    first, context = tried(planned(attempts=earlier))
+    cell = FakeCell()
+    asked = fake_workcell(cell)
+    cell.at(0.3, lambda: asked.commands.put(Event.RETRY))
+    again = ask_operator(asked, context).context
+    assert again.attempts == earlier, "failures of other folds are not forgotten"
+    assert again.recoveries == context.recoveries, "the report tells all"
+    second, _ = tried(planned(attempts=earlier, recoveries=again.recoveries, forgiven=again.forgiven))
+    assert second == first and len(first) == 3
+
+
 def test_commands_that_do_not_answer_the_question_are_ignored() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)

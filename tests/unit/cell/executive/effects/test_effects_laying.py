@@ -105,6 +105,15 @@ def test_with_one_hand_left_the_cloth_is_laid_back_unless_the_fold_is_nearly_don
     assert lay_back(workcell, context).record["holding"] == ["left"]
 
 
+@pytest.mark.parametrize(("kind", "event"), [(K.SKILL_CRASHED, Event.CRASH), (K.ABORTED, Event.GIVE_UP)])
+def test_a_bug_and_an_abort_end_the_run_when_the_cloth_is_laid_down(kind: K, event: Event) -> None:
+    cell, workcell, context = carrying(0.2, kind)
+    where = opened_at(cell)
+    result = lay_back(workcell, context)
+    assert result.event is event and where[0] == pytest.approx(GRASP, abs=1e-3)
+    assert result.context.failure is context.failure and result.context.failure.kind is kind
+
+
 def test_a_hand_that_strayed_near_the_target_does_not_drag_the_fold_back_alone() -> None:
     """Something may stand ahead, so the way back is taken from farther off."""
     for share, chosen in ((0.6, "back"), (0.97, "onward")):

@@ -16,7 +16,7 @@ from cell.executive.effects import EFFECTS
 from cell.executive.effects.checked_motion import move
 from cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat
 from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import CLEARING_DWELL_S
+from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.baxter.model import load_model
@@ -137,6 +137,32 @@ def test_a_driver_error_while_making_safe_is_reported(monkeypatch: pytest.Monkey
     monkeypatch.setattr(parking, "wait", refuse)
     result = make_safe(fake_workcell(FakeCell()), FIRST)
     assert (result.event, result.context.failure.kind) == (Event.FAILED, K.HARDWARE_FAULT)
+
+
+@pytest.mark.parametrize("effect", [prepare, reenter])
+@pytest.mark.parametrize(
+    ("kind", "times", "tried"),
+    [(K.STALE_STATE, 1, 2), (K.GRIPPER_FAULT, 2, 3), (K.TRACKING_ERROR, 9, 3), (K.HARDWARE_FAULT, 1, 1)],
+)
+def test_a_transient_failure_does_not_end_the_preparation(
+    monkeypatch: pytest.MonkeyPatch, effect: Any, kind: FailureKind, times: int, tried: int
+) -> None:
+    """A hardware fault is a person's business; the motors are turned on once."""
+    cell, asked, parked = FakeCell(q=np.zeros(14)), [], []
+
+    def park(*_: Any) -> Failure | None:
+        parked.append(cell.now)
+        return Failure(kind, "it did not work") if len(parked) <= times else None
+
+    monkeypatch.setattr(moving, "park", park)
+    monkeypatch.setattr(parking, "park", park)
+    ports = cell.ports()
+    arms: Any = Watched(ports.arms, asked, "arms")
+    result = effect(fake_workcell(cell, ports=replace(ports, arms=arms)), INTERRUPTED)
+    assert (result.event is Event.FAILED) == (tried <= times) and len(parked) == tried
+    assert asked == ["arms enable"]
+    pauses = np.diff(parked)
+    assert all(pause > dwell for pause, dwell in zip(pauses, PREPARING_DWELLS_S, strict=False))
 
 
 def test_a_stopped_cell_is_not_prepared() -> None:
