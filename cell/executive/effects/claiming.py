@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cell.hardware.workcell import Workcell
@@ -10,8 +12,10 @@ from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
 from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
+from skills.perception.inspection.diagnosis import diagnose
 from skills.perception.inspection.height_expectation import IdealHeights, Normal, rising, scaled_ideal_heights
 from skills.perception.inspection.inspect import Inspection
+from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, TargetView
 from skills.perception.registration.alignment import align
 from skills.planning.folding import folded_creases, target_vertices
@@ -50,13 +54,17 @@ def make_claim(
         inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first),
         None if first is None else first.observed.crease_height_m,
         Normal(plan.nominal.material.thickness, plan.nominal.thickness_sigma(errors.thickness_spread)),
-        cell.inspection, _doubtful(context),
+        cell.inspection, _doubtful(context, plan, cell.inspection),
     )  # fmt: skip
 
 
-def _doubtful(context: RunContext) -> tuple[str, ...]:
-    """Return the names of the earlier folds that were inspected and not found good."""
-    return tuple(note.name for note in context.done if note.inspected is not None and not note.accepted)
+def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:
+    """Return the names of the earlier folds that were inspected and not found good, by the claim's limit for an
+    outline: an inspection refuses a fold earlier, because it can still be repaired then."""
+    limits = replace(settings, deviation=max(settings.deviation, settings.claim.outline))
+    refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
+    steps = {step.name: step for step in plan.steps}
+    return tuple(name for name, seen in refused if diagnose(seen, steps[name], limits)[0] is not None)
 
 
 def claim_failure(claim: Claim) -> Failure:

@@ -20,6 +20,9 @@ class ClaimSettings:
 
     iou: float = 0.90
     """Minimum overlap with the plan's target."""
+    outline: float = 0.027
+    """Largest distance of an earlier fold's outline from the predicted one: the 30 mm of the score, less the error
+    of an outline."""
     drift: float = 0.050
     drift_angle: float = float(np.deg2rad(10.0))
     """Largest displacement of the garment since it was first seen."""

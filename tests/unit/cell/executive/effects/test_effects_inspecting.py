@@ -96,10 +96,10 @@ def as_seen(height: float, crease: float = 0.020, iou: float = 0.97) -> TargetVi
     return TargetView(iou, np.array([0.6, 0.1]), np.zeros(2), 0.0, observed, StackHeights(0.010, 0.020), flat)
 
 
-def last_fold(**changes: Any) -> RunContext:
-    """The last of two folds was carried; the first one was accepted."""
+def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
+    """The last of two folds was carried. earlier: the inspection that refused the first one."""
     flat = GarmentState("towel", SQUARE, {}, 1.0)
-    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=None)
+    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=earlier)
     garment: Any = SimpleNamespace(
         plan=[SimpleNamespace(variants=())] * 2,
         material=SimpleNamespace(thickness=0.002, bending_length=0.015),
@@ -117,6 +117,17 @@ def test_a_last_fold_within_its_limits_is_claimed(monkeypatch: pytest.MonkeyPatc
     assert result.event is Event.ALL_FOLDED and claim is not None and claim.holds
     assert claim.height_m == pytest.approx(0.011) and claim.height_limit_m == pytest.approx(0.014)
     assert result.record["claim"]["says"] == claim.says
+
+
+@pytest.mark.parametrize(("deviation", "claimed"), [(0.024, True), (0.029, False)])
+def test_an_earlier_fold_refutes_the_claim_only_beyond_the_claims_own_limit(
+    deviation: float, claimed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The inspection refused this fold, while it could still be repaired."""
+    look(monkeypatch, seen(target=as_seen(0.011)))
+    earlier = seen(K.OFF_TARGET, edge_deviation_m=deviation)
+    claim = inspect_fold(fake_workcell(FakeCell()), last_fold(earlier)).context.claim()
+    assert claim is not None and claim.holds is claimed
 
 
 @pytest.mark.parametrize(
