@@ -28,7 +28,9 @@ from robots.ports import CameraFrame, Intrinsics, frozen
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 
 ANSWER_S = 4.0
-"""Wall time within which the camera has to answer [s]."""
+"""Time within which the camera has to answer [s], by the wall and by the cell's clock."""
+SLOWEST = 10.0
+"""The cell's clock of a simulated robot may be slower than the wall's by this factor."""
 POLL_S = 0.02
 GRACE_S = 1.0
 """Additional wall time [s]. If the thread that fetches a picture needs longer than its limit plus this time, it
@@ -88,6 +90,22 @@ class _Wanted:
     exposures: int
 
 
+class _Patience:
+    """The end of a wait for a camera, `seconds` after its begin. A simulated robot on a busy machine has a slow
+    clock, and its camera is as slow: while this clock advances, the time is counted by it."""
+
+    def __init__(self, clock: RosClock, seconds: float) -> None:
+        self._clock, self._seconds = clock, seconds
+        self._began, self._wall = clock.now(), time.monotonic()
+
+    @property
+    def over(self) -> bool:
+        wall, cell = time.monotonic() - self._wall, self._clock.now() - self._began
+        if wall <= self._seconds:
+            return False
+        return cell <= 0.0 or cell > self._seconds or wall > SLOWEST * self._seconds
+
+
 class RosCamera:
     """The camera. settle: streaming time before a picture is used, so that the exposure settles [s]. exposures:
     number of exposures in the mean depth of a still picture. stopped: returns whether the robot is stopped, which
@@ -113,10 +131,10 @@ class RosCamera:
         older than the request. Raises DriverError: CAMERA_FAULT if the picture is missing, frozen or unreadable;
         STOPPED."""
         picture = self._fetch(_Wanted(2, self._settle, self._exposures))
-        until = time.monotonic() + ANSWER_S + self._settle + GRACE_S
+        patience = _Patience(self._clock, ANSWER_S + self._settle + GRACE_S)
         while not wait([picture], POLL_S).done:
             self._refuse_stopped()
-            if time.monotonic() > until:
+            if patience.over:
                 raise DriverError(FailureKind.CAMERA_FAULT, "the camera's topics cannot be reached", HINT)
         return picture.result()
 
@@ -165,9 +183,9 @@ class RosCamera:
             self._node.listening(self._topics.rgb, messages.image, colour, queue=4),
             shots.arrived,
         ):
-            until = time.monotonic() + ANSWER_S + wanted.settle
+            patience = _Patience(self._clock, ANSWER_S + wanted.settle)
             while not (chosen := shots.chosen(wanted, self._clock.now())):
-                if self._stopped() or time.monotonic() > until:
+                if self._stopped() or patience.over:
                     chosen = [] if self._stopped() else shots.chosen(wanted, self._clock.now(), last=True)
                     break
                 shots.arrived.wait(POLL_S)

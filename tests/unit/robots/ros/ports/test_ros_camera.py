@@ -293,6 +293,26 @@ def test_a_timeout_keeps_the_exposures_taken_so_far(film: Film, node: Node, monk
     assert camera.capture().depth.shape == (HEIGHT, WIDTH)
 
 
+def test_a_camera_of_a_slow_clock_is_waited_for(film: Film, node: Node, monkeypatch) -> None:
+    """A simulated robot on a busy machine: its clock and its camera are slow alike."""
+    monkeypatch.setattr(camera_module, "ANSWER_S", 0.3)
+    clock, taken = HandClock(), film.taken
+    camera = RosCamera(node, clock, CameraTopics(**CAMERA))
+    film.puppet.silent |= set(CAMERA.values())
+    ticking = threading.Event()
+
+    def advance() -> None:
+        while not ticking.wait(0.02):
+            clock.time += 0.002
+
+    threading.Thread(target=advance, daemon=True).start()
+    threading.Timer(1.2, film.puppet.silent.clear).start()
+    try:
+        assert camera.capture().rgb.shape == (HEIGHT, WIDTH, 3) and film.taken > taken
+    finally:
+        ticking.set()
+
+
 def test_a_stop_ends_the_wait_for_a_picture(film: Film, node: Node) -> None:
     stopped = threading.Event()
     camera = RosCamera(node, HandClock(), CameraTopics(**CAMERA), settle=60.0, stopped=stopped.is_set)
