@@ -10,14 +10,16 @@ from collections.abc import Callable, Set
 from dataclasses import dataclass
 from threading import Condition
 
+from cell.states.plan_edit import PlanEdit
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 
 __all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
-ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP})
+ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.EDIT})
 """Commands that answer a question. When the next question is asked, earlier answers are dropped."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
+"""Commands of one word. EDIT needs a `PlanEdit` beside it."""
 ABORTED = Failure(
     FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
 )
@@ -25,10 +27,11 @@ ABORTED = Failure(
 
 @dataclass(eq=False)
 class QueuedCommand:
-    """A command in the queue. taken: whether the executive has taken it."""
+    """A command in the queue. taken: whether the executive has taken it. edit: of the command EDIT."""
 
     command: Event
     taken: bool = False
+    edit: PlanEdit | None = None
 
 
 class CommandQueue:
@@ -39,15 +42,17 @@ class CommandQueue:
         self._heard = heard
         self._queue: deque[QueuedCommand] = deque()
         self._lock = Condition()
+        self._edit: PlanEdit | None = None
         self.deserted = False
         """Whether the operator has left. Then no further commands will come."""
 
-    def put(self, command: Event) -> QueuedCommand:
-        """Add a command. Raises ValueError for an event that is not an operator's command."""
-        if command not in OPERATOR_EVENTS:
+    def put(self, command: Event, edit: PlanEdit | None = None) -> QueuedCommand:
+        """Add a command. edit: for the command EDIT, and only for it. Raises ValueError for an event that is not
+        an operator's command."""
+        if command not in OPERATOR_EVENTS and (command is not Event.EDIT or edit is None):
             raise ValueError(f"'{command}' is no command; there are {', '.join(sorted(OPERATOR_EVENTS))}")
         with self._lock:
-            queued = QueuedCommand(command)
+            queued = QueuedCommand(command, edit=edit)
             self._queue.append(queued)
             self._lock.notify_all()
         self._heard(command)
@@ -65,9 +70,13 @@ class CommandQueue:
                 if queued.command in wanted:
                     for _ in range(i + 1):
                         self._queue.popleft()
-                    queued.taken = True
+                    queued.taken, self._edit = True, queued.edit
                     return queued.command
         return None
+
+    def edit(self) -> str:
+        """Return the edit of the command that was taken last (`PlanEdit.text`); empty if it was not EDIT."""
+        return self._edit.text() if self._edit else ""
 
     def drop(self, void: Set[Event]) -> None:
         """Remove the waiting commands in `void`, because a command that was given before a question does not

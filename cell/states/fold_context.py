@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import Adjustment
 from cell.states.stages import Attempt, Repair
 from cell.states.step_note import StepNote
@@ -33,6 +34,10 @@ class FoldContext:
     """Number of times that the hands approached the grasps of this fold."""
     adjustments: tuple[Adjustment, ...] = ()
     """Adjustments that recoveries have made, in order."""
+    edits: tuple[PlanEdit, ...] = ()
+    """Changes that the operator has made to the plan of this fold, in order."""
+    refused_edit: str = ""
+    """Why the last edits could not be made; empty if they could."""
     avoided: tuple[Mapping[Side, Posture], ...] = ()
     """Hand postures of earlier attempts. The search after the recovery OTHER_SEARCH excludes these postures."""
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)

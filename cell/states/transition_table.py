@@ -100,6 +100,7 @@ class Event(StrEnum):
     APPROVE = "approve"
     RETRY = "retry"
     SKIP = "skip"
+    EDIT = "edit"  # the operator changes the plan of the present fold
     PAUSE = "pause"
     RESUME = "resume"
     ABORT = "abort"
@@ -178,6 +179,8 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.PLANNING_MOTION, E.APPROVAL_NEEDED, S.AWAITING_APPROVAL, Do.ASK_APPROVAL),
     Row(S.AWAITING_APPROVAL, E.APPROVE, S.CHECKING, Do.CHECK_PLACE),
     Row(S.AWAITING_APPROVAL, E.RETRY, S.LOOKING, Do.LOOK),
+    Row(S.AWAITING_APPROVAL, E.EDIT, S.PLANNING, Do.PLAN_FOLDS),
+    Row(S.AWAITING_APPROVAL, E.SKIP, S.INSPECTING, Do.NEXT_STEP),
     # after a failure: estimate the state of the garment
     Row(S.LOOKING, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
     Row(S.ESTIMATING, E.DONE, S.RECOGNISING, Do.RECOGNISE),

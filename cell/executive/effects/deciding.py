@@ -7,10 +7,12 @@ from dataclasses import replace
 from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
+from cell.executive.effects.editing import PLANNING_FAILURES, refusal, with_plan_edit, without_edits
 from cell.executive.effects.estimating import SURE
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
+from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import VERDICTS, Adjustment, Recovery, choose_recovery
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Event
@@ -27,6 +29,10 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     """Choose the recovery from the table. If the settings' limits of attempts are reached, ask the operator or
     give up."""
     kind, fold = failed.kind, context.fold
+    if fold.edits and fold.grasps == 0 and kind in PLANNING_FAILURES:
+        cell.tell(f"the changed plan is not possible, and the plan before it is made again: {failed.what}")
+        undone = {"kind": kind.value, "recovery": Event.PLAN_AGAIN.value, "change": "without the operator's edits"}
+        return Result(Event.PLAN_AGAIN, without_edits(context, failed.what), undone)
     attempt = _attempt(context, kind)
     bounds = cell.settings.recovery
     last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
@@ -170,14 +176,34 @@ def _reference_missing(cell: Workcell, context: RunContext) -> bool:
 
 
 def ask_approval(cell: Workcell, context: RunContext) -> Result:
-    """Ask the operator to approve a fold, or the pressing of a completed fold. A pressing may also be skipped."""
-    commands, attempt = {Event.APPROVE, Event.RETRY, Event.ABORT}, context.fold.attempt
+    """Ask the operator to approve a fold, or the pressing of a completed fold. Both may be skipped, and the plan
+    of a fold may be changed. A repair can be neither skipped nor changed."""
+    commands, attempt = {Event.APPROVE, Event.RETRY, Event.SKIP, Event.ABORT}, context.fold.attempt
+    if context.fold.repair is not None:
+        return _await_command(cell, context, commands - {Event.SKIP})
     if attempt is None or not attempt.carried:
-        return _await_command(cell, context, commands)
-    answer = _await_command(cell, context, commands | {Event.SKIP})
+        return _await_approval_of_fold(cell, context, commands | {Event.EDIT})
+    answer = _await_command(cell, context, commands)
     if answer.event is not Event.SKIP:
         return answer
     return replace(answer, context=answer.context.with_attempt(replace(attempt, unpressed=True)))
+
+
+def _await_approval_of_fold(cell: Workcell, context: RunContext, commands: set[Event]) -> Result:
+    """Wait for the answer to a planned fold. An edit that cannot be made is refused, and the wait goes on."""
+    while True:
+        answer = _await_command(cell, context, commands)
+        context = answer.context
+        if answer.event is not Event.EDIT:
+            return answer
+        edit = PlanEdit.read(cell.commands.edit())
+        reason = refusal(edit, context)
+        if reason is None:
+            cell.tell(f"the plan is changed ({edit.in_words()})")
+            return replace(
+                answer, context=with_plan_edit(context, edit), record={**answer.record, "edit": edit.record()}
+            )
+        cell.tell(f"this change is not possible: {reason}")
 
 
 def ask_operator(cell: Workcell, context: RunContext) -> Result:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cell.control.checks import fresh_state, stopped
+from cell.executive.effects.editing import edited_state, edited_step, edited_variant
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -58,19 +59,20 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
     """Plan the fold steps, and mesh the observed outline for the predictor.
 
     After the first fold, the completed steps stay in the plan. The remaining steps are planned again only if the
-    present fold must use another variant.
+    present fold must use another variant, or if the operator has changed it.
     """
     fold, previous = context.fold, context.plan if context.fold.index > 0 else None
-    if previous is not None and not fold.count(Adjustment.OTHER_VARIANT):
+    if previous is not None and not fold.count(Adjustment.OTHER_VARIANT) and not fold.edits:
         return Result(Event.DONE, context)
     completed = previous.steps[: fold.index] if previous else ()
     garment = previous.garment if previous else _named_garment(cell, recognition)
-    flat = previous.flat if previous else recognition.perception.state
+    flat = previous.flat if previous else edited_state(recognition.perception.state, fold.edits)
     planned = plan_folds(flat, garment, _variants(fold, completed, garment))
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
-    steps = (*completed, *planned.unwrap()[fold.index :])
+    present, *later = planned.unwrap()[fold.index :]
+    steps = (*completed, edited_step(present, fold.edits), *later)
     if previous:
         plan = replace(previous, steps=steps)
     else:
@@ -88,8 +90,8 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
 def _variants(fold: FoldContext, completed: Sequence[FoldStep], garment: Garment) -> dict[str, str]:
     """Return step name -> variant name for the completed folds and the present fold."""
     step = garment.plan[fold.index]
-    chosen = step.variants[fold.count(Adjustment.OTHER_VARIANT) % len(step.variants)]
-    return {**{s.name: s.variant for s in completed}, step.name: chosen.name}
+    chosen = step.variants[fold.count(Adjustment.OTHER_VARIANT) % len(step.variants)].name
+    return {**{s.name: s.variant for s in completed}, step.name: edited_variant(fold.edits) or chosen}
 
 
 def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
@@ -117,7 +119,8 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
     optimised = trajectory.source == "optimised" and method != "initial"  # initial arcs are not stored
-    if optimised and garment.material == nominal.material:
+    moved = any(edit.grasps or edit.keypoints for edit in fold.edits)  # an arc for these grasps alone
+    if optimised and garment.material == nominal.material and not moved:
         try:
             cell.keep(trajectory, step, garment, outcome.notes)
         except StorageError as e:  # the fold continues; the next run optimises again

@@ -165,7 +165,10 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
         first_look = _first_look(cell, perception)
         record |= {"camera_bias_m": first_look.bias.value, "camera_bias_measured": first_look.bias.measured}
     recognition = Recognition(perception, overlay)
-    fold = replace(context.fold, touched=False)
+    lasting = tuple(
+        edit for edit in context.fold.edits if not (edit.grasps or edit.keypoints)
+    )  # it may lie elsewhere
+    fold = replace(context.fold, touched=False, edits=lasting)
     found = replace(context, recognition=recognition, first_look=first_look, disturbed=False, fold=fold)
     return Result(Event.DONE, found, record)
 

@@ -48,6 +48,7 @@ def consequences(state: State, planned: bool) -> Mapping[str, str]:
         return {
             Event.APPROVE: "the arms go to the garment and make this fold",
             Event.RETRY: "the cell looks again and plans this fold anew",
+            Event.SKIP: "this fold is left out; the run goes on and ends as not folded",
             Event.ABORT: end,
         }
     if state is State.AWAITING_PRESSING:

@@ -15,11 +15,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+from cell.operator.console.messages import PlanChange
+from cell.operator.console.plan_changes import offered_changes, plan_edit
 from cell.recording.camera_pictures.live_picture import draw_live
 from cell.recording.camera_pictures.projected_drawing import jpeg_file
 from cell.recording.camera_pictures.question_picture import QUESTIONS
 from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.states.observers import Step
+from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
 from robots.errors import DriverError
@@ -163,6 +166,20 @@ class LiveView:
             "progress": None if moment.progress is None else round(moment.progress, 2),
             "grip_n": {side.value: round(grip, 1) for side, grip in grips.items()},
         }
+
+    def changes(self) -> dict[str, Any] | None:
+        """Return what can be changed in the plan that the cell asks about (`offered_changes`)."""
+        with self._lock:
+            moment = self._moment
+        if moment.state is not State.AWAITING_APPROVAL:
+            return None
+        return offered_changes(moment.context, moment.context.sight.calibration(self._nominal))
+
+    def edit(self, change: PlanChange, by: str) -> PlanEdit | None:
+        """Return the edit for a change that a page asks for. None if it is no change of a plan."""
+        with self._lock:
+            context = self._moment.context
+        return plan_edit(change, context.sight.calibration(self._nominal), by)
 
     def jpeg(self) -> tuple[int, bytes] | None:
         """Draw the present picture. Returns its number and the file's content; None before the first picture."""

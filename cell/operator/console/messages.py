@@ -3,6 +3,10 @@
 {"stop": true}                        stop the robot
 {"say": "pause"}                      a command that is possible now (cell/states/commands.py)
 {"say": "approve", "question": 3}     an answer, with the number of the question that it belongs to
+{"edit": {"grasp": "left", "to": [0.5, 0.4]}, "question": 3}      change the plan: move a grasp or a key point
+{"edit": {"keypoint": "top_left", "to": [0.5, 0.4]}, "question": 3}   (shares of the picture's width and height),
+{"edit": {"variant": "near_onto_far"}, "question": 3}             choose another fold variant,
+{"edit": {"arc": "other"}, "question": 3}                         ask for another arc
 {"control": true}                     take control: commands of other pages are then refused
 
 Commands are checked strictly: a command with an unknown key or a value of another type is refused, because it
@@ -15,13 +19,14 @@ but a missed stop may cost a hand. A text, a list or a number is not a message: 
 from __future__ import annotations
 
 import json
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-__all__ = ["CommandMessage", "ControlMessage", "StopMessage", "read_message"]
+__all__ = ["CommandMessage", "ControlMessage", "EditMessage", "PlanChange", "StopMessage", "read_message"]
 
 STOP = "stop"
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class StopMessage:
@@ -37,6 +42,36 @@ class CommandMessage(BaseModel):
     question: int | None = None
 
 
+class PlanChange(BaseModel):
+    """A change of the plan. to: where a key point or a grasp shall lie, as shares (0..1) of the picture's width
+    and height."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    keypoint: str | None = None
+    grasp: Literal["left", "right"] | None = None
+    to: tuple[Share, Share] | None = None
+    variant: str | None = None
+    arc: Literal["other"] | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        kinds = [self.keypoint, self.grasp, self.variant, self.arc]
+        moved = self.keypoint is not None or self.grasp is not None
+        if sum(kind is not None for kind in kinds) != 1 or moved != (self.to is not None):
+            raise ValueError("exactly one change, with a place if a point is moved")
+        return self
+
+
+class EditMessage(BaseModel):
+    """A change of the plan that the cell asks about. question: number of that question."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    edit: PlanChange
+    question: int
+
+
 class ControlMessage(BaseModel):
     """The request of a page to take control of the run."""
 
@@ -45,7 +80,10 @@ class ControlMessage(BaseModel):
     control: Literal[True]
 
 
-def read_message(text: str | bytes) -> StopMessage | CommandMessage | ControlMessage | None:
+KINDS: dict[str, type[ControlMessage] | type[EditMessage]] = {"control": ControlMessage, "edit": EditMessage}
+
+
+def read_message(text: str | bytes) -> StopMessage | CommandMessage | EditMessage | ControlMessage | None:
     """Parse the text of a WebSocket frame from the page. Returns None if it is not a message."""
     try:
         message: Any = json.loads(text)
@@ -55,8 +93,8 @@ def read_message(text: str | bytes) -> StopMessage | CommandMessage | ControlMes
         return None
     if STOP in message or message.get("say") == STOP:
         return StopMessage()
-    kind = ControlMessage if "control" in message else CommandMessage
-    try:
-        return kind.model_validate(message)
+    kind = next((kind for key, kind in KINDS.items() if key in message), CommandMessage)
+    try:  # from JSON, in which a tuple is a list
+        return kind.model_validate_json(json.dumps(message))
     except ValidationError:
         return None

@@ -144,6 +144,8 @@ class RunStatus:
         if self._end is not None or self._state in TERMINAL:
             return frozenset()
         allowed = _ALLOWED[self._state] - ({Event.PAUSE} if self._asking() else set())  # no motion to pause
+        if self._state is State.AWAITING_APPROVAL and self._context.fold.repair is not None:
+            allowed -= {Event.SKIP}
         allowed |= {Event.APPROVE} if self._wanted else set()
         return allowed - {Event.PAUSE} | {Event.RESUME} if self._pausing and Event.PAUSE in allowed else allowed
 
@@ -183,6 +185,10 @@ class RunStatus:
             return f"{count} The fold is made and is {height}. Press it flat? Skip leaves it as it is."
         if attempt is None:
             return count
+        if fold.refused_edit:
+            count = f"Your change is not possible ({fold.refused_edit}); this is the plan without it. {count}"
+        elif fold.edits:
+            count = f"Changed: {fold.edits[-1].in_words()}. {count}"
         source = "taken from the library" if attempt.trajectory.source == "library" else "optimised now"
         error_mm = 1e3 * attempt.dissimilarity_m
         error = (

@@ -32,11 +32,12 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from cell.operator.console.live_view import LiveView
-from cell.operator.console.messages import ControlMessage, StopMessage, read_message
+from cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.viewer_routes import ViewerSource, viewer_routes
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
+from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Stop
 
@@ -198,7 +199,8 @@ class _Page:
             number, control = -1 if picture is None else picture["number"], self._control(page)
             news = {"picture": picture, "stopped": self._stopped(), "control": control}
             if version != sent_version:
-                await link.send_json({"run_status": self._run_status.snapshot(), **news})
+                changes = self._live_view.changes()
+                await link.send_json({"run_status": {**self._run_status.snapshot(), "changes": changes}, **news})
                 sent_version, sent_picture, sent_at, sent_control = version, number, now, control
             elif (number, control) != (sent_picture, sent_control) or now - sent_at > ALIVE_S:
                 await link.send_json(news)
@@ -242,6 +244,8 @@ class _Page:
             return {"control": "yours"}
         if self._in_control != page:
             return {"refused": "another page has control: take control first", "control": self._control(page)}
+        if isinstance(message, EditMessage):
+            return self._edited(message, page)
         command = next((event for event in self._run_status.allowed() if event.value == message.say), None)
         if command is None:
             return {"refused": "this command is not possible now"}
@@ -249,3 +253,15 @@ class _Page:
             return {"refused": "this question is no longer open"}
         self._commands.put(command)
         return {"noted": command.value}
+
+    def _edited(self, message: EditMessage, page: str) -> dict[str, Any]:
+        """Pass a change of the plan on to the executive, which checks it."""
+        if self._live_view.changes() is None:
+            return {"refused": "there is no plan now that can be changed"}
+        if not self._run_status.answers(message.question):
+            return {"refused": "this question is no longer open"}
+        edit = self._live_view.edit(message.edit, f"page {page[:6]}")
+        if edit is None:
+            return {"refused": "this place is not on the table"}
+        self._commands.put(Event.EDIT, edit)
+        return {"noted": Event.EDIT.value}

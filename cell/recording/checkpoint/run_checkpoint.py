@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from cell.recording.checkpoint.checkpoint_file import CONTEXT
 from cell.recording.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
+from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import RunContext, Sight
 from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition
 from cell.states.step_note import StepNote
@@ -104,8 +105,8 @@ def _schema() -> str:
     """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
     where the fields can change while the version stays the same."""
     kinds = (
-        RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, Attempt, PressPlan, StepNote,
-        Inspection, TargetView, StackHeights, Claim,
+        RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
+        StepNote, Inspection, TargetView, StackHeights, Claim,
     )  # fmt: skip
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"

@@ -17,6 +17,7 @@ from typing import TypeVar
 from cell.recording.transcript.transcript import CellConstants, TranscriptWriter
 from cell.recording.transcript.transcript_codec import Channel, pack, pack_raised
 from cell.states.commands import CommandQueue, QueuedCommand
+from cell.states.plan_edit import PlanEdit
 from cell.states.transition_table import Event
 from robots.ports import (
     Arms,
@@ -226,8 +227,11 @@ class _Commands(CommandQueue):
         super().__init__()
         self._port_recorder, self._all = port_recorder, queue
 
-    def put(self, command: Event) -> QueuedCommand:
-        return self._all.put(command)
+    def put(self, command: Event, edit: PlanEdit | None = None) -> QueuedCommand:
+        return self._all.put(command, edit)
+
+    def edit(self) -> str:
+        return self._port_recorder.record(Channel.EDIT, (), self._all.edit)
 
     def drop(self, void: Set[Event]) -> None:
         self._all.drop(void)

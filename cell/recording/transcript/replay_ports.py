@@ -255,6 +255,9 @@ class _Commands(CommandQueue):
     def wait(self, wanted: Set[Event], seconds: float) -> Event | None:
         return self._answers.answer(Channel.WAIT, wanted_names(wanted))
 
+    def edit(self) -> str:
+        return str(self._answers.answer(Channel.EDIT))
+
 
 # in words
 
@@ -317,5 +320,6 @@ _WORDS: dict[Channel, Callable[..., str]] = {
     Channel.BOARD: lambda place: f"asking for the board: {place}",
     Channel.TAKE: lambda wanted: f"a check for a command of the operator ({', '.join(wanted)})",
     Channel.WAIT: lambda wanted: f"waiting for a command of the operator ({', '.join(wanted)})",
+    Channel.EDIT: lambda: "reading the operator's change of the plan",
     Channel.END: lambda: "the end of the run",
 }

@@ -64,6 +64,7 @@ class Channel(Enum):
     BOARD = "attendant.bring_board"
     TAKE = "commands.take"
     WAIT = "commands.wait"
+    EDIT = "commands.edit"
     END = "end"  # the end of the run, the last exchange
 
 

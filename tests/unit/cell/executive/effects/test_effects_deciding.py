@@ -372,7 +372,7 @@ def test_a_stop_ends_the_dwell() -> None:
 @pytest.mark.parametrize(
     ("ask", "known"),
     [
-        (ask_approval, {Event.APPROVE, Event.RETRY, Event.ABORT}),
+        (ask_approval, {Event.APPROVE, Event.RETRY, Event.SKIP, Event.ABORT}),
         (ask_operator, {Event.RETRY, Event.SKIP, Event.ABORT}),
         (pause, {Event.RESUME, Event.ABORT}),
     ],
@@ -462,20 +462,24 @@ def test_after_a_retry_by_the_operator_failures_are_counted_anew(tmp_path: Path)
 def test_commands_that_do_not_answer_the_question_are_ignored() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
-    cell.at(0.2, lambda: workcell.commands.put(Event.SKIP))
+    cell.at(0.2, lambda: workcell.commands.put(Event.RESUME))
     cell.at(0.6, lambda: workcell.commands.put(Event.APPROVE))
     assert ask_approval(workcell, RunContext()).event is Event.APPROVE
     assert cell.now >= 0.6
 
 
-def test_pressing_can_be_skipped_and_a_fold_cannot() -> None:
-    for carried, said in ((True, Event.SKIP), (False, Event.APPROVE)):
+def test_a_fold_and_its_pressing_can_be_skipped_and_a_repair_cannot() -> None:
+    for changes, said in (
+        ({"carried": True}, Event.SKIP),
+        ({}, Event.SKIP),
+        ({"repair": object()}, Event.APPROVE),
+    ):
         cell = FakeCell()
         workcell = fake_workcell(cell)
         cell.at(0.3, lambda workcell=workcell: workcell.commands.put(Event.SKIP))
         cell.at(0.6, lambda workcell=workcell: workcell.commands.put(Event.APPROVE))
-        result = ask_approval(workcell, context_with(carried=carried))
-        assert result.event is said and result.context.fold.attempt.unpressed is carried
+        result = ask_approval(workcell, context_with(**{"carried": False, **changes}))
+        assert result.event is said and result.context.fold.attempt.unpressed is ("carried" in changes)
 
 
 @pytest.mark.parametrize("ask", [ask_approval, ask_operator, pause])

@@ -17,14 +17,17 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from cell.config.garments.garment_file import load_garment
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import open_listener, operators_page
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
+from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
+from skills.planning.plan import plan_folds
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection
@@ -214,6 +217,32 @@ def test_an_answer_belongs_to_its_question(address: str, board: RunStatus, comma
         assert commands.take(ALL) is None
         assert say(link, say="approve", question=first + 1) == {"noted": "approve"}
         assert commands.take(ALL) is Event.APPROVE
+
+
+def test_a_change_of_the_plan_enters_the_queue_with_its_author(
+    address: str, board: RunStatus, view: LiveView, commands: CommandQueue
+) -> None:
+    towel = load_garment("medium_towel")
+    flat = towel.flat_state(*towel.poses.middle)
+    steps = plan_folds(flat, towel).unwrap()
+    context = context_with(garment=towel, flat=flat, steps=steps, step=steps[0])
+    step = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
+    change = {"edit": {"variant": "right_onto_left"}}
+    with linked(address, page="one") as one, linked(address, page="two") as two:
+        assert told(two, "control") == "other"
+        assert "refused" in say(one, **change, question=0), "nothing is asked"
+        for observer in (view, board):
+            observer.performed(1.0, step, Result(Event.APPROVAL_NEEDED, context))
+            observer.entered(1.0, step)
+        shown = heard(one, lambda m: (m.get("run_status") or {}).get("changes") is not None)["run_status"]
+        number = shown["question"]["number"]
+        assert shown["changes"]["variants"] == ["left_onto_right", "right_onto_left"]
+        assert "refused" in say(two, **change, question=number), "this page has no control"
+        assert "refused" in say(one, **change, question=number - 1)
+        assert say(one, **change, question=number) == {"noted": "edit"}
+    assert commands.take(frozenset({Event.EDIT})) is Event.EDIT
+    edit = PlanEdit.read(commands.edit())
+    assert edit.variant == "right_onto_left" and edit.by == "page one"
 
 
 def test_the_operator_can_skip_a_pressing(address: str, board: RunStatus, commands: CommandQueue) -> None:

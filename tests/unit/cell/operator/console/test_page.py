@@ -229,6 +229,31 @@ def test_a_key_approves_the_shown_plan(page: Page) -> None:
     assert json.loads(said.get(timeout=60.0)) == {"say": "approve", "question": 1}
 
 
+MOVE_THE_LEFT_GRASP = """
+<script>
+const key = (target, name) => target.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true }));
+setInterval(() => {
+  const handle = document.getElementById("mark-grasp-left");
+  if (document.querySelector('[data-key="m"]:enabled') && !handle) return key(document, "m");
+  if (!handle || handle.disabled || handle.classList.contains("sent")) return;
+  key(handle, "ArrowRight");
+  key(handle, "Enter");
+}, 100);
+</script>
+"""
+
+
+def test_a_grasp_is_moved_with_the_keyboard(page: Page) -> None:
+    """The page sends the new place, as shares of the picture. The mouse drags in the same way."""
+    board, changes = asking(), {"points": [{"kind": "grasp", "name": "left", "at": [0.5, 0.25]}], "variants": []}
+    snapshot = board.snapshot
+    board.snapshot = lambda: {**snapshot(), "changes": {**changes, "variant": ""}}  # type: ignore[method-assign]
+    said = page([board], MOVE_THE_LEFT_GRASP)
+    message = json.loads(said.get(timeout=60.0))
+    assert message["question"] == 1 and message["edit"]["grasp"] == "left"
+    assert message["edit"]["to"] == pytest.approx([0.503, 0.25])
+
+
 def test_escape_stops(page: Page) -> None:
     said = page([a_board()], PRESS_ESCAPE)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}

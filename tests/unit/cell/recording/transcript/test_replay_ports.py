@@ -27,6 +27,7 @@ from cell.recording.transcript.replay_ports import NoRecordedAnswer, RecordedAns
 from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, Transcript
 from cell.recording.transcript.transcript_codec import Channel, pack, unpack
 from cell.states.commands import CommandQueue
+from cell.states.plan_edit import PlanEdit
 from cell.states.transition_table import Event
 from robots.errors import DriverError, FailureKind, StorageError
 from robots.model import JointLimits
@@ -102,6 +103,18 @@ def test_the_same_questions_get_the_same_answers(tmp_path: Path) -> None:
     then = taken_down(tmp_path, cell, work)
     assert cell.commands, "the arms were commanded"
     assert again(tmp_path, work) == then
+
+
+def test_a_change_of_the_plan_is_replayed(tmp_path: Path) -> None:
+    commands, edit = CommandQueue(), PlanEdit("page 1", keypoints={"corner": (0.1 + 0.2, -1.0 / 3.0)})
+    commands.put(Event.EDIT, edit)
+
+    def act(ports: Ports, commands: CommandQueue) -> tuple[Any, ...]:
+        taken = commands.wait(frozenset({Event.EDIT, Event.APPROVE}), 0.0)
+        return taken, PlanEdit.read(commands.edit())
+
+    assert taken_down(tmp_path, FakeCell(), act, commands) == (Event.EDIT, edit)
+    assert again(tmp_path, act) == (Event.EDIT, edit)
 
 
 def test_pauses_and_operator_commands_are_replayed(tmp_path: Path) -> None:
