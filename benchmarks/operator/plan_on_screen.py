@@ -21,6 +21,8 @@ TOLERANCE = 70.0
 """A pixel has a line's colour if it differs by at most this (of 441)."""
 CLEAR = 12.0
 """Points of a line that are nearer to another line are not compared [px of the screen]."""
+FEWEST = 10
+"""A line with fewer free points is not compared (NaN)."""
 REACH = 3
 """A line counts as drawn at a point if a pixel within this distance has its colour [px of the screen]."""
 
@@ -34,13 +36,17 @@ def picture_of(screenshot: bytes, place: tuple[float, float, float, float]) -> N
 
 
 def drawn_shares(
-    picture: NDArray[np.uint8], context: RunContext, calibration: CameraCalibration
+    picture: NDArray[np.uint8],
+    context: RunContext,
+    calibration: CameraCalibration,
+    covered: tuple[float, float] | None = None,
 ) -> Mapping[str, float]:
     """Return for each line of the plan the share of its points at which the picture has the line's colour.
 
     The lines come from the plan's data, projected here: the garment's outline, the arc of each hand, and the
     predicted outline, which is dashed. Points at which another line passes are left out, because only one of both
-    can be seen there.
+    can be seen there. Names of points cover some of a line. covered: rows (from, to) of the picture that the page
+    covers with the note about its age, which are left out.
     """
     attempt, frame = context.fold.attempt, context.sight.frame
     assert attempt is not None and frame is not None
@@ -55,7 +61,10 @@ def drawn_shares(
     contour = max(outline(attempt.predicted.vertices, attempt.predicted.triangles), key=len)
     lines["after the fold"] = contour, EXPECTED
     pixels = {name: _dense(scale * drawing.pixels(points)) for name, (points, _) in lines.items()}
-    return {name: _share(picture, _alone(name, pixels), colour) for name, (_, colour) in lines.items()}
+    return {
+        name: _share(picture, _uncovered(_alone(name, pixels), covered), colour)
+        for name, (_, colour) in lines.items()
+    }
 
 
 def _dense(pixels: Array) -> Array:
@@ -66,6 +75,12 @@ def _dense(pixels: Array) -> Array:
     return np.column_stack([np.interp(at, s, column) for column in pixels.T])
 
 
+def _uncovered(pixels: Array, covered: tuple[float, float] | None) -> Array:
+    if covered is None:
+        return pixels
+    return pixels[(pixels[:, 1] < covered[0] - CLEAR) | (pixels[:, 1] > covered[1] + CLEAR)]
+
+
 def _alone(name: str, pixels: Mapping[str, Array]) -> Array:
     """Return the points of a line that are CLEAR from all other lines."""
     others = np.vstack([points for other, points in pixels.items() if other != name])
@@ -74,7 +89,7 @@ def _alone(name: str, pixels: Mapping[str, Array]) -> Array:
 
 
 def _share(picture: NDArray[np.uint8], pixels: Array, colour: tuple[int, int, int]) -> float:
-    """Return the share of the places (n, 2) [px] near which the picture has this colour."""
+    """Return the share of the places (n, 2) [px] near which the picture has this colour; NaN for a few places."""
     near = np.linalg.norm(picture.astype(np.float64) - np.asarray(colour), axis=2) < TOLERANCE
     size = 2 * REACH + 1
     grown = cv2.dilate(near.astype(np.uint8), np.ones((size, size), np.uint8))
@@ -82,4 +97,4 @@ def _share(picture: NDArray[np.uint8], pixels: Array, colour: tuple[int, int, in
     height, width = grown.shape
     inside = (seen[:, 0] >= 0) & (seen[:, 0] < width) & (seen[:, 1] >= 0) & (seen[:, 1] < height)
     found = grown[seen[inside, 1], seen[inside, 0]]
-    return float(np.mean(found)) if len(found) else 0.0
+    return float(np.mean(found)) if len(found) >= FEWEST else float("nan")

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from cell.config.deciding_setting import deciding_setting
 from cell.hardware.driver import is_simulated
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.run_context import RunContext
@@ -40,6 +41,7 @@ def fold_result(
     """Build the result. began: time.monotonic() at the request [s]; score: None if the run was not scored;
     received: numbers of the signals received."""
     context, claim = end.context, end.context.claim()
+    seen = context.recognition.perception if context.recognition else None
     failure = context.failure if end.state is not State.FOLDED else None
     return FoldResult(
         garment=request.garment,
@@ -49,7 +51,7 @@ def fold_result(
         world=request.world if is_simulated(request.driver) else None,
         result=RESULTS[end.state],
         state=end.state.value,
-        failure=None if failure is None else failure_to_dict(failure),
+        failure=None if failure is None else failure_to_dict(failure, _setting(failure, request)),
         claim=None if claim is None else claim_to_dict(claim),
         score=score,
         steps=tuple(_steps(context)),
@@ -60,12 +62,19 @@ def fold_result(
         signal=received[0] if received else None,
         recording=recording,
         resumed_from=resumed_from,
+        recognised=None if seen is None else {"garment": seen.garment, "confidence": seen.state.confidence},
     )
 
 
-def failure_to_dict(failure: Failure) -> dict[str, str]:
-    """Return a failure as a mapping, in the form that results use."""
-    return {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
+def _setting(failure: Failure, request: FoldRequest) -> str:
+    return deciding_setting(failure.kind, request.settings)
+
+
+def failure_to_dict(failure: Failure, setting: str = "") -> dict[str, str]:
+    """Return a failure as a mapping, in the form that results use. setting: the one that decided, if there is
+    one."""
+    words = {"kind": failure.kind.value, "what": failure.what, "hint": failure.hint}
+    return {**words, "setting": setting} if setting else words
 
 
 def _steps(context: RunContext) -> Iterator[dict[str, Any]]:

@@ -198,7 +198,7 @@ def _perform(
                 display = opened.simulated.display if opened.simulated else None
                 executive_ports = supervision.live_view.between(executive_ports, display)
             if isinstance(ports.attendant, PersonAttendant):
-                ports.attendant.clock = executive_ports.clock
+                ports.attendant.clock, ports.attendant.stop = executive_ports.clock, executive_ports.stop
             recorded = port_recorder.between(executive_ports, commands)
             cell = assemble(
                 request, robot, recorded.ports, recorder, recorded.commands, workers,

@@ -77,6 +77,8 @@ class FoldResult:
     claim: Mapping[str, Any] | None = None
     """What the executive says of the fold, from the camera alone: `shape`, `flat`, `reliability` and the figures
     that decided. None if the last fold was not inspected."""
+    recognised: Mapping[str, Any] | None = None
+    """The recognised `garment` and the `confidence` (0..1); None if nothing was recognised."""
 
     @property
     def exit_code(self) -> int:

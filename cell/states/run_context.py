@@ -78,6 +78,9 @@ class RunContext:
     """The event with which this run resumed an interrupted run, else None."""
     asking: str = ""
     """Why the cell asks the operator and does not go on by itself; empty before the first question."""
+    setting: str = ""
+    """File, key and value of the setting that decided the failure about which the cell asks, or with which it
+    gives up; empty if there is none."""
 
     @property
     def steps(self) -> tuple[FoldStep, ...]:

@@ -38,6 +38,11 @@ class Recognition:
     perception: Perception
     overlay: NDArray[np.uint8]
 
+    def in_words(self) -> str:
+        """Return what was recognised, and how sure that is."""
+        perception = self.perception
+        return f"{perception.garment.replace('_', ' ')}, confidence {perception.state.confidence:.2f} of 1"
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:

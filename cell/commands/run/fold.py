@@ -78,9 +78,14 @@ def _summary(figures: dict) -> None:
     print(f"\n{figures.get('garment')}{seed}: {words.get(result, result)}")
     if figures.get("resumed_from"):
         print(f"  resumed {figures['resumed_from']}")
+    seen = figures.get("recognised")
+    if seen:
+        print(f"  recognised {seen['garment'].replace('_', ' ')}, confidence {seen['confidence']:.2f} of 1")
     failure = figures.get("failure")
     if failure:
         print(f"  {failure['what']}" + (f" ({failure['hint']})" if failure.get("hint") else ""))
+        if failure.get("setting"):
+            print(f"  the limit is {failure['setting']}")
     for step in figures.get("steps") or []:
         overlap = step.get("observed_iou")
         seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cell.config.deciding_setting import deciding_setting, setting_in_words
 from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
@@ -45,7 +46,9 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         context.recoveries_in_step >= bounds.attempts_per_step or len(context.retries) >= bounds.attempts_per_run
     )
     if used_up and recovery.event not in {Event.CARRY_ON, Event.ASK, Event.GIVE_UP}:
-        reason = f"it has tried {len(context.retries)} times, as often as `recovery` in cell.yaml allows"
+        run = len(context.retries) >= bounds.attempts_per_run
+        limit = setting_in_words(f"recovery.attempts_per_{'run' if run else 'step'}", cell.settings)
+        reason = f"it has tried {len(context.retries)} times, as often as {limit} allows"
         recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP, reason=reason)
     dwell = max(recovery.dwell_s, bounds.dwell)
     if dwell > 0:
@@ -61,9 +64,8 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         "change": recovery.adjust.value,
     }
     if recovery.event in {Event.ASK, Event.GIVE_UP}:
-        return Result(
-            recovery.event, replace(context, asking=recovery.reason), {**record, "reason": recovery.reason}
-        )
+        asking = replace(context, asking=recovery.reason, setting=deciding_setting(kind, cell.settings))
+        return Result(recovery.event, asking, {**record, "reason": recovery.reason})
     event: Event = recovery.event
     if event is Event.UNDO and _lies_as_before(fold):
         event, context = Event.LOOK_AGAIN, _not_carried(context)

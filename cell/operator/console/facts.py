@@ -32,10 +32,7 @@ def plan_facts(context: RunContext) -> list[tuple[str, str]]:
         ("Next", _step(plan, following) if following < len(plan.steps) else "the fold is judged; then the end")
     )
     if context.recognition is not None:
-        perception = context.recognition.perception
-        facts.append(
-            ("Recognised", f"{_words(perception.garment)}, confidence {perception.state.confidence:.2f} of 1")
-        )
+        facts.append(("Recognised", context.recognition.in_words()))
     if fold.attempt is not None:
         facts += _attempt_facts(context, plan, fold.attempt)
     return facts

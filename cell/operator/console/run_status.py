@@ -174,7 +174,8 @@ class RunStatus:
             why = f"the cell asks because {context.asking}" if context.asking else ""
             if failure is None:
                 return "How should the run continue?"
-            return _sentences(failure.what, why, failure.hint, lay_again)
+            limit = f"the limit is {context.setting}" if context.setting else ""
+            return _sentences(failure.what, why, failure.hint, limit, lay_again)
         fold, steps, attempt = context.fold, context.steps, context.fold.attempt
         words = (steps[fold.index].name, steps[fold.index].variant) if steps else ("the fold",)
         name = ", ".join(word.replace("_", " ") for word in words if word)

@@ -21,6 +21,9 @@ _HINTS = {
 }
 
 
+_LAST = frozenset({Event.ASK, Event.GIVE_UP})
+
+
 class ProgressLines:
     """Prints one line per state and per failure, and a bar for long computations. Without a stream it prints
     nothing. A closed terminal does not affect the run."""
@@ -39,6 +42,10 @@ class ProgressLines:
             self._bar.line(f"{t:8.1f} s    {failure}")
         if result.event is Event.ASK and result.context.asking:
             self._bar.line(f"{t:8.1f} s    asked because {result.context.asking}")
+        if step.target is State.RECOVERING and result.event in _LAST and result.context.setting:
+            self._bar.line(f"{t:8.1f} s    the limit: {result.context.setting}")
+        if step.target is State.RECOGNISING and result.event is Event.DONE and result.context.recognition:
+            self._bar.line(f"{t:8.1f} s    recognised: {result.context.recognition.in_words()}")
 
     def computing(self, done: int, total: int, remark: str) -> None:
         """Show the progress of a long computation."""

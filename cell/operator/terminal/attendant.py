@@ -28,7 +28,9 @@ class PersonAttendant:
     """
 
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
-        self._commands, self._stop, self._ask = commands, stop, ask
+        self._commands, self._ask = commands, ask
+        self.stop = stop
+        """Its state is read while the person is waited for."""
         self.clock: Clock | None = None
         """Clock that is advanced during a wait; None: no clock is advanced. A scripted clock gives its commands as
         it advances."""
@@ -43,7 +45,7 @@ class PersonAttendant:
         self._commands.drop({Event.APPROVE})  # an earlier approval is no answer to this request
         self._ask(what)
         try:
-            while not self._stop.state().stopped:
+            while not self.stop.state().stopped:
                 command = self._commands.wait({Event.APPROVE, Event.ABORT}, POLL_S)
                 if command is Event.ABORT or (command is None and self._commands.deserted):
                     raise DriverError(FailureKind.ABORTED, ABORTED.what, ABORTED.hint)

@@ -1,0 +1,44 @@
+"""The setting that decides whether something counts as a failure, for messages to the operator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+
+from cell.config.cell_settings import CellSettings
+from robots.errors import FailureKind
+
+__all__ = ["DECIDING", "deciding_setting", "setting_in_words"]
+
+DECIDING: Mapping[FailureKind, str] = {
+    FailureKind.UNKNOWN_GARMENT: "perception.min_template_iou",
+    FailureKind.LOW_CONFIDENCE: "perception.min_confidence",
+    FailureKind.NOT_FLAT: "perception.flat_height",
+    FailureKind.PREDICTION_POOR: "optimiser.simulations",
+    FailureKind.OPTIMISER_FAILED: "optimiser.simulations",
+    FailureKind.START_MISMATCH: "motion.start_tolerance_deg",
+    FailureKind.TRACKING_ERROR: "motion.tracking_tolerance",
+    FailureKind.STALE_STATE: "motion.max_state_age_s",
+    FailureKind.NO_CONTACT: "grasp.contact_force",
+    FailureKind.MISSED_GRASP: "grasp.held_force",
+    FailureKind.SLIPPED: "grasp.grip_force",
+    FailureKind.DRIFT: "inspection.drift",
+    FailureKind.PILING: "inspection.extra_height",
+    FailureKind.TOO_HIGH: "pressing.max_attempts",
+    FailureKind.SAG: "inspection.deviation",
+    FailureKind.OFF_TARGET: "inspection.iou",
+}
+"""Failure kind -> key in cell.yaml, GROUP.NAME. The other kinds have no limit that can be set."""
+
+
+def deciding_setting(kind: FailureKind, settings: CellSettings) -> str:
+    """Return file, key and present value of the setting that decides, for example "`inspection.iou: 0.9` in
+    cell.yaml"; empty if there is none."""
+    key = DECIDING.get(kind)
+    return "" if key is None else setting_in_words(key, settings)
+
+
+def setting_in_words(key: str, settings: CellSettings) -> str:
+    """Return a setting with its value, in words. key: GROUP.NAME."""
+    value = reduce(getattr, key.split("."), settings)
+    return f"`{key}: {value}` in cell.yaml"
