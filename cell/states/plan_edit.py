@@ -57,7 +57,7 @@ class PlanEdit:
         """Return the change in words, for the log."""
         moved = [f"key point {name.replace('_', ' ')}" for name in self.keypoints]
         moved += [f"{grasp_id.value} grasp" for grasp_id in self.grasps]
-        changes = [f"moved: {', '.join(moved)}"] if moved else []
+        changes = [f"{', '.join(moved)} moved"] if moved else []
         changes += [f"variant: {self.variant.replace('_', ' ')}"] if self.variant else []
         changes += ["another arc"] if self.other_arc else []
         return "; ".join(changes)

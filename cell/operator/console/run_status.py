@@ -137,6 +137,7 @@ class RunStatus:
                 "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
                 "progress": self._progress,
                 "note": self._note,
+                "pausing": self._pausing,
                 "end": self._end,
             }
 
