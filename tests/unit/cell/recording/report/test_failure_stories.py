@@ -37,7 +37,9 @@ def towel(turned: float, sequence: int, t: float):  # type: ignore[no-untyped-de
 
 def effect_of(state: State) -> Effect:
     """Return the effect that the state is named after; a skipped fold enters INSPECTING without it."""
-    return Effect.INSPECT if state is State.INSPECTING else next(r.effect for r in TRANSITIONS if r.target is state)
+    if state is State.INSPECTING:
+        return Effect.INSPECT
+    return next(row.effect for row in TRANSITIONS if row.target is state)
 
 
 class Run:
