@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from cell.support.files.picture_file import read_depth, read_picture
 from robots.errors import ConfigurationError
 from robots.ports import Array, CameraFrame, Intrinsics, frozen
 from skills.perception.perceive import Perception, perceive
+from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.mask import Segmentation
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
 __all__ = ["ANY_SIZE", "Photograph", "in_unit", "perceive_photograph", "photographed", "read_photograph"]
@@ -44,13 +47,18 @@ def read_photograph(image: Path, depth: Path | None) -> Photograph:
 
 
 def perceive_photograph(
-    picture: Photograph, reference: Photograph | None, garment: str, unit: str, settings: CellSettings
+    picture: Photograph,
+    reference: Photograph | None,
+    garment: str,
+    unit: str,
+    settings: CellSettings,
+    on_region: Callable[[TableView, Segmentation], None] | None = None,
 ) -> tuple[Outcome[Perception], CameraFrame]:
     """Recognise the garment in the picture. Returns the outcome and the picture as a camera frame.
 
     reference: picture of the empty table. garment: a name, a file, or auto. unit: 'm' for the cell's camera, 'px'
-    for an unknown camera that looks straight down. Raises ConfigurationError for an unknown garment, and for a
-    picture whose size differs from the camera's.
+    for an unknown camera that looks straight down. on_region: see `perceive`. Raises ConfigurationError for an
+    unknown garment, and for a picture whose size differs from the camera's.
     """
     calibration, table = camera_calibration(settings), settings.table
     if unit == "px":
@@ -65,7 +73,8 @@ def perceive_photograph(
     if unit == "px":  # the scale of the picture is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
     expected = None if garment == "auto" else garments[0].name
-    return perceive(frame, calibration, table, empty, garments, expected, thresholds), frame
+    outcome = perceive(frame, calibration, table, empty, garments, expected, thresholds, on_region=on_region)
+    return outcome, frame
 
 
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:

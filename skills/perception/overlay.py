@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.perception.perceive import Perception
+from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.mask import Segmentation
 
-__all__ = ["draw_on_camera", "draw_on_view", "draw_overlay"]
+__all__ = ["draw_on_camera", "draw_on_view", "draw_overlay", "draw_region"]
 
 _TINT = (60, 160, 255)
 _CONTOUR = (40, 220, 90)
@@ -74,6 +76,24 @@ def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np
         {name: view.to_image(p) for name, p in state.keypoints.items()},
         _title(perception),
     )
+
+
+def draw_region(
+    view: TableView, segmentation: Segmentation, rgb: NDArray[np.uint8], title: str
+) -> NDArray[np.uint8]:
+    """Draw the picture of a refusal over the camera's picture rgb (H, W, 3): area and outline of what was taken
+    for the garment, and in red the outlines of the other things. title: one line at the top."""
+    size = (rgb.shape[1], rgb.shape[0])
+
+    def in_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        warped = cv2.warpPerspective(mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
+        return np.asarray(warped, dtype=np.uint8)
+
+    contour = view.to_image(view.to_table(segmentation.contour, 0.0)) if segmentation.found else None
+    out = draw_overlay(rgb, in_picture(segmentation.mask) > 0, contour, title=title)
+    others, _ = cv2.findContours(in_picture(segmentation.others), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(out, others, -1, _POINT, 2, cv2.LINE_AA)
+    return out
 
 
 def _title(perception: Perception) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.classify import Match, classify, polygon_iou
+from skills.perception.limb_poses import best_poses
 from skills.perception.rectification.table_height import table_height
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.registration.energy import segment_lengths
 from skills.perception.registration.register import Registration, RegistrationSettings, register
 from skills.perception.segmentation.mask import Segmentation, SegmentationSettings
 from skills.perception.segmentation.obstruction import obstructed, obstruction_failure
+from skills.perception.segmentation.photograph import propose_garments
 from skills.perception.segmentation.segment import methods, segment
 from skills.perception.template import GarmentOutline
 from skills.vocabulary import (
@@ -46,7 +48,7 @@ class PerceptionSettings:
     """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
 
     method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table,
-    'reference' means 'plain' and, if that finds no garment, 'grabcut'.
+    'reference' means 'plain', if that finds no garment 'grabcut', and last the proposals of `propose_garments`.
     """
 
     pixel: float = 0.002
@@ -62,6 +64,10 @@ class PerceptionSettings:
     """Minimum overlap of a silhouette with the best template; below it the garment is unknown."""
     polygon_iou: float = 0.91
     """Minimum overlap of a silhouette with the polygon of its key points."""
+    proposed_polygon_iou: float = 0.86
+    """The same for a proposal, whose limbs may be bent as well as swung."""
+    sure: float = 0.8
+    """A proposal with this confidence is accepted before the others are tried."""
     proportions: float = 0.20
     """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
     logarithm of observed over template length."""
@@ -128,11 +134,13 @@ def perceive(
     expected: str | None = None,
     settings: PerceptionSettings | None = None,
     previous: CameraFrame | None = None,
+    on_region: Callable[[TableView, Segmentation], None] | None = None,
 ) -> Outcome[Perception]:
     """Segment, classify and register the garment in one picture.
 
     reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
-    any of them. previous: an earlier picture, to detect a frozen camera.
+    any of them. previous: an earlier picture, to detect a frozen camera. on_region: is given what was taken for
+    the garment in the end, also if it is refused.
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH,
     LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
@@ -155,14 +163,11 @@ def perceive(
         return Outcome(failure=hidden, notes=stages.notes)
     picture = _Picture(view, seen, empty, height_above(seen, empty))
     stages.done("view")
-    outcomes = []
-    for method in methods(settings.method, empty is not None):
-        outcome = _perceive_by(method, picture, garments, wanted, settings, stages)
-        if outcome.ok:
-            return outcome
-        outcomes.append(outcome)
-    with_garment = [o for o in outcomes if o.failure is not None and o.failure.kind is not FailureKind.NO_GARMENT]
-    return (with_garment or outcomes)[0]
+    looks = _looks(picture, garments, wanted, settings, stages)
+    decided = _best(looks, settings)
+    if on_region is not None:
+        on_region(view, decided.region.segmentation)
+    return decided.outcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +181,87 @@ class _Picture:
     height: NDArray[np.float32]
 
 
-def _perceive_by(
-    method: str,
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """A region that may be the garment. proposed: by `propose_garments`."""
+
+    segmentation: Segmentation
+    method: str
+    proposed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    region: _Region
+    outcome: Outcome[Perception]
+
+    @property
+    def confidence(self) -> float:
+        return self.outcome.unwrap().state.confidence if self.outcome.ok else 0.0
+
+
+def _looks(
+    picture: _Picture,
+    garments: Sequence[GarmentOutline],
+    wanted: GarmentOutline | None,
+    settings: PerceptionSettings,
+    stages: _StageTimes,
+) -> Iterator[_Look]:
+    for region in _segmentations(picture, settings, stages):
+        yield _Look(region, _perceive_region(region, picture, garments, wanted, settings, stages))
+
+
+def _segmentations(picture: _Picture, settings: PerceptionSettings, stages: _StageTimes) -> Iterator[_Region]:
+    """Yield the regions to try in turn."""
+    seen, empty = picture.seen, picture.empty
+    reference = empty.rgb if empty is not None else None
+    for method in methods(settings.method, empty is not None):
+        found = segment(method, seen.rgb, reference, seen.valid, picture.height, settings.segmentation)
+        stages.done("segment")
+        yield _Region(found, method)
+    if settings.method == "reference" and empty is None:
+        proposals = propose_garments(seen.rgb, seen.valid, settings.segmentation.smallest_area)
+        stages.done("segment")
+        yield from (_Region(found, "proposal", proposed=True) for found in proposals)
+
+
+def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
+    """Return the first accepted region of a method, or the most confident accepted proposal. If none is accepted,
+    return the refusal of the region that came furthest."""
+    accepted: list[_Look] = []
+    refused: list[_Look] = []
+    for look in looks:
+        if not look.outcome.ok:
+            refused.append(look)
+        elif not look.region.proposed or look.confidence >= settings.sure:
+            return look
+        else:
+            accepted.append(look)
+    if accepted:
+        return max(accepted, key=lambda look: look.confidence)
+    with_garment = [look for look in refused if _kind(look) is not FailureKind.NO_GARMENT]
+    fitted = [look for look in with_garment if look.region.proposed and _kind(look) is FailureKind.LOW_CONFIDENCE]
+    return (fitted or with_garment or refused)[0]
+
+
+def _kind(look: _Look) -> FailureKind | None:
+    return look.outcome.failure.kind if look.outcome.failure is not None else None
+
+
+def _perceive_region(
+    region: _Region,
     picture: _Picture,
     garments: Sequence[GarmentOutline],
     wanted: GarmentOutline | None,
     settings: PerceptionSettings,
     stages: _StageTimes,
 ) -> Outcome[Perception]:
-    view, seen, height = picture.view, picture.seen, picture.height
+    view, seen, height, segmentation = picture.view, picture.seen, picture.height, region.segmentation
 
     def failed(failure: Failure) -> Outcome[Perception]:
         return Outcome(failure=failure, notes=dict(stages.notes))
 
-    reference = picture.empty.rgb if picture.empty is not None else None
-    segmentation = segment(method, seen.rgb, reference, seen.valid, height, settings.segmentation)
-    stages.done("segment")
-    stages.notes["segmentation_method"] = method
+    stages.notes["segmentation_method"] = region.method
     stages.notes["segmentation_confidence"] = segmentation.confidence
     failure = _unusable(segmentation, view, height, settings)
     if failure is not None:
@@ -200,6 +269,9 @@ def _perceive_by(
 
     top = garment_height(segmentation.mask, height)
     contour = view.to_table(segmentation.contour, top)
+    if region.proposed:
+        garments = best_poses(contour, garments)
+        settings = replace(settings, polygon_iou=settings.proposed_polygon_iou)
     matches = classify(contour, garments)
     stages.done("classify")
     chosen, failure = _choose(matches, wanted, settings)

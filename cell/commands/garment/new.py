@@ -13,7 +13,7 @@ import numpy as np
 from calibration.shear import clip_and_lowest
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json
-from cell.commands.skill.perceive import look_at, write_overlay
+from cell.commands.skill.perceive import look_at, write_overlay, write_refused
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import new_garment_text
@@ -62,25 +62,28 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
-    outcome, frame = look_at(options, options.like)
-    if outcome.failure is not None:
+    look = look_at(options, options.like)
+    overlay = output.with_name(f"{output.stem}-perceived.png")
+    if (failure := look.outcome.failure) is not None:
+        write_refused(overlay, look)
         if options.json:
             print_json({
-                "image": str(options.image), "recognised": False, "reason": outcome.failure.what, "hint": HINT,
+                "image": str(options.image), "recognised": False, "reason": failure.what, "hint": HINT,
+                "overlay": str(overlay),
             })  # fmt: skip
         else:
-            print(f"not recognised as {options.like}: {outcome.failure.what}\n  {HINT}")
+            print(f"not recognised as {options.like}: {failure.what}\n  {HINT}")
+            print(f"overlay  {overlay}   (what was taken for the garment)")
         return 2
-    perception = outcome.unwrap()
+    perception = look.outcome.unwrap()
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
     template = fitted_template(points, like.template, pair, options.length)
     title = options.title or output.stem.replace("_", " ").capitalize()
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
     origin = f"Outline from {options.image.name} ({_scaled(options, like, pair)}), {made}"
     text = new_garment_text(options.like, output.stem, title, template, origin, surface)
-    overlay = output.with_name(f"{output.stem}-perceived.png")
     write_whole(output, text)
-    write_overlay(overlay, perception, frame)
+    write_overlay(overlay, perception, look.frame)
     size = np.ptp(template, axis=0)
     if options.json:
         print_json({

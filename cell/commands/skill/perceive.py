@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from cell.commands.options import cell_option, json_option
 from cell.commands.output import print_json
@@ -15,11 +18,23 @@ from cell.hardware.photograph import in_unit, perceive_photograph, read_photogra
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame
-from skills.perception.overlay import draw_on_camera
+from skills.perception.overlay import draw_on_camera, draw_overlay, draw_region
 from skills.perception.perceive import Perception
+from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.mask import Segmentation
 from skills.vocabulary import Outcome
 
-__all__ = ["add_options", "look_at", "run", "write_overlay"]
+__all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_refused"]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A picture and what was seen in it. region: what was taken for the garment, in its view; None if the picture
+    was refused before anything was sought."""
+
+    outcome: Outcome[Perception]
+    frame: CameraFrame
+    region: tuple[TableView, Segmentation] | None
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,34 +55,40 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Recognise the garment and write the overlay. Returns 0 if a garment was recognised, 2 if none was. Raises
-    ConfigurationError, StorageError."""
+    """Recognise the garment and write the overlay, also of a refusal. Returns 0 if a garment was recognised, 2 if
+    none was. Raises ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
-    outcome, frame = look_at(options, options.garment)
-    if outcome.failure is not None:
+    look = look_at(options, options.garment)
+    notes = look.outcome.notes
+    if (failure := look.outcome.failure) is not None:
+        write_refused(output, look)
         if options.json:
-            print_json({**_refused(options.image, options.unit, outcome.failure), "notes": outcome.notes})
+            print_json({**_refused(options.image, output, options.unit, failure), "notes": notes})
         else:
-            print(f"not recognised: {outcome.failure}")
+            print(f"not recognised: {failure}\noverlay  {output}   (what was taken for the garment)")
         return 2
-    perception = outcome.unwrap()
-    write_overlay(output, perception, frame)
+    perception = look.outcome.unwrap()
+    write_overlay(output, perception, look.frame)
     if options.json:
-        print_json({**_figures(options.image, perception, output, options.unit), "notes": outcome.notes})
+        print_json({**_figures(options.image, perception, output, options.unit), "notes": notes})
     else:
         _print(perception, output, options.unit)
     return 0
 
 
-def look_at(options: argparse.Namespace, garment: str) -> tuple[Outcome[Perception], CameraFrame]:
-    """Recognise the garment in the picture `options.image`. garment: the expected garment, or auto. Returns the
-    outcome and the picture as a camera frame. Raises ConfigurationError for a file that cannot be used."""
+def look_at(options: argparse.Namespace, garment: str) -> Look:
+    """Recognise the garment in the picture `options.image`. garment: the expected garment, or auto. Raises
+    ConfigurationError for a file that cannot be used."""
     _check_reference(options)
     settings = load_settings(options.cell)
     picture, empty = read_photograph(options.image, options.depth), None
     if options.reference is not None:
         empty = read_photograph(options.reference, options.reference_depth)
-    return perceive_photograph(picture, empty, garment, options.unit, settings)
+    regions: list[tuple[TableView, Segmentation]] = []
+    outcome, frame = perceive_photograph(
+        picture, empty, garment, options.unit, settings, lambda view, region: regions.append((view, region))
+    )
+    return Look(outcome, frame, regions[-1] if regions else None)
 
 
 def _check_reference(options: argparse.Namespace) -> None:
@@ -86,16 +107,32 @@ def _check_reference(options: argparse.Namespace) -> None:
 
 def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
     """Write the picture with the recognised garment drawn over it. Raises StorageError."""
-    done, png = cv2.imencode(".png", draw_on_camera(perception, frame.rgb)[:, :, ::-1])
+    _write_picture(path, draw_on_camera(perception, frame.rgb))
+
+
+def write_refused(path: Path, look: Look) -> None:
+    """Write the refused picture with what was taken for the garment drawn over it, and the kind of the refusal.
+    Raises StorageError."""
+    assert look.outcome.failure is not None
+    title = f"refused: {str(look.outcome.failure.kind).replace('_', ' ')}"
+    if look.region is None:
+        _write_picture(path, draw_overlay(look.frame.rgb, title=title))
+    else:
+        _write_picture(path, draw_region(*look.region, look.frame.rgb, title))
+
+
+def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
+    done, png = cv2.imencode(".png", rgb[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")
     write_whole(path, png.tobytes())
 
 
-def _refused(image: Path, unit: str, failure: Failure) -> dict[str, Any]:
+def _refused(image: Path, overlay: Path, unit: str, failure: Failure) -> dict[str, Any]:
     return {
         "image": str(image), "recognised": False, "accepted": False, "reason": str(failure.kind),
         "category": None, "confidence": 0.0, "keypoints": {}, "contour": [], "unit": unit, "failure": failure,
+        "overlay": str(overlay),
     }  # fmt: skip
 
 

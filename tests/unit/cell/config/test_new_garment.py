@@ -84,7 +84,7 @@ def test_invalid_input_is_refused_with_its_reason(
     monkeypatch.chdir(tmp_path)
     assert main(["garment", "new", str(shirt), "--like", "t_shirt", *options]) == 64
     assert said in capsys.readouterr().err
-    assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name]
+    assert [p.name for p in tmp_path.iterdir()] == [shirt.name]
 
 
 def test_a_photograph_of_another_garment_type_writes_no_file(
@@ -94,4 +94,5 @@ def test_a_photograph_of_another_garment_type_writes_no_file(
     assert main(["garment", "new", str(shirt), "--like", "pants", "--length", "0.9", "--json"]) == 2
     told = answer(capsys)
     assert not told["recognised"] and told["reason"] and "--like" in told["hint"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name, "my_shirt-perceived.png"]
+    assert told["overlay"] == "my_shirt-perceived.png", "the picture shows what was taken for the garment"

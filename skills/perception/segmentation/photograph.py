@@ -1,0 +1,220 @@
+"""Proposes garments in a photograph of an unknown place: a floor with a pattern, uneven light, no empty picture.
+
+No single rule tells cloth from every floor. Several segmentations are therefore made: by the distance of each
+colour from a smooth model of the floor, and by brightness and saturation alone. They are judged against each other
+by two properties of a garment's outline: the colour changes along all of it, and it is smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from robots.ports import Array
+from skills.perception.registration.boundary import outward_normals, refine_boundary, smooth_closed
+from skills.perception.segmentation.mask import Field, Image, Mask, Segmentation, closed, eroded, fill, opened
+
+__all__ = ["propose_garments", "table_distance"]
+
+_SIZE = 320
+"""Longer edge of the reduced picture in which regions are sought [px]."""
+_RIM = 0.06
+"""Width of the rim that is assumed to show mostly floor, relative to the longer edge."""
+_FLOOR_SIGMA = np.array([4.0, 1.5, 1.5])
+"""Least standard deviations of the floor's lightness and colour (Lab) [grey levels]."""
+_LEVELS = (2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
+"""Distances from the floor's colour at which regions are cut out [standard deviations]."""
+_SMALLEST, _LARGEST = 0.03, 0.75
+"""Least and largest area of a garment, relative to the picture."""
+_BORDER = 4
+"""A region that comes this near to the border of the picture may go on beyond it [px]."""
+_SAME = 0.94
+"""Regions that overlap by more than this (intersection over union) are the same."""
+_REACH = 2.5
+"""Distance from the outline at which the colours on both sides are compared [px]."""
+_CLEAR_STEP = 30.0
+"""A step of colour (Lab) larger than this is not clearer [grey levels]."""
+_LEAST_CLEAR = 0.5
+"""A region whose outline is clearly visible on less than this share is a patch of the floor."""
+_COUNT = 6
+"""Number of proposals."""
+_RIVAL = 0.7
+"""A separate region with more than this share of a proposal's score is another thing on the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Region:
+    """A candidate in the reduced picture. mask: (h, w). score: 0..1."""
+
+    mask: Mask
+    score: float
+
+
+def propose_garments(rgb: Image, valid: Mask, smallest_area: int) -> tuple[Segmentation, ...]:
+    """Propose up to six garments in rgb (H, W, 3) where valid (H, W), the most likely first. smallest_area [px].
+
+    A proposal's confidence is the share of its outline that is clearly visible. Its `others` are the separate
+    regions that look as much like a garment as itself.
+    """
+    scale = min(_SIZE / max(valid.shape), 1.0)
+    size = max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8)
+    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    lab = cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), 0.8), cv2.COLOR_RGB2LAB).astype(np.float32)
+    least = max(_SMALLEST * np.count_nonzero(inside), smallest_area * scale**2)
+    regions: list[_Region] = []
+    for mask in _masks(small, lab, inside):
+        for region in _regions(mask, inside, least):
+            _add(regions, region, lab)
+    for found in list(regions):
+        for region in _regions(_cut(small, found.mask, inside), inside, least):
+            _add(regions, region, lab)
+    regions.sort(key=lambda r: -r.score)
+    proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
+    return tuple(p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= smallest_area)
+
+
+def table_distance(lab: Field, inside: Mask) -> Field:
+    """Compute the distance (h, w) of each colour from the floor's [standard deviations].
+
+    The floor's colour is a quadratic function of the place, fitted to the rim by Huber's weights. It is kept
+    within the rim's own colours, because far from the rim a quadratic function can take any value. lab: (h, w, 3).
+    """
+    rows, columns = inside.shape
+    rim = inside & ~eroded(inside, max(round(_RIM * max(inside.shape)), 2))
+    r, c = np.nonzero(rim)
+    basis = _quadratic(r / rows - 0.5, c / columns - 0.5)
+    sample = lab[r, c].astype(float)
+    weight = np.ones(sample.shape)
+    fitted = np.zeros((basis.shape[1], 3))
+    sigma = _FLOOR_SIGMA.copy()
+    for _ in range(6):
+        for k in range(3):
+            w = np.sqrt(weight[:, k])[:, None]
+            fitted[:, k] = np.linalg.lstsq(basis * w, sample[:, k] * w[:, 0], rcond=None)[0]
+        residual = np.abs(sample - basis @ fitted)
+        sigma = np.maximum(1.4826 * np.median(residual, axis=0), _FLOOR_SIGMA)
+        weight = np.minimum(1.0, 1.5 * sigma / np.maximum(residual, 1e-6))
+    place = np.meshgrid(np.arange(rows) / rows - 0.5, np.arange(columns) / columns - 0.5, indexing="ij")
+    floor = (_quadratic(place[0].ravel(), place[1].ravel()) @ fitted).reshape(rows, columns, 3)
+    floor = np.clip(floor, np.quantile(sample, 0.02, axis=0), np.quantile(sample, 0.98, axis=0))
+    return np.asarray(np.linalg.norm((lab - floor) / sigma, axis=2), dtype=np.float32)
+
+
+def _quadratic(y: Array, x: Array) -> Array:
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def _masks(rgb: Image, lab: Field, inside: Mask) -> Iterator[Mask]:
+    """Yield raw masks (h, w): what differs from the floor at several levels, and what is dark, bright, pale or
+    colourful."""
+    distance = table_distance(lab, inside)
+    for level in _LEVELS:
+        yield (distance > level) & inside
+    scaled = np.clip(distance * 8.0, 0, 255).astype(np.uint8)
+    yield (scaled > _otsu(scaled, inside)) & inside
+    hsv = cv2.cvtColor(rgb, cv2.COLOR_RGB2HSV)
+    for channel in (hsv[..., 2], hsv[..., 1]):
+        smooth = np.asarray(cv2.GaussianBlur(channel, (0, 0), 1.5), dtype=np.uint8)
+        level = _otsu(smooth, inside)
+        yield (smooth > level) & inside
+        yield (smooth <= level) & inside
+
+
+def _otsu(channel: Image, inside: Mask) -> float:
+    level, _ = cv2.threshold(channel[inside].reshape(-1, 1), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    return float(level)
+
+
+def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[Mask]:
+    """Yield the mask's connected regions, filled, that have the size of a garment and do not reach the border."""
+    border = inside & ~eroded(inside, _BORDER)
+    most = _LARGEST * np.count_nonzero(inside)
+    for size in (3, 7):
+        cleaned = opened(closed(mask, size), 5)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned.astype(np.uint8))
+        for i in range(1, count):
+            if stats[i, cv2.CC_STAT_AREA] < least:
+                continue
+            region = _filled(labels == i)
+            if np.count_nonzero(region) <= most and not (region & border).any():
+                yield region
+
+
+def _filled(mask: Mask) -> Mask:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    out = np.zeros(mask.shape, np.uint8)
+    cv2.drawContours(out, contours, -1, 1, thickness=cv2.FILLED)
+    return out > 0
+
+
+def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
+    """Add a region, or let it replace the same region with a lower score."""
+    score = _score(mask, lab)
+    for i, other in enumerate(regions):
+        if np.count_nonzero(mask & other.mask) > _SAME * np.count_nonzero(mask | other.mask):
+            if score > other.score:
+                regions[i] = _Region(mask, score)
+            return
+    regions.append(_Region(mask, score))
+
+
+def _score(mask: Mask, lab: Field) -> float:
+    """Compute how much a region looks like a garment: the mean step of colour across its outline, up to a clear
+    one, times a factor that falls with the outline's raggedness."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    trace = max(contours, key=len).reshape(-1, 2).astype(float)
+    line = smooth_closed(trace, 1.5)
+    normals = outward_normals(line)
+    step = _colours(lab, line + _REACH * normals) - _colours(lab, line - _REACH * normals)
+    clear = np.minimum(np.linalg.norm(step, axis=1), _CLEAR_STEP) / _CLEAR_STEP
+    ragged = float(np.mean(np.linalg.norm(line - smooth_closed(trace, 8.0), axis=1)))
+    return float(clear.mean()) * float(np.exp(-ragged))
+
+
+def _colours(lab: Field, points: Array) -> Array:
+    x, y = points.T.astype(np.float32)
+    sampled = cv2.remap(lab, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled[0], dtype=float)
+
+
+def _cut(rgb: Image, region: Mask, inside: Mask) -> Mask:
+    """Return the region after a graph cut (GrabCut) that starts from it."""
+    labels = np.where(region, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[eroded(region, 6)] = cv2.GC_FGD
+    labels[~eroded(inside, 3)] = cv2.GC_BGD
+    if not (labels == cv2.GC_PR_FGD).any():
+        return region
+    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters at random
+    cv2.grabCut(rgb, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 3, cv2.GC_INIT_WITH_MASK)
+    return np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD))
+
+
+def _refined(region: _Region, regions: list[_Region], rgb: Image, valid: Mask) -> Segmentation:
+    """Return the region at full resolution, with its outline at the sharpest step of colour."""
+    size = valid.shape[1], valid.shape[0]
+
+    def enlarged(mask: Mask) -> Mask:
+        return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
+
+    mask = _largest(enlarged(region.mask) & valid)
+    contour, clear = refine_boundary(mask, rgb, None)
+    for _ in range(2):  # each search reaches six pixels
+        finer = _largest(fill(contour, valid))
+        if np.count_nonzero(finer) < 0.5 * np.count_nonzero(mask):
+            break
+        mask = finer
+        contour, clear = refine_boundary(mask, rgb, None)
+    others = np.zeros(region.mask.shape, bool)
+    for rival in regions:
+        if rival.score > _RIVAL * region.score and not (rival.mask & region.mask).any():
+            others |= rival.mask
+    return Segmentation(fill(contour, valid), contour, clear, enlarged(others))
+
+
+def _largest(mask: Mask) -> Mask:
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    return mask if count < 2 else np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
