@@ -22,6 +22,7 @@ from cell.simulation.garment.cloth_body import FRAME_RATE
 from cell.simulation.garment.fabric import garment_uv
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
+from robots.baxter.camera_mount import MOUNT
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.predict import HANDS, predict_fold, sample_paths
 from skills.garments.garment import Garment
@@ -172,7 +173,7 @@ def open_fold(name: str, seed: int, index: int = 0) -> Iterator[WorldFold]:
     library = load_library().library
     with open_studio(garment_uv(world.mesh.rest, world.mesh.layer), world.mesh.triangles, seed) as studio:
         reference, flat = studio.shoot(None), studio.shoot(world.seen)
-        nominal = nominal_calibration(TABLE)
+        nominal = nominal_calibration(MOUNT, TABLE)
         calibration = refine_calibration(reference, nominal, TABLE).value or nominal
         seen = perceive(flat, calibration, TABLE, reference, [garment], name).unwrap()
         mesh, steps = predictor_mesh(seen.state, garment), plan_folds(seen.state, garment).unwrap()

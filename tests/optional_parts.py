@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robots.baxter.ros.installation import PACKAGES, find_ros
+from robots.ros.installation import PACKAGES, find_ros
 
 __all__ = ["ALLOWED_SKIPS", "BROWSER", "GIT", "MUJOCO", "ROS", "OptionalPart", "may_be_skipped", "skip_summary"]
 

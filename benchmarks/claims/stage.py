@@ -138,7 +138,11 @@ def open_world(name: str, seed: int, render: bool = True) -> World:
     """Open the world of a run with this garment and seed."""
     settings = settings_of_stage()
     simulated = SimulationSettings(
-        garment=name, surface=settings.surface, table=settings.drawn_table, render=render
+        robot=settings.robot,
+        garment=name,
+        surface=settings.surface,
+        table=settings.drawn_table,
+        render=render,
     )
     return World(simulated, seed)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from benchmarks.cloth.scenes import RELEASE, SETTLE, SharedFold, plain_fold
-from robots.baxter.pybullet_body import pb
+from robots.bullet.body import pb
 from robots.ports import Array
 from skills.cloth.elasticity import GRAVITY, membrane_modulus
 from skills.vocabulary import REFERENCE_DROP

@@ -16,9 +16,9 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from robots.baxter.model import JOINT_NAMES
-from robots.baxter.pybullet_body import joint_map, pb
 from robots.baxter.pybullet_files import moving_urdf
-from robots.baxter.suppress_output import suppress_output
+from robots.bullet.body import joint_map, pb
+from robots.bullet.suppress_output import suppress_output
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
 from skills.motion.kinematics import ik

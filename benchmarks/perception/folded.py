@@ -26,6 +26,7 @@ from cell.hardware.camera import nominal_calibration
 from cell.simulation.garment.fabric import garment_uv
 from cell.simulation.garment.outline import draw_outline
 from cell.simulation.noise import load_noise
+from robots.baxter.camera_mount import MOUNT
 from robots.errors import FailureKind
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -181,7 +182,7 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
     )
     with open_studio(garment_uv(mesh.rest, mesh.layer), mesh.triangles, seed) as studio:
         reference = studio.shoot(None)
-        drawn = nominal_calibration(TABLE)
+        drawn = nominal_calibration(MOUNT, TABLE)
         held = refine_calibration(reference, drawn, TABLE).value or drawn
         lower = wrinkles(np.random.default_rng([seed, 12]), WRINKLED)
         flat = target_vertices(mesh, (), garment.material)

@@ -25,8 +25,9 @@ from cell.simulation.camera.render_server import Picture, Scene, Shot, _Stage
 from cell.simulation.garment.fabric import garment_uv, table_texture
 from cell.simulation.noise import load_noise
 from cell.simulation.settings import DEFAULT_TABLE
-from robots.baxter.camera_mount import INTRINSICS, T_base_camera
-from robots.baxter.pybullet_body import pb
+from robots.baxter.camera_mount import MOUNT
+from robots.baxter.model import FLOOR
+from robots.bullet.body import pb
 from robots.depth_averaging import EXPOSURES
 from robots.errors import ConfigurationError
 from robots.ports import Array, CameraFrame
@@ -38,6 +39,7 @@ __all__ = ["TABLE", "LabelledScene", "Studio", "draw_scene", "open_studio"]
 
 TABLE: Table = DEFAULT_TABLE
 SURFACES = ("bare_table", "laminate", "felt")
+INTRINSICS = MOUNT.intrinsics
 NOBODY = (
     '<robot name="nobody"><link name="base"><inertial><mass value="1"/>'
     '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>'
@@ -81,7 +83,8 @@ class Studio:
         urdf.write_text(NOBODY)
         self._stage = _Stage(
             Scene(
-                urdf=str(urdf), table=TABLE, table_texture=table, garment_uv=uv, garment_triangles=triangles,
+                urdf=str(urdf), floor=FLOOR, table=TABLE, table_texture=table,
+                garment_uv=uv, garment_triangles=triangles,
                 garment_texture=fabric, width=INTRINSICS.width, height=INTRINSICS.height,
                 focal=(INTRINSICS.fx, INTRINSICS.fy), centre=(INTRINSICS.cx, INTRINSICS.cy),
                 light=(*(float(a) for a in rng.uniform(-swing, swing, 2)), 2.5),
@@ -137,7 +140,7 @@ def draw_scene(garment_name: str, seed: int, laying: Laying | None = None) -> La
     with open_studio(uv, piece.mesh.triangles, seed) as studio:
         reference = studio.shoot(None)
         frame = studio.shoot(piece.vertices)
-        drawn = nominal_calibration(TABLE)
+        drawn = nominal_calibration(MOUNT, TABLE)
         refined = refine_calibration(reference, drawn, TABLE)
         held = refined.value or drawn
         seen = {name: _where_seen(p, studio.T_table_camera, held) for name, p in piece.keypoints.items()}
@@ -161,7 +164,7 @@ def _visible(garment: Garment, seed: int, laying: Laying | None) -> Piece:
 
 def _in_view(piece: Piece, margin: float = 12.0) -> bool:
     x = piece.vertices
-    T = np.linalg.inv(nominal_calibration(TABLE).T_table_camera)
+    T = np.linalg.inv(nominal_calibration(MOUNT, TABLE).T_table_camera)
     uv = _project(x, T)
     inside = (uv > margin).all() and (uv < np.array([INTRINSICS.width, INTRINSICS.height]) - margin).all()
     low, high = np.array([TABLE.x[0], TABLE.y[0]]) + 0.02, np.array([TABLE.x[1], TABLE.y[1]]) - 0.02
@@ -185,7 +188,7 @@ def _where_seen(point: Array, T_table_camera: Array, held: CameraCalibration) ->
 
 def _mounted(position: float, angle: float, rng: np.random.Generator) -> Array:
     """Draw the true pose (4, 4) of the camera in the base frame: the nominal pose with a mounting error."""
-    T = np.array(T_base_camera(0.0))
+    T = np.array(MOUNT.T_base_camera(0.0))
     turn, _ = cv2.Rodrigues(rng.standard_normal(3) * angle)
     T[:3, :3] = T[:3, :3] @ turn
     T[:3, 3] += rng.standard_normal(3) * position

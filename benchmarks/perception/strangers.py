@@ -11,6 +11,7 @@ from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, open_studio
 from cell.hardware.camera import nominal_calibration
 from cell.simulation.garment.fabric import garment_uv
+from robots.baxter.camera_mount import MOUNT
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import mesh_from_contour
 from skills.garments.garment import Garment
@@ -106,7 +107,7 @@ def draw_stranger(name: str, seed: int) -> tuple[CameraFrame, CameraFrame, Camer
     with open_studio(garment_uv(mesh.rest, mesh.layer), mesh.triangles, seed) as studio:
         reference = studio.shoot(None)
         frame = studio.shoot(np.column_stack((mesh.rest, 0.002 + wrinkles(rng, Laying())(mesh.rest))))
-        drawn = nominal_calibration(TABLE)
+        drawn = nominal_calibration(MOUNT, TABLE)
         return frame, reference, refine_calibration(reference, drawn, TABLE).value or drawn
 
 

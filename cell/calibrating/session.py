@@ -262,5 +262,9 @@ def _keep(folder: Path, name: str, picture: NDArray[np.uint8]) -> None:
 def _simulated(request: CalibrationRequest) -> SimulationSettings:
     settings = request.settings
     return SimulationSettings(
-        surface=settings.surface, table=settings.drawn_table, realtime=request.realtime, as_built=True
+        robot=settings.robot,
+        surface=settings.surface,
+        table=settings.drawn_table,
+        realtime=request.realtime,
+        as_built=True,
     )

@@ -16,15 +16,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from cell.config.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
 from cell.config.yaml_file import Document, Key, merge, read_yaml, validated
 from robots.errors import ConfigurationError
+from robots.registry import list_robots
+from robots.ros.settings import CameraTopics, RosSettings
 from skills.vocabulary import Table
 
 if TYPE_CHECKING:
-    from robots.baxter.ros.connection import RosSettings
     from skills.grasping.settings import GraspSettings
     from skills.perception.inspection.claim_settings import ClaimSettings
     from skills.perception.inspection.inspect import InspectionSettings
@@ -92,9 +93,7 @@ class _Group(BaseModel):
 class TableConfig(_Group):
     """Position and extent of the table top."""
 
-    height: float = _number(
-        -0.6, 0.5, "m", "the table top's z in the robot's base frame; Baxter's floor is at z = -0.924"
-    )
+    height: float = _number(-0.6, 0.5, "m", "the table top's z in the robot's base frame")
     x: tuple[_Edge, _Edge] = _span("[near, far]", "near and far edge in the table frame")
     y: tuple[_Edge, _Edge] = _span("[right, left]", "right and left edge in the table frame")
     calibration: Path | None = Field(
@@ -293,7 +292,7 @@ class ComputingConfig(_Group):
 
 
 class RosConfig(_Group):
-    """Connection to the robot over ROS (robots.baxter.ros). ROS_MASTER_URI names the ROS master."""
+    """Connection to the robot over ROS (robots/ros/settings.py). ROS_MASTER_URI names the ROS master."""
 
     raw_position: bool = Field(
         strict=True,
@@ -309,9 +308,6 @@ class RosConfig(_Group):
 
     def settings(self) -> RosSettings:
         """The driver's settings."""
-        from robots.baxter.ros.connection import RosSettings
-        from robots.baxter.ros.topics import CameraTopics
-
         camera = CameraTopics(self.camera_rgb, self.camera_depth, self.camera_info)
         return RosSettings(camera, self.raw_position, self.tactile_rows, self.camera_settle)
 
@@ -326,7 +322,7 @@ class CellSettings(_Group):
     """All settings of a cell. `load_settings` reads them from a file."""
 
     schema_: int = Field(alias="schema", ge=1, le=1, strict=True, description="version of this file's layout: 1")
-    robot: Literal["baxter"] = Field(description="the robot's folder under robots/")
+    robot: str = Field(strict=True, description="a robot of robots/registry.py")
     surface: str = Field(
         pattern=r"^[a-z][a-z0-9_]{0,40}$",
         strict=True,
@@ -344,6 +340,13 @@ class CellSettings(_Group):
     computing: ComputingConfig
     recorder: RecorderConfig
     ros: RosConfig
+
+    @field_validator("robot")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in list_robots():
+            raise ValueError(f"robot = {name!r}: known robots are {', '.join(list_robots())}")
+        return name
 
     @property
     def table(self) -> Table:

@@ -20,6 +20,7 @@ from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from robots.model import RobotModel
 from robots.ports import Ports
+from robots.registry import find_robot
 from skills.garments.garment import Garment
 from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
 from skills.trajectory.library import Library
@@ -35,9 +36,7 @@ small deviations of the arms from the plan."""
 
 def load_robot(settings: CellSettings) -> RobotModel:
     """Return the model of the robot that the settings name."""
-    from robots.baxter.model import load_model  # the only robot so far; settings.robot is already validated
-
-    return load_model()
+    return find_robot(settings.robot).load_model()
 
 
 def assemble(

@@ -14,6 +14,9 @@ from cell.support.process.lock import OwnerLock
 from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Stop
+from robots.registry import find_robot
+from robots.robot import Robot
+from robots.ros.driver import RosDriver
 
 __all__ = ["DRIVERS", "OpenCell", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
 
@@ -45,10 +48,9 @@ def check_cell(driver: str, settings: SimulationSettings) -> None:
     """Check that a cell can be opened, without starting anything. Raises ConfigurationError."""
     if driver not in DRIVERS:
         raise ConfigurationError(f"there is no driver '{driver}'", f"it is one of {', '.join(DRIVERS)}")
+    robot = find_robot(settings.robot)
     if driver != "sim":
-        from robots.baxter.ros.messages import load_messages
-
-        load_messages()
+        _driver_of(robot).check()
     if is_simulated(driver):
         check_settings(settings)
 
@@ -76,13 +78,19 @@ def opened_cell(
 
 
 @contextmanager
-def stop_circuit() -> Iterator[Stop]:
+def stop_circuit(settings: CellSettings) -> Iterator[Stop]:
     """Connect only to the robot's stop circuit, which works even if other parts of the cell do not respond. Raises
-    ConfigurationError if ROS or the robot does not respond."""
-    from robots.baxter.ros.connection import connected_stop
-
-    with connected_stop() as stop:
+    ConfigurationError if ROS or the robot does not respond, or if the robot has no driver."""
+    with _driver_of(find_robot(settings.robot)).connect_stop() as stop:
         yield stop
+
+
+def _driver_of(robot: Robot) -> RosDriver:
+    if robot.driver is None:
+        raise ConfigurationError(
+            f"the robot '{robot.name}' has no driver: it exists only in simulation", "use --driver sim"
+        )
+    return robot.driver
 
 
 @contextmanager
@@ -93,29 +101,28 @@ def _opened(
         with open_simulated_cell(simulation, seed) as cell:
             yield OpenCell(cell.ports, cell)
         return
-    from robots.baxter.model import load_model
-
-    limits = load_model().protective
+    robot = find_robot(settings.robot)
+    limits = robot.load_model().protective
     if driver == "emulator":
         from cell.simulation.emulator.emulated import emulated_cell
 
-        with emulated_cell(simulation, seed, settings.ros.settings(), limits) as cell:
+        with emulated_cell(simulation, seed, _driver_of(robot), settings.ros.settings(), limits) as cell:
             yield OpenCell(cell.ports, cell)
         return
-    with _robot(settings, limits, person) as ports:
+    with _real(robot, settings, limits, person) as ports:
         yield OpenCell(ports)
 
 
 @contextmanager
-def _robot(settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
+def _real(robot: Robot, settings: CellSettings, limits: JointLimits, person: PersonAt) -> Iterator[Ports]:
     """Open the robot's ports. There is one lock per robot, so that runs with different log folders also exclude
     each other."""
-    from robots.baxter.ros.connection import connected
-    from robots.baxter.ros.node import master_address
+    from robots.ros.node import master_address
 
+    connect = _driver_of(robot).connect
     uri, host, port = master_address()
     with (
         OwnerLock(user_cache() / f"robot-{host}-{port}.lock", f"the robot of {uri}", otherwise=""),
-        connected(settings.ros.settings(), limits, person, driver="ros", simulated=False) as ports,
+        connect(settings.ros.settings(), limits, person, driver="ros", simulated=False) as ports,
     ):
         yield ports

@@ -55,6 +55,8 @@ from cell.support.files.whole_file import write_whole
 from cell.support.process.interrupts import Interrupts
 from robots.errors import CellError, Failure, FailureKind, StorageError
 from robots.ports import Ports
+from robots.registry import find_robot
+from robots.visual import RobotVisual
 
 if TYPE_CHECKING:
     from cell.operator.console.supervision import Supervision
@@ -263,10 +265,9 @@ def _supervision(
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
     if not request.record:
         return Recorder.silent()
-    from robots.baxter.meshes import baxter_visual
-
+    visual: RobotVisual | None
     try:
-        visual = baxter_visual()
+        visual = find_robot(request.settings.robot).visual()
     except StorageError:  # the converted meshes cannot be stored: the view shows no robot
         visual = None
     path, table = run.directory / RECORDING, request.settings.table
@@ -279,6 +280,7 @@ def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
 def _simulated(request: FoldRequest) -> SimulationSettings:
     settings = request.settings
     return SimulationSettings(
+        robot=settings.robot,
         garment=request.garment,
         surface=settings.surface,
         table=settings.drawn_table,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from cell.simulation.port_worlds import bind, world_behind
 from cell.simulation.world import World
-from robots.baxter.pybullet_body import MAX_OPENING
 from robots.ports import (
     Array,
     BoardPlace,
@@ -71,9 +70,9 @@ class _Sided(_Port):
 class _Gripper(_Sided):
     __slots__ = ("max_opening",)
 
-    def __init__(self, side: Side) -> None:
+    def __init__(self, side: Side, max_opening: float) -> None:
         super().__init__(side)
-        self.max_opening = MAX_OPENING
+        self.max_opening = max_opening
 
     def calibrate(self) -> None:
         world = _world(self)
@@ -140,7 +139,7 @@ def ports_of(world: World) -> Ports:
         clock=_Clock(),
         arms=_Arms(world.command_timeout),
         head=_Head(),
-        grippers={side: _Gripper(side) for side in Side},
+        grippers={side: _Gripper(side, world.gripper(side).max_opening) for side in Side},
         tactile={side: _Tactile(side) for side in Side},
         camera=_Camera(),
         stop=_Stop(),

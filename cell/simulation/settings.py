@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from robots.errors import ConfigurationError
+from robots.registry import DEFAULT
 from skills.vocabulary import Table
 
 __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
@@ -20,15 +21,16 @@ LOOKS = ("contrast", "table_hue")
 class SimulationSettings:
     """Settings of a simulated cell. Raises ConfigurationError for invalid ones.
 
-    garment: a name, a path, or 'auto' (drawn by the seed). surface: the table's surface, which selects the
-    garment's friction. realtime: pace the world by the wall clock. world: solver of the cloth, foldcell's own
-    ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: 'contrast' for a hue that differs from the table's,
-    'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell. render: if
-    off, the camera raises a fault. as_built: table height and camera intrinsics differ from the drawing, and there
-    is a calibration board. q_start: (14,) configuration of the arms at the start [rad]; None: the park
-    configuration.
+    robot: its name. garment: a name, a path, or 'auto' (drawn by the seed). surface: the table's surface, which
+    selects the garment's friction. realtime: pace the world by the wall clock. world: solver of the cloth,
+    foldcell's own ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: 'contrast' for a hue that differs from
+    the table's, 'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell.
+    render: if off, the camera raises a fault. as_built: table height and camera intrinsics differ from the
+    drawing, and there is a calibration board. q_start: (14,) configuration of the arms at the start [rad]; None:
+    the park configuration.
     """
 
+    robot: str = DEFAULT
     garment: str = "medium_towel"
     surface: str = "bare_table"
     table: Table = DEFAULT_TABLE

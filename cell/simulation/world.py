@@ -36,13 +36,12 @@ from cell.simulation.robot.tactile import SimulatedTactile
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.truth import GarmentTruth, Truth
 from cell.support.files.packing import packed
-from robots.baxter.camera_mount import INTRINSICS, T_HEAD_CAMERA, T_base_head
-from robots.baxter.model import FINGER_JOINTS, JOINT_NAMES, load_model
-from robots.baxter.pybullet_body import BaxterBody, pb
-from robots.baxter.pybullet_files import seen_urdf
+from robots.bullet.body import pb
+from robots.camera_mount import CameraMount
 from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, BoardPlace, CameraFrame, Side, frozen
+from robots.registry import find_robot
 from skills.garments.garment import Garment
 
 __all__ = ["STEP_RATE", "World"]
@@ -93,10 +92,12 @@ class World:
             for name, child in zip(STREAMS, np.random.SeedSequence(seed).spawn(len(STREAMS)), strict=True)
         }
         noise = self._noise
-        self._lens, self._board = INTRINSICS, None
+        self._design = find_robot(settings.robot)
+        self._model = self._design.load_model()
+        self._lens, self._board = self._design.camera.intrinsics, None
         if settings.as_built:
             settings = replace(settings, table=built_table(settings.table, noise.build, rng["build"]))
-            self._lens = built_lens(INTRINSICS, noise.build, rng["build"])
+            self._lens = built_lens(self._lens, noise.build, rng["build"])
             self._board = WorldBoard(noise.board, rng["board"])
         self.settings = settings
         nominal = _choose(settings, rng["garment"])
@@ -116,12 +117,17 @@ class World:
         pb.setTimeStep(1.0 / STEP_RATE, physicsClientId=self._client)
         pb.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         pb.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=self._client)
-        self._body = BaxterBody(self._client)
+        self._body = self._design.simulation.body(self._client)
         self._body.let_fingers_through(self._load_table())
-        model = load_model()
-        q_start = model.q_park if settings.q_start is None else np.array(settings.q_start)
+        q_start = self._model.q_park if settings.q_start is None else np.array(settings.q_start)
         self.robot = SimulatedRobot(
-            self._body, model, noise.robot, rng["robot"], np.array(q_start), ideal=not settings.robot_noise
+            self._body,
+            self._design.simulation,
+            self._model,
+            noise.robot,
+            rng["robot"],
+            np.array(q_start),
+            ideal=not settings.robot_noise,
         )
         self._stiffness = contact.Stiffness(
             noise.robot.arm_stiffness, noise.tactile.tip_stiffness, noise.tactile.cloth_stiffness
@@ -132,7 +138,9 @@ class World:
         self._world_faults = WorldFaults(self.faults, self.robot, grippers, self.garment)
         for side in Side:
             self._place_hand(side)
-        self._T_head_camera = _mounted(noise.camera, rng["camera"], ideal=not settings.camera_noise)
+        self._T_head_camera = _mounted(
+            self._design.camera, noise.camera, rng["camera"], ideal=not settings.camera_noise
+        )
         scene = self._scene(rng["look"])
         self._fabric = _mean_colour(scene.garment_texture)
         self._renderer = Renderer(scene) if settings.render else None
@@ -152,7 +160,7 @@ class World:
     def _hand(self, side: Side, rng: np.random.Generator) -> _Hand:
         ideal = not self.settings.robot_noise
         gripper = SimulatedGripper(
-            side, self._noise.gripper, int(rng.integers(2**31)), ideal,
+            side, self._design.gripper.max_opening, self._noise.gripper, int(rng.integers(2**31)), ideal,
             caught=lambda stroke, force: self._caught(side, stroke, force),
             opened=lambda: self._opened(side),
         )  # fmt: skip
@@ -168,14 +176,15 @@ class World:
         settings, garment, swing = self.settings, self.garment, self._noise.camera.light_swing
         light = (float(rng.uniform(-swing, swing)), float(rng.uniform(-swing, swing)), 2.5)
         return Scene(
-            urdf=str(seen_urdf()),
+            urdf=str(self._design.simulation.seen_urdf()),
+            floor=self._model.floor,
             table=settings.table,
             table_texture=table_texture(rng, settings.surface),
             garment_uv=garment_uv(garment.mesh.rest, garment.mesh.layer),
             garment_triangles=garment.mesh.triangles,
             garment_texture=fabric_texture(rng, settings.fabric, settings.surface),
-            width=INTRINSICS.width,
-            height=INTRINSICS.height,
+            width=self._lens.width,
+            height=self._lens.height,
             focal=(self._lens.fx, self._lens.fy),
             centre=(self._lens.cx, self._lens.cy),
             light=light,
@@ -188,7 +197,8 @@ class World:
         if self._renderer is None:
             return None
         ideal = not self.settings.camera_noise
-        return SimulatedCamera(self._renderer, INTRINSICS, self._noise.camera, seed, self._shot, self.now, ideal)
+        drawn = self._design.camera.intrinsics
+        return SimulatedCamera(self._renderer, drawn, self._noise.camera, seed, self._shot, self.now, ideal)
 
     def close(self) -> None:
         if self._renderer is not None:
@@ -239,7 +249,7 @@ class World:
         table frame, and the contact of the tips."""
         position, rotation = self._body.tool_pose(side)
         position[2] -= self.settings.table.height
-        tips = contact.fingertips(position, rotation, self._hands[side].gripper.opening)
+        tips = contact.fingertips(self._design.gripper, position, rotation, self._hands[side].gripper.opening)
         if tips[:, 2].min() > THICKEST or not self._over_table(position):
             return position, rotation, contact.Touch(np.zeros(2), 0.0)
         stack = np.array([self.garment.stack(tip) for tip in tips])
@@ -297,7 +307,8 @@ class World:
             if self.garment.holds(HANDS[side]):
                 force = self._world_faults.grip_force(side, hand.gripper.force, t, self._fold)
                 self.garment.squeeze(HANDS[side], force)
-        tips = [contact.fingertips(hand.position, hand.rotation, hand.gripper.opening) for hand in hands]
+        gripper = self._design.gripper
+        tips = [contact.fingertips(gripper, hand.position, hand.rotation, hand.gripper.opening) for hand in hands]
         self.garment.press(
             np.vstack(tips), np.hstack([hand.tip_force for hand in hands]), self._noise.tactile.tip_area
         )
@@ -308,23 +319,23 @@ class World:
 
     def _hand_capsules(self, side: Side) -> tuple[Array, Array] | None:
         """Return both ends (3, 3) of the capsules of fingers and gripper body; None if far above the garment."""
-        hand = self._hands[side]
+        hand, gripper = self._hands[side], self._design.gripper
         if hand.position[2] > self.garment.highest() + NEAR:
             hand.free = True
             return None
         opening = hand.gripper.opening
         holds = self.garment.holds(HANDS[side])
         if not hand.free and not holds:
-            low, high = contact.finger_axes(hand.position, hand.rotation, opening, np.zeros(2), 0.0)
-            reach = contact.FINGER_RADIUS + self.garment.material.thickness
+            low, high = contact.finger_axes(gripper, hand.position, hand.rotation, opening, np.zeros(2), 0.0)
+            reach = gripper.finger_radius + self.garment.material.thickness
             hand.free = all(self.garment.clear_of(a, b, reach) for a, b in zip(low, high, strict=True))
-        tips = contact.fingertips(hand.position, hand.rotation, opening)
+        tips = contact.fingertips(gripper, hand.position, hand.rotation, opening)
         floor = np.zeros(2)
         if tips[:, 2].min() < THICKEST:
             floor = np.array([self.garment.stack(tip) for tip in tips]) - SQUEEZE
         raised = 0.0 if hand.free and not holds else RAISED
-        low, high = contact.finger_axes(hand.position, hand.rotation, opening, floor, raised)
-        body_low, body_high = contact.hand_axis(hand.position, hand.rotation)
+        low, high = contact.finger_axes(gripper, hand.position, hand.rotation, opening, floor, raised)
+        body_low, body_high = contact.hand_axis(gripper, hand.position, hand.rotation)
         return np.vstack((low, body_low)), np.vstack((high, body_high))
 
     def _capsule_path(self, before: list[tuple[Array, Array] | None]) -> tuple[Array, Array, Array] | None:
@@ -339,7 +350,8 @@ class World:
             return None
         low = np.array([np.vstack([pair[when][0] for pair in moved]) for when in (0, 1)])
         high = np.array([np.vstack([pair[when][1] for pair in moved]) for when in (0, 1)])
-        radius = [contact.FINGER_RADIUS, contact.FINGER_RADIUS, contact.HAND_RADIUS] * len(moved)
+        gripper = self._design.gripper
+        radius = [gripper.finger_radius, gripper.finger_radius, gripper.hand_radius] * len(moved)
         return low, high, np.array(radius)
 
     def _after_frame(self, t: float) -> None:
@@ -411,10 +423,11 @@ class World:
 
     def _shot(self) -> Shot:
         q, _, _, pan = self._body.read()
-        joints = dict(zip(JOINT_NAMES, q.tolist(), strict=True)) | {"head_pan": pan}
+        joints = dict(zip(self._model.joint_names, q.tolist(), strict=True))
+        if self._design.camera.head_joint is not None:
+            joints[self._design.camera.head_joint] = pan
         for side, hand in self._hands.items():
-            left, right = FINGER_JOINTS[side]
-            joints |= {left: 0.5 * hand.gripper.opening, right: -0.5 * hand.gripper.opening}
+            joints |= self._design.gripper.finger_positions(side, hand.gripper.opening)
         vertices = self.garment.seen if self.garment.laid else None
         if vertices is not None:
             vertices[:, 2] += self.settings.table.height
@@ -431,7 +444,7 @@ class World:
         return poses
 
     def _T_base_camera(self, pan: float) -> Array:
-        return T_base_head(pan) @ self._T_head_camera
+        return self._design.camera.T_base_head(pan) @ self._T_head_camera
 
     # checkpoints
 
@@ -522,11 +535,11 @@ def _mean_colour(texture: NDArray[np.uint8]) -> tuple[int, int, int]:
     return round(red), round(green), round(blue)
 
 
-def _mounted(noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:
+def _mounted(mount: CameraMount, noise: CameraNoise, rng: np.random.Generator, ideal: bool) -> Array:
     """Draw the true pose (4, 4) of the camera in the frame of the head link."""
     shift = rng.standard_normal(3) * noise.pose_position
     turn = rng.standard_normal(3) * noise.pose_angle
-    T = np.array(T_HEAD_CAMERA)
+    T = np.array(mount.T_head_camera)
     if ideal:
         return T
     angle = float(np.linalg.norm(turn))

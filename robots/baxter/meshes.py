@@ -16,8 +16,10 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from robots.baxter.model import FINGER_JOINTS, FLOOR, JOINT_NAMES, baxter_urdf_path, package_root
-from robots.baxter.model_cache import cached_urdf, thinned
+from robots.baxter.camera_mount import MOUNT
+from robots.baxter.gripper import GRIPPER
+from robots.baxter.model import FLOOR, JOINT_NAMES, baxter_urdf_path, package_root
+from robots.model_cache import cached_urdf, thinned
 from robots.visual import RobotVisual
 
 __all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
@@ -37,8 +39,8 @@ def baxter_visual() -> RobotVisual:
     return RobotVisual(
         urdf=visual_glb_urdf(),
         joint_names=JOINT_NAMES,
-        head_joint="head_pan",
-        finger_joints={side: ((left, 0.5), (right, -0.5)) for side, (left, right) in FINGER_JOINTS.items()},
+        head_joint=MOUNT.head_joint,
+        finger_joints=GRIPPER.finger_joints,
         floor=FLOOR,
     )
 
@@ -48,7 +50,7 @@ def visual_glb_urdf() -> Path:
 
     Raises StorageError if the cache cannot be written.
     """
-    return cached_urdf("baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals)
+    return cached_urdf(baxter_urdf_path(), "baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals)
 
 
 def write_visuals(folder: Path, final: Path) -> None:

@@ -14,13 +14,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from robots.baxter.gripper import GRIPPER
 from robots.errors import ConfigurationError
 from robots.model import JointLimits, RobotModel, arm_chain
 from robots.ports import Array, Side, frozen
 
 __all__ = [
     "ARM_JOINTS",
-    "FINGER_JOINTS",
     "JOINT_NAMES",
     "baxter_srdf_path",
     "baxter_urdf_path",
@@ -30,9 +30,8 @@ __all__ = [
 
 ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
 JOINT_NAMES = tuple(f"{side}_{joint}" for side in Side for joint in ARM_JOINTS)
-FINGER_JOINTS = {side: (f"{side[0]}_gripper_l_finger_joint", f"{side[0]}_gripper_r_finger_joint") for side in Side}
-FINGER_OPEN = 0.0104
-"""Position of each finger in collision checks: half its stroke [m]."""
+OPENING = 0.0208
+"""Opening of the grippers in collision checks: half of the largest [m]."""
 
 FLOOR = -0.924
 """Height of the floor in the base frame [m]."""
@@ -74,14 +73,17 @@ def baxter_srdf_path() -> Path:
 @lru_cache(maxsize=1)
 def load_model() -> RobotModel:
     """Return the model of Baxter with both electric grippers. The wheel's files are read once per process (about
-    0.1 s)."""
+    0.1 s). Raises ConfigurationError if they are missing."""
+    if not baxter_urdf_path().is_file():
+        raise ConfigurationError(
+            f"no file {baxter_urdf_path()}", "pip install --force-reinstall example-robot-data"
+        )
     model = pin.buildModelFromUrdf(str(baxter_urdf_path()))
     index = np.array([model.joints[model.getJointId(name)].idx_q for name in JOINT_NAMES])
     q_rest = pin.neutral(model)
     for side in Side:
-        left, right = FINGER_JOINTS[side]
-        q_rest[model.joints[model.getJointId(left)].idx_q] = FINGER_OPEN
-        q_rest[model.joints[model.getJointId(right)].idx_q] = -FINGER_OPEN
+        for joint, position in GRIPPER.finger_positions(side, OPENING).items():
+            q_rest[model.joints[model.getJointId(joint)].idx_q] = position
     return RobotModel(
         name="baxter",
         pin_model=model,

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 from robots.baxter.model import baxter_srdf_path, baxter_urdf_path, package_root
-from robots.baxter.model_cache import cached_urdf, thinned
+from robots.model_cache import cached_urdf, thinned
 
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
@@ -32,13 +32,13 @@ RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56,
 def moving_urdf() -> Path:
     """Return the URDF with collision shapes and inertias, without visuals. Raises StorageError if the cache is not
     writable."""
-    return cached_urdf("baxter-bullet-moving", MADE_WITH, _write_moving)
+    return cached_urdf(baxter_urdf_path(), "baxter-bullet-moving", MADE_WITH, _write_moving)
 
 
 def seen_urdf() -> Path:
     """Return the URDF with simplified visuals, without collision shapes. Raises StorageError if the cache is not
     writable."""
-    return cached_urdf("baxter-bullet-seen", MADE_WITH, _write_seen)
+    return cached_urdf(baxter_urdf_path(), "baxter-bullet-seen", MADE_WITH, _write_seen)
 
 
 def srdf_disabled_pairs() -> frozenset[frozenset[str]]:

@@ -51,8 +51,8 @@ class GraspSettings:
     """Time constant of the effort's running mean [s]. The mean follows slow changes of gravity, but not a
     contact."""
     stall_lag: float = 0.006
-    """If the hand is further than this above its commanded height, the arm may be blocked [m]. On Baxter's arm
-    this distance corresponds to a force of 9 N."""
+    """If the hand is further than this above its commanded height, the arm may be blocked [m]. With a stiffness
+    of 1500 N/m this distance corresponds to a force of 9 N."""
     stall_window: float = 0.10
     """Time over which the speed of a lagging arm is measured [s]."""
     stall_speed: float = 0.006

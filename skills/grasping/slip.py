@@ -5,7 +5,7 @@ press on each other and feel force again. The first readings give each signal's 
 slow drift, but only down to a bound, so that a slow slip is not mistaken for drift. A signal is judged by the mean
 of its last n readings. n is the smallest number for which baseline and limit of loss are `slip_sigmas` standard
 deviations of the mean apart, at the measured noise. A signal that would need too many readings is ignored. A
-gripper reports its opening less often than the cells report forces (Baxter's gripper at 20 Hz). Each report counts
+gripper reports its opening less often than the cells report forces (for example at 20 Hz). Each report counts
 once, so a loss that shows only in the opening is detected later.
 """
 

@@ -16,6 +16,8 @@ from pathlib import Path
 from cell.recording.rerun.viewer import find_viewer
 from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
 from robots.errors import CellError
+from robots.registry import find_robot, list_robots
+from robots.ros.installation import PACKAGES, find_ros
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
 
@@ -47,7 +49,7 @@ def examine(logs: Path) -> list[Check]:
         _python,
         _packages,
         _native_modules,
-        _robot_model,
+        *(partial(_robot_model, name) for name in list_robots()),
         _caches,
         partial(_logs, logs),
         partial(_disk, logs),
@@ -146,17 +148,12 @@ def _native_modules() -> Iterable[Check]:
 # files that a run reads and writes
 
 
-def _robot_model() -> Iterable[Check]:
-    from robots.baxter.model import baxter_urdf_path, load_model
-
-    path = baxter_urdf_path()
-    if not path.is_file():
-        yield Check(
-            "Baxter model", Verdict.BAD, f"no file {path}", "pip install --force-reinstall example-robot-data"
-        )
-        return
-    load_model()
-    yield Check("Baxter model", Verdict.GOOD, str(path))
+def _robot_model(name: str) -> Iterable[Check]:
+    robot = find_robot(name)
+    robot.load_model()
+    if robot.driver is not None and find_ros() is not None:
+        robot.driver.check()
+    yield Check(f"{robot.title} model", Verdict.GOOD, str(robot.model_file()))
 
 
 def numba_cache_folder() -> Path:
@@ -270,14 +267,10 @@ def _viewer() -> Iterable[Check]:
 
 def _ros() -> Iterable[Check]:
     """Check for ROS 1, which only the drivers `ros` and `emulator` need."""
-    from robots.baxter.ros.installation import PACKAGES, find_ros
-    from robots.baxter.ros.messages import load_messages
-
     folder = find_ros()
     if folder is None:
         hint = f"only for --driver ros and emulator: apt-get install {PACKAGES}"
         yield Check("ROS 1", Verdict.WARNING, "not installed", hint)
         return
-    load_messages()
     uri = os.environ.get("ROS_MASTER_URI")
     yield Check("ROS 1", Verdict.GOOD, f"{folder}; ROS_MASTER_URI " + (uri or "not set: no robot is named"))

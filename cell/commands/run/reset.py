@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from cell.commands.options import json_option
+from cell.commands.options import cell_option, json_option
 from cell.commands.output import print_json
+from cell.config.cell_settings import load_settings
 from cell.hardware.driver import stop_circuit
 from robots.errors import DriverError, FailureKind
 from robots.ports import Stop
@@ -17,13 +18,14 @@ __all__ = ["add_options", "run"]
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     parser.add_argument("--yes", action="store_true", help="the cause is cleared and nobody is near: do not ask")
+    cell_option(parser)
     json_option(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Reset the stop. Returns 0 if the robot is no longer stopped, 2 if it is still stopped because the person did
     not agree or the reset failed."""
-    with stop_circuit() as stop:
+    with stop_circuit(load_settings(options.cell)) as stop:
         before = stop.state()
         if not before.stopped:
             return _report(options, "not stopped", "the robot is not stopped")

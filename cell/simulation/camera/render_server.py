@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from robots.baxter.suppress_output import suppress_output
+from robots.bullet.suppress_output import suppress_output
 from skills.vocabulary import Array, Table
 
 with suppress_output():  # PyBullet prints its build time
@@ -34,7 +34,6 @@ __all__ = ["Picture", "Scene", "Shot", "main"]
 FAR, NEAR = 4.0, 0.25  # clipping planes [m]
 STEP = 1e-6  # [s]
 HIDDEN = -5.0  # height of hidden objects, below the floor [m]
-FLOOR = -0.924  # height of the floor, base frame [m]
 FLOOR_RGB = (112, 114, 118)
 FINE = 2
 """Samples along each side of a pixel in pictures with the board. One sample would not be enough, because the
@@ -45,11 +44,13 @@ COARSE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The fixed content of the pictures. Textures: (h, w, 3) RGB. garment_uv, garment_triangles: texture
-    coordinates (n, 2) and triangles (m, 3) of the garment's mesh. width, height, focal, centre:
-    properties of the camera [px]. light: direction to the light; ambient, diffuse: coefficients of the light."""
+    """The fixed content of the pictures. urdf: the robot. floor: its height in the base frame [m]. Textures:
+    (h, w, 3) RGB. garment_uv, garment_triangles: texture coordinates (n, 2) and triangles (m, 3) of the garment's
+    mesh. width, height, focal, centre: properties of the camera [px]. light: direction to the light; ambient,
+    diffuse: coefficients of the light."""
 
     urdf: str
+    floor: float
     table: Table
     table_texture: NDArray[np.uint8]
     garment_uv: Array
@@ -137,7 +138,7 @@ class _Stage:
         t = self._scene.table
         (x0, x1), (y0, y1) = t.x, t.y
         floor = np.full((8, 8, 3), FLOOR_RGB, np.uint8)
-        self._load_sheet(folder / "floor", ((-2.0, 4.0), (-3.0, 3.0)), FLOOR, floor)
+        self._load_sheet(folder / "floor", ((-2.0, 4.0), (-3.0, 3.0)), self._scene.floor, floor)
         self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
 
     def _load_board(self, folder: Path) -> int | None:

@@ -25,10 +25,11 @@ from cell.simulation.port_worlds import bind, unbind, world_behind
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.simulated_cell import SimulatedCell
 from cell.simulation.truth import Truth
-from robots.baxter.ros.connection import RosSettings, connected
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import BoardPlace, CameraFrame
+from robots.ros.driver import RosDriver
+from robots.ros.settings import RosSettings
 
 __all__ = ["emulated_cell"]
 
@@ -44,9 +45,10 @@ _starting = threading.Lock()
 
 @contextmanager
 def emulated_cell(
-    settings: SimulationSettings, seed: int, ros: RosSettings, limits: JointLimits
+    settings: SimulationSettings, seed: int, robot: RosDriver, ros: RosSettings, limits: JointLimits
 ) -> Iterator[SimulatedCell]:
-    """Open a simulated cell whose ports are those of the ROS driver. limits: the driver clips set-points to them.
+    """Open a simulated cell whose ports are those of the driver `robot`. limits: the driver clips set-points to
+    them.
 
     Raises ConfigurationError if ROS is missing, and the errors of `open_simulated_cell`.
     """
@@ -58,7 +60,7 @@ def emulated_cell(
         bind([attendant], world)
         closing.callback(unbind, world)
         ports = closing.enter_context(
-            connected(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
+            robot.connect(ros, limits, lambda _: attendant, driver="emulator", simulated=True)
         )
 
         def display() -> Callable[[], CameraFrame | None]:

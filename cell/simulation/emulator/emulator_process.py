@@ -18,10 +18,9 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from cell.simulation import SimulatedCell, open_simulated_cell
-from robots.baxter.emulator.emulator import Emulator
-from robots.baxter.ros.node import open_node
-from robots.baxter.ros.topics import CameraTopics
 from robots.errors import CellError
+from robots.registry import find_robot
+from robots.ros.driver import EmulatedRobot
 
 __all__ = ["main"]
 
@@ -44,18 +43,19 @@ def main() -> None:
     with ExitStack() as closing:
         try:
             cell = closing.enter_context(open_simulated_cell(settings, seed))
+            driver = find_robot(settings.robot).driver
+            assert driver is not None  # checked before this process was started
+            emulator = closing.enter_context(driver.emulate(cell.ports, topics, PATIENCE_S))
         except CellError as error:
             connection.send(error)
             return
         gc.collect()
         gc.freeze()
-        _serve(connection, cell, topics)
+        _serve(connection, cell, emulator)
 
 
-def _serve(connection: Connection, cell: SimulatedCell, topics: CameraTopics) -> None:
+def _serve(connection: Connection, cell: SimulatedCell, emulator: EmulatedRobot) -> None:
     ports = cell.ports
-    node = open_node("baxter_emulator")
-    emulator = Emulator(ports, node, topics, patience=PATIENCE_S)
     ended = threading.Event()
     answers: Mapping[str, Callable[..., Any]] = {
         "truth": cell.truth.now,
@@ -83,10 +83,7 @@ def _serve(connection: Connection, cell: SimulatedCell, topics: CameraTopics) ->
             connection.close()
 
     threading.Thread(target=listen, name="outside", daemon=True).start()
-    try:
-        emulator.run(ended)
-    finally:
-        node.close()
+    emulator.run(ended)
 
 
 if __name__ == "__main__":

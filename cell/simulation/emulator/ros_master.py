@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 
-from robots.baxter.ros.installation import import_ros
+from robots.ros.installation import import_ros
 
 __all__ = ["main"]
 

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.noise import RobotNoise
-from robots.baxter.pybullet_body import BaxterBody
 from robots.errors import DriverError, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
 from robots.setpoint import clip_setpoint
+from robots.simulated_body import SimulatedBody, Simulation
 
 __all__ = ["SimulatedRobot"]
 
@@ -31,8 +31,6 @@ MOVING = 0.05
 that moves faster than this."""
 HEAD_SPEED = 0.6  # [rad/s]
 CIRCUIT = "the stop circuit is open"
-SHOULDER_PITCH = {Side.LEFT: 1, Side.RIGHT: 8}
-"""Index of S1 in a joint vector; positive rotation lowers the arm."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class _Setpoint:
 
 @dataclass(frozen=True)
 class _Drop:
-    """An active sudden drop: largest angle [rad] of S1, start and duration [s]."""
+    """An active sudden drop: largest angle [rad] of the joint that gives way, start and duration [s]."""
 
     start: float
     duration: float
@@ -60,7 +58,8 @@ class SimulatedRobot:
 
     def __init__(
         self,
-        body: BaxterBody,
+        body: SimulatedBody,
+        design: Simulation,
         model: RobotModel,
         noise: RobotNoise,
         rng: np.random.Generator,
@@ -68,14 +67,15 @@ class SimulatedRobot:
         ideal: bool,
     ) -> None:
         self._body, self._noise, self._rng, self._ideal = body, noise, rng, ideal
+        self._design, self._joints = design, len(q_start)
         self._limits = model.protective
-        self._brake = noise.brake * np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0] * 2)
+        self._brake = noise.brake * (self._limits.acceleration / self._limits.acceleration.min())
         scale = 0.0 if ideal else 1.0
-        self._bias = scale * noise.encoder_bias * rng.standard_normal(14)
+        self._bias = scale * noise.encoder_bias * rng.standard_normal(self._joints)
         self._lag = 0.0 if ideal else noise.lag.draw(rng)
         self._reading = int(rng.integers(2**31))
-        self._jitter = np.zeros(14)
-        self._effort = np.zeros(14)
+        self._jitter = np.zeros(self._joints)
+        self._effort = np.zeros(self._joints)
         self._drops: dict[Side, _Drop] = {}
         self._hung: dict[Side, Array] = {}
         """Where the motors of an arm stand that hangs, or that returns to its set-point afterwards [rad]."""
@@ -87,7 +87,7 @@ class SimulatedRobot:
         self._queue: deque[_Setpoint] = deque()
         self._active: _Setpoint | None = None
         self._sent = q_start.copy()
-        self._target, self._velocity = q_start.copy(), np.zeros(14)
+        self._target, self._velocity = q_start.copy(), np.zeros(self._joints)
         self._head_goal = self._head = 0.0
         self._step = 0
         self._t = 0.0
@@ -106,12 +106,14 @@ class SimulatedRobot:
         self._enabled = True
 
     def command(self, q: Array, qd: Array, delivered: bool = True) -> JointSetpoint:
-        """Accept a set-point (14,) [rad], (14,) [rad/s] and return the clipped set-point. delivered: whether it
+        """Accept a set-point (n,) [rad], (n,) [rad/s] and return the clipped set-point. delivered: whether it
         reaches the robot. Raises DriverError if the arms are stopped or not enabled, or for invalid vectors."""
         q, qd = np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64)
-        if q.shape != (14,) or qd.shape != (14,) or not (np.isfinite(q).all() and np.isfinite(qd).all()):
+        shape = (self._joints,)
+        if q.shape != shape or qd.shape != shape or not (np.isfinite(q).all() and np.isfinite(qd).all()):
             raise DriverError(
-                FailureKind.HARDWARE_FAULT, f"not two finite vectors of 14: shapes {q.shape}, {qd.shape}"
+                FailureKind.HARDWARE_FAULT,
+                f"not two finite vectors of {self._joints}: shapes {q.shape}, {qd.shape}",
             )
         reason = self._stopped_by()
         if reason is not None:
@@ -130,14 +132,14 @@ class SimulatedRobot:
         q, qd, _, pan = self._body.read()
         q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
         if not self._ideal:
-            n = np.random.default_rng((self._reading, self._step)).standard_normal((3, 14))
+            n = np.random.default_rng((self._reading, self._step)).standard_normal((3, self._joints))
             q += self._noise.encoder_noise * n[0]
             qd += self._noise.velocity_noise * n[1]
             effort = effort + self._noise.effort_noise * n[2]
         return JointState(self._t, frozen(q), frozen(qd), frozen(effort), pan)
 
     def command_pan(self, angle: float) -> None:
-        self._head_goal = float(np.clip(angle, -1.39, 1.39))
+        self._head_goal = float(np.clip(angle, -self._design.head_range, self._design.head_range))
 
     def trigger_stop(self, reason: str) -> None:
         """Set the stop, which the next physics step reads. Safe from any thread and from a signal handler."""
@@ -168,7 +170,7 @@ class SimulatedRobot:
     def resume(self, arrays: Mapping[str, Array], plain: Mapping[str, Any], opening: Mapping[Side, float]) -> None:
         """Restore a snapshot: arms at rest, motors off, no stop. opening: of each gripper [m]."""
         self._target, self._jitter = arrays["target"].copy(), arrays["jitter"].copy()
-        self._sent, self._velocity = self._target.copy(), np.zeros(14)
+        self._sent, self._velocity = self._target.copy(), np.zeros(self._joints)
         self._head, self._head_goal = plain["head"], plain["goal"]
         self._step, self._t = plain["step"], plain["t"]
         self._rng.bit_generator.state = plain["rng"]
@@ -219,26 +221,26 @@ class SimulatedRobot:
         self._sent = self._target
 
     def _disturbance(self, t: float, dt: float) -> Array:
-        """Return the offset (14,) from the set-point [rad]: jitter (Ornstein-Uhlenbeck process) and drops."""
+        """Return the offset (n,) from the set-point [rad]: jitter (Ornstein-Uhlenbeck process) and drops."""
         speed = np.abs(self._velocity)
         if self._ideal:
-            offset = np.zeros(14)
+            offset = np.zeros(self._joints)
         else:
             keep = math.exp(-dt / self._noise.jitter_time)
             kick = self._noise.jitter * math.sqrt(1.0 - keep**2)
-            self._jitter = keep * self._jitter + kick * self._rng.standard_normal(14)
+            self._jitter = keep * self._jitter + kick * self._rng.standard_normal(self._joints)
             offset = self._jitter * np.minimum(speed / MOVING, 1.0)
             for side, p in zip(Side, self._rng.random(2), strict=True):
                 if p < self._noise.drops_per_minute / 60.0 * dt and speed[arm_slice(side)].max() > MOVING:
                     self.drop(side, self._noise.drop_depth.draw(self._rng), self._noise.drop_time.draw(self._rng))
         for side, drop in list(self._drops.items()):
-            offset[SHOULDER_PITCH[side]] += drop.offset(t)
+            offset[arm_slice(side)][self._design.drop_joint] += self._design.drop_sign[side] * drop.offset(t)
             if t > drop.start + drop.duration:
                 del self._drops[side]
         return offset
 
     def _held_back(self, goal: Array, velocity: Array, dt: float) -> tuple[Array, Array]:
-        """Return motor positions and velocities (14,), (14,), of which those of arms that hang stand still. After
+        """Return motor positions and velocities (n,), (n,), of which those of arms that hang stand still. After
         it hung, an arm returns to its goal at its full speed."""
         goal, velocity = goal.copy(), velocity.copy()
         for side, place in list(self._hung.items()):
@@ -271,6 +273,6 @@ class SimulatedRobot:
     def drop(self, side: Side, depth: float, duration: float) -> None:
         """Begin a drop of an arm by `depth` [m] at the tool, which ends after `duration` [s]."""
         position, _ = self._body.tool_pose(side)
-        shoulder = np.array([0.12, 0.28 if side is Side.LEFT else -0.28])
+        shoulder = np.array(self._design.shoulder[side])
         reach = max(float(np.linalg.norm(position[:2] - shoulder)), 0.3)
         self._drops[side] = _Drop(self._t, duration, depth / reach)

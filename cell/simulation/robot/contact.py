@@ -6,16 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robots.baxter.pybullet_body import PAD_THICKNESS
+from robots.gripper_geometry import GripperGeometry
 from robots.ports import Array
 
-__all__ = ["FINGER_RADIUS", "HAND_RADIUS", "Stiffness", "Touch", "finger_axes", "fingertips", "hand_axis", "touch"]
-
-FINGER_RADIUS = 0.008
-FINGER_LENGTH = 0.085
-HAND_RADIUS = 0.040
-HAND_FROM, HAND_TO = 0.110, 0.200
-"""Ends of the gripper's body behind the fingers, along the tool's -z [m]."""
+__all__ = ["Stiffness", "Touch", "finger_axes", "fingertips", "hand_axis", "touch"]
 
 
 @dataclass(frozen=True)
@@ -37,10 +31,10 @@ class Touch:
     lift: float
 
 
-def fingertips(position: Array, rotation: Array, opening: float) -> Array:
+def fingertips(gripper: GripperGeometry, position: Array, rotation: Array, opening: float) -> Array:
     """Return the centres (2, 3) of the tips of fingers 0 and 1 (at the tool's +y and -y). opening: between the
     pads [m]."""
-    side = 0.5 * (opening + PAD_THICKNESS) * rotation[:, 1]
+    side = 0.5 * (opening + gripper.pad_thickness) * rotation[:, 1]
     return np.stack((position + side, position - side))
 
 
@@ -62,19 +56,19 @@ def touch(tips: Array, stack: Array, stiffness: Stiffness) -> Touch:
 
 
 def finger_axes(
-    position: Array, rotation: Array, opening: float, floor: Array, raised: float
+    gripper: GripperGeometry, position: Array, rotation: Array, opening: float, floor: Array, raised: float
 ) -> tuple[Array, Array]:
     """Return the lower and upper ends (2, 3), (2, 3) of the capsules that represent the fingers. floor: (2,)
     lowest height that the undersides of the capsules may have [m]: soft tips cannot press the cloth through the
     table. raised: height above the tips at which the capsules begin [m]."""
     back = -rotation[:, 2]
-    tips = fingertips(position, rotation, opening)
-    low = tips + (FINGER_RADIUS + raised) * back
-    low[:, 2] = np.maximum(low[:, 2], floor + FINGER_RADIUS)
-    return low, tips + FINGER_LENGTH * back
+    tips = fingertips(gripper, position, rotation, opening)
+    low = tips + (gripper.finger_radius + raised) * back
+    low[:, 2] = np.maximum(low[:, 2], floor + gripper.finger_radius)
+    return low, tips + gripper.finger_length * back
 
 
-def hand_axis(position: Array, rotation: Array) -> tuple[Array, Array]:
+def hand_axis(gripper: GripperGeometry, position: Array, rotation: Array) -> tuple[Array, Array]:
     """Return the ends (3,), (3,) of the capsule that represents the gripper's body."""
     back = -rotation[:, 2]
-    return position + HAND_FROM * back, position + HAND_TO * back
+    return position + gripper.hand_from * back, position + gripper.hand_to * back

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from cell.simulation.noise import GripperNoise
-from robots.baxter.pybullet_body import MAX_OPENING
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
 
@@ -19,7 +18,7 @@ MOVING = 5e-4
 
 
 class SimulatedGripper:
-    """One gripper. Without cloth the pads meet at opening 0 and do not press.
+    """One gripper, whose pads open to `max_opening` [m]. Without cloth they meet at opening 0 and do not press.
 
     caught(stroke, force): called when the pads, closing from `stroke` [m], reach the opening at which they catch
     cloth. It returns the thickness between them [m], 0 for nothing. opened(): called when they release the cloth.
@@ -28,13 +27,14 @@ class SimulatedGripper:
     def __init__(
         self,
         side: Side,
+        max_opening: float,
         noise: GripperNoise,
         seed: int,
         ideal: bool,
         caught: Callable[[float, float], float],
         opened: Callable[[], None],
     ) -> None:
-        self.side = side
+        self.side, self.max_opening = side, max_opening
         self._noise, self._seed, self._ideal = noise, seed, ideal
         self._caught, self._opened = caught, opened
         self.opening = 0.0
@@ -97,7 +97,7 @@ class SimulatedGripper:
             raise DriverError(
                 FailureKind.GRIPPER_FAULT, f"the {self.side} gripper reports an error", "calibrate it again"
             )
-        goal = float(np.clip(opening, 0.0, MAX_OPENING)), float(np.clip(force, 0.0, self._noise.max_force))
+        goal = float(np.clip(opening, 0.0, self.max_opening)), float(np.clip(force, 0.0, self._noise.max_force))
         if self._calibrating is not None:
             self._after = goal
             return
@@ -116,7 +116,7 @@ class SimulatedGripper:
         opening, force = self.opening, self.pressing
         if not self._ideal:
             n = np.random.default_rng((self._seed, self._step)).standard_normal(2)
-            opening = float(np.clip(opening + self._noise.opening_noise * n[0], 0.0, MAX_OPENING))
+            opening = float(np.clip(opening + self._noise.opening_noise * n[0], 0.0, self.max_opening))
             force = max(0.0, force + self._noise.force_noise * float(n[1]))
         arrived = self.holding and self._goal <= self._between
         moving = self._calibrating is not None or (
@@ -150,7 +150,7 @@ class SimulatedGripper:
     def _calibrate(self, dt: float) -> None:
         assert self._calibrating is not None
         self._calibrating -= dt
-        self._goal = 0.0 if self._calibrating > 0.5 * self._noise.calibration_time else MAX_OPENING
+        self._goal = 0.0 if self._calibrating > 0.5 * self._noise.calibration_time else self.max_opening
         if self._calibrating <= 0.0:
             self._calibrating, self._calibrated = None, True
             if self._after is not None:

@@ -25,10 +25,10 @@ from robots.baxter.emulator.loop_tasks import LoopTasks
 from robots.baxter.emulator.motors import Motors
 from robots.baxter.ros import topics
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node, Publisher
-from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError
 from robots.ports import Gripper, Ports, Side, arm_slice
+from robots.ros.node import Node, Publisher
+from robots.ros.settings import CameraTopics
 
 __all__ = ["Emulator"]
 

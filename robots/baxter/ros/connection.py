@@ -5,10 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from typing import Any
 
-from robots.baxter.ros.node import Node, master_address, open_node
 from robots.baxter.ros.ports.arms import RosArms
 from robots.baxter.ros.ports.camera import RosCamera
 from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
@@ -17,29 +15,17 @@ from robots.baxter.ros.ports.head import RosHead
 from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.ports.stop import RosStop
 from robots.baxter.ros.ports.tactile import RosTactile
-from robots.baxter.ros.topics import ROBOT_STATE, CameraTopics, joint_command
+from robots.baxter.ros.topics import ROBOT_STATE, joint_command
 from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Side, Stop
+from robots.ros.node import Node, master_address, open_node
+from robots.ros.settings import RosSettings
 
-__all__ = ["RosSettings", "connected", "connected_stop"]
+__all__ = ["connected", "connected_stop"]
 
 ANSWER_S = 5.0
 """Wall time within which every topic has to deliver a message [s]."""
-
-
-@dataclass(frozen=True)
-class RosSettings:
-    """Settings of the connection.
-
-    raw_position: switches the robot's own collision avoidance off and uses feed-forward for closer tracking.
-    tactile_rows: rows of cells on each pad. camera_settle: streaming time before a picture is used [s].
-    """
-
-    camera: CameraTopics = field(default_factory=CameraTopics)
-    raw_position: bool = False
-    tactile_rows: int = 4
-    camera_settle: float = 0.5
 
 
 @contextmanager

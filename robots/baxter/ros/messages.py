@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from robots.baxter.ros.installation import import_ros
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION, TORQUE, VELOCITY
+from robots.ros.installation import import_ros
 
 __all__ = ["Messages", "load_messages"]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from robots.ports import Side
 
 __all__ = [
@@ -15,7 +13,6 @@ __all__ = [
     "RESET",
     "ROBOT_STATE",
     "STOP",
-    "CameraTopics",
     "command_timeout",
     "gripper_command",
     "gripper_state",
@@ -78,14 +75,3 @@ def tactile(side: Side) -> str:
     (cells row by row, row 0 at the tips, [N]) and `tips` (two, [N]). The pads' reader publishes it, not Baxter
     itself."""
     return f"/tactile/{side}_gripper"
-
-
-@dataclass(frozen=True)
-class CameraTopics:
-    """Topics of the camera: the colour picture as sensor_msgs/Image (rgb8 or bgr8), the depth registered to it as
-    Image (32FC1 [m] or 16UC1 [mm]), and CameraInfo. The defaults are the names of openni2_launch with
-    depth_registration."""
-
-    rgb: str = "/camera/rgb/image_raw"
-    depth: str = "/camera/depth_registered/image_raw"
-    info: str = "/camera/rgb/camera_info"

@@ -18,7 +18,7 @@ from calibration.hand_eye import (
     closed_form,
     fit_hand_eye,
 )
-from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from robots.baxter.camera_mount import MOUNT
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import BoardPlace, CameraFrame, Side, arm_slice
@@ -26,7 +26,7 @@ from skills.motion.kinematics import ik
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
-CAMERA = CameraCalibration(INTRINSICS, np.linalg.inv(TABLE.T_base_table) @ T_base_camera(0.0))
+CAMERA = CameraCalibration(MOUNT.intrinsics, np.linalg.inv(TABLE.T_base_table) @ MOUNT.T_base_camera(0.0))
 
 
 def random_pose(rng: np.random.Generator, turn: float = 1.0, shift: float = 0.3) -> np.ndarray:
@@ -59,7 +59,7 @@ class Cell:
     def __init__(self, robot: RobotModel, seed: int, noise: float = 0.1, bias: float = 1e-3) -> None:
         rng = np.random.default_rng(seed)
         self.robot, self.rng, self.noise = robot, rng, noise
-        self.X = T_base_camera(0.0) @ random_pose(rng, 0.01, 0.003)
+        self.X = MOUNT.T_base_camera(0.0) @ random_pose(rng, 0.01, 0.003)
         self.Y = {side: BOARD.T_tool_board @ random_pose(rng, 0.05, 0.004) for side in Side}
         self.bias = bias * rng.standard_normal(14)
         self.q = np.array(robot.q_park)
@@ -81,14 +81,14 @@ class Cell:
         q = (self.q - self.bias)[arm_slice(self.side)]
         T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
         p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
-        k = INTRINSICS
+        k = MOUNT.intrinsics
         uv = p[:, :2] / p[:, 2:] * [k.fx, k.fy] + [k.cx, k.cy] + self.noise * self.rng.standard_normal((len(p), 2))
         return BoardView(np.arange(len(p)), uv, k.width, k.height)
 
     def views(self, count: int, sides: tuple[Side, ...] = tuple(Side)) -> list[HandView]:
         out = []
         for side in sides:
-            for T in board_poses(side, T_base_camera(0.0), HandEyeSettings(views=40)):
+            for T in board_poses(side, MOUNT.T_base_camera(0.0), HandEyeSettings(views=40)):
                 if sum(v.side is side for v in out) == count:
                     break
                 if self.reach(Reach(side, T @ np.linalg.inv(BOARD.T_tool_board))).ok:
@@ -98,7 +98,7 @@ class Cell:
 
 def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
     cell = Cell(robot, 0, noise=0.0, bias=0.0)
-    found = fit_hand_eye(robot, INTRINSICS, cell.views(6)).unwrap()
+    found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(6)).unwrap()
     assert off(cell.X, found.T_base_camera) == pytest.approx((0.0, 0.0), abs=1e-3)
     for side in Side:
         assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
@@ -107,7 +107,7 @@ def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
 def test_an_unmeasured_lens_shifts_the_pose_and_raises_its_deviation(robot: RobotModel) -> None:
     """An error of 1 % in the focal length looks like a camera that hangs higher: the residual stays small, but the
     pose is wrong."""
-    sheet = replace(INTRINSICS, fx=1.01 * INTRINSICS.fx, fy=1.01 * INTRINSICS.fy)
+    sheet = replace(MOUNT.intrinsics, fx=1.01 * MOUNT.intrinsics.fx, fy=1.01 * MOUNT.intrinsics.fy)
     cell = Cell(robot, 1)
     views = cell.views(8)
     sure = fit_hand_eye(robot, sheet, views, HandEyeSettings(8)).unwrap()
@@ -121,7 +121,7 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
     errors = []
     for seed in range(6):
         cell = Cell(robot, seed)
-        found = fit_hand_eye(robot, INTRINSICS, cell.views(12)).unwrap()
+        found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(12)).unwrap()
         errors.append(off(cell.X, found.T_base_camera))
         assert found.rms < 0.2 and found.position < 2e-3 and found.views == 24
         assert errors[-1][0] < 5.0 * 1e3 * found.position_sigma
@@ -132,7 +132,7 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
 def test_an_inaccurate_lens_calibration_shows_in_the_standard_deviation(robot: RobotModel) -> None:
     """An error of 0.2 % in the focal length moves the camera along its optical axis. The standard deviation covers
     this."""
-    wrong = replace(INTRINSICS, fx=1.002 * INTRINSICS.fx, fy=1.002 * INTRINSICS.fy)
+    wrong = replace(MOUNT.intrinsics, fx=1.002 * MOUNT.intrinsics.fx, fy=1.002 * MOUNT.intrinsics.fy)
     cell = Cell(robot, 0)
     found = fit_hand_eye(robot, wrong, cell.views(8)).unwrap()
     mm, _ = off(cell.X, found.T_base_camera)
@@ -149,7 +149,7 @@ def test_one_wrong_joint_reading_shows_in_the_standard_deviation(
     q = views[4].q.copy()
     q[1] += wrong
     views[4] = replace(views[4], q=q)
-    c = fit_hand_eye(robot, INTRINSICS, views).unwrap()
+    c = fit_hand_eye(robot, MOUNT.intrinsics, views).unwrap()
     mm, degrees = off(cell.X, c.T_base_camera)
     assert mm < 1.5e3 * c.position_sigma and degrees < 1.5 * np.rad2deg(c.angle_sigma)
 
@@ -162,25 +162,27 @@ def test_a_board_that_slips_in_the_hand_shows_in_the_standard_deviation(robot: R
         slipped[2, 3] = 0.005
         cell.Y = {side: Y @ slipped for side, Y in cell.Y.items()}
         views += cell.views(12, (Side.LEFT,))[6:]
-        outcome = fit_hand_eye(robot, INTRINSICS, views, HandEyeSettings(position_sigma=0.1, angle_sigma=0.1))
+        outcome = fit_hand_eye(
+            robot, MOUNT.intrinsics, views, HandEyeSettings(position_sigma=0.1, angle_sigma=0.1)
+        )
         c = outcome.unwrap()
         mm, degrees = off(cell.X, c.T_base_camera)
         assert mm < 1.2e3 * c.position_sigma and degrees < 1.2 * np.rad2deg(c.angle_sigma)
 
 
 def test_two_hands_reduce_the_standard_deviation(robot: RobotModel) -> None:
-    one = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
-    two = [fit_hand_eye(robot, INTRINSICS, Cell(robot, s).views(8)).unwrap() for s in range(3)]
+    one = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
+    two = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8)).unwrap() for s in range(3)]
     assert np.mean([c.position_sigma for c in two]) < np.mean([c.position_sigma for c in one])
 
 
 def test_uninformative_poses_and_pictures_are_refused(robot: RobotModel) -> None:
     views = Cell(robot, 1).views(6)
     still = [replace(v, q=views[0].q, view=views[0].view) for v in views if v.side is Side.LEFT]
-    wrong_lens = replace(INTRINSICS, fx=1.08 * INTRINSICS.fx)
+    wrong_lens = replace(MOUNT.intrinsics, fx=1.08 * MOUNT.intrinsics.fx)
     for lens, shown, word in (
-        (INTRINSICS, views[:3], "3 views"),
-        (INTRINSICS, still, "one axis"),
+        (MOUNT.intrinsics, views[:3], "3 views"),
+        (MOUNT.intrinsics, still, "one axis"),
         (wrong_lens, views, "miss"),
     ):
         refused = fit_hand_eye(robot, lens, shown).failure
@@ -193,7 +195,9 @@ def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, an
     from tests.unit.calibration.conftest import run
 
     monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb, board: cell.view())
-    frame = CameraFrame(0.0, 1, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), INTRINSICS)
+    frame = CameraFrame(
+        0.0, 1, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), MOUNT.intrinsics
+    )
     given = {Reach: cell.reach, Look: lambda _: Outcome(Sight(frame, cell.q.copy()))} | answers
     return run(calibrate_hand_eye(robot, CAMERA, TABLE, HandEyeSettings(views=views)), given)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.camera_mount import INTRINSICS, T_base_camera
-from robots.baxter.model import FINGER_JOINTS, load_model
+from robots.baxter.camera_mount import MOUNT
+from robots.baxter.gripper import GRIPPER
+from robots.baxter.model import load_model
 from robots.errors import ConfigurationError
 from robots.model import JointLimits, arm_chain
 from robots.ports import Side, arm_slice
@@ -71,7 +72,7 @@ def test_pads_close_along_the_tools_y_and_meet_at_its_origin(model, side):
 
     def tips(opening):
         q = model.configuration(np.linspace(-0.3, 0.9, 14))
-        left, right = FINGER_JOINTS[side]
+        (left, _), (right, _) = GRIPPER.finger_joints[side]
         q[pm.joints[pm.getJointId(left)].idx_q] = opening
         q[pm.joints[pm.getJointId(right)].idx_q] = -opening
         pin.framesForwardKinematics(pm, data, q)
@@ -137,8 +138,8 @@ def test_parked_arms_are_out_of_the_cameras_view(model):
     pm, geometry = model.pin_model, model.collision_model
     data, placed = pm.createData(), geometry.createData()
     pin.updateGeometryPlacements(pm, data, geometry, placed, model.configuration(model.q_park))
-    to_camera = np.linalg.inv(T_base_camera(model.head_pan))
-    k = INTRINSICS
+    to_camera = np.linalg.inv(MOUNT.T_base_camera(model.head_pan))
+    k = MOUNT.intrinsics
     # Inward normals of the four side planes, from the edges of the picture.
     planes = np.array(
         [

@@ -11,12 +11,13 @@ import pinocchio as pin
 import pybullet as pb
 import pytest
 
+from robots.baxter.gripper import GRIPPER
 from robots.baxter.model import load_model
-from robots.baxter.pybullet_body import MAX_OPENING, BaxterBody
+from robots.baxter.pybullet_body import load_body
 from robots.baxter.pybullet_files import moving_urdf, seen_urdf
 from robots.ports import Array, Side
 
-OPEN = dict.fromkeys(Side, MAX_OPENING)
+OPEN = dict.fromkeys(Side, GRIPPER.max_opening)
 STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
 
 
@@ -39,7 +40,7 @@ def pinocchio_pose(q: Array, side: Side) -> pin.SE3:
 
 
 def test_tool_poses_agree_with_pinocchio(client: int) -> None:
-    body = BaxterBody(client)
+    body = load_body(client)
     limits = load_model().planning
     rng = np.random.default_rng(2)
     for _ in range(5):
@@ -53,7 +54,7 @@ def test_tool_poses_agree_with_pinocchio(client: int) -> None:
 
 
 def test_stretched_arms_do_not_sag(client: int) -> None:
-    body = BaxterBody(client)
+    body = load_body(client)
     body.place(STRETCHED, 0.0, OPEN)
     for _ in range(240):
         body.drive(STRETCHED, np.zeros(14), 0.0, OPEN)
@@ -64,7 +65,7 @@ def test_stretched_arms_do_not_sag(client: int) -> None:
 
 
 def test_neighbouring_links_do_not_collide(client: int) -> None:
-    body = BaxterBody(client)
+    body = load_body(client)
     body.place(load_model().q_park, 0.0, OPEN)
     for _ in range(60):
         body.drive(load_model().q_park, np.zeros(14), 0.0, OPEN)
@@ -74,7 +75,7 @@ def test_neighbouring_links_do_not_collide(client: int) -> None:
 
 
 def test_arms_do_not_pass_through_each_other(client: int) -> None:
-    body = BaxterBody(client)
+    body = load_body(client)
     start = STRETCHED.copy()
     body.place(start, 0.0, OPEN)
     goal = start.copy()

@@ -10,7 +10,6 @@ import numpy as np
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.ports.stop import RosStop
@@ -25,6 +24,7 @@ from robots.baxter.ros.topics import (
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import Array, JointSetpoint, JointState, Side, arm_slice, frozen
+from robots.ros.node import Node
 from robots.setpoint import clip_setpoint
 
 __all__ = ["RosArms"]

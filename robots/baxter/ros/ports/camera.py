@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
-from robots.baxter.ros.topics import CameraTopics
 from robots.depth_averaging import EXPOSURES, mean_depth
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame, Intrinsics, frozen
+from robots.ros.node import Node
+from robots.ros.settings import CameraTopics
 
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 

@@ -10,9 +10,9 @@ from threading import Condition
 from typing import Any, Protocol
 
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.topics import CLOCK
 from robots.errors import DriverError, FailureKind
+from robots.ros.node import Node
 
 __all__ = ["RosClock", "TopicClock", "WallClock", "cell_clock"]
 

@@ -27,12 +27,12 @@ from robots.baxter.ros.electric_gripper import (
     RESET,
 )
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.topics import gripper_command, gripper_state
 from robots.errors import DriverError, FailureKind
 from robots.ports import GripperState, Side
+from robots.ros.node import Node
 
 __all__ = ["RosGripper"]
 

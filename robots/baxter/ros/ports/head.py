@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable
 
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.topics import HEAD_COMMAND
 from robots.errors import DriverError, FailureKind
 from robots.ports import JointState
+from robots.ros.node import Node
 
 __all__ = ["RosHead"]
 

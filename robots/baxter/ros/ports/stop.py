@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.topics import RESET, ROBOT_STATE, STOP
 from robots.errors import DriverError, FailureKind
 from robots.ports import StopState
+from robots.ros.node import Node
 
 __all__ = ["AssemblyState", "RosStop"]
 

@@ -13,9 +13,8 @@ from cell.config.calibration_file import calibration_text, load_camera_calibrati
 from cell.config.cell_settings import RENAMED_KEYS, CellSettings, default_settings_path, load_settings
 from cell.config.yaml_file import merge, read_yaml
 from cell.hardware.camera import camera_calibration
-from robots.baxter.ros.connection import RosSettings
-from robots.baxter.ros.topics import CameraTopics
 from robots.errors import ConfigurationError
+from robots.ros.settings import CameraTopics, RosSettings
 from skills.grasping.settings import GraspSettings
 from skills.perception.inspection.inspect import InspectionSettings
 from skills.perception.perceive import PerceptionSettings

@@ -7,8 +7,9 @@ import pytest
 from cell.hardware import driver
 from cell.hardware.driver import check_cell, is_simulated
 from cell.simulation import SimulationSettings
-from robots.baxter.ros import installation, messages
+from robots.baxter.ros import messages
 from robots.errors import ConfigurationError
+from robots.ros import installation
 
 TOWEL = SimulationSettings(garment="small_towel")
 

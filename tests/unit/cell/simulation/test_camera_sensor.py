@@ -15,14 +15,14 @@ from cell.simulation.camera.render_server import Picture, Scene, Shot
 from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_texture
 from cell.simulation.noise import load_noise
 from cell.simulation.settings import DEFAULT_TABLE
-from robots.baxter.camera_mount import INTRINSICS, T_base_camera
-from robots.baxter.model import JOINT_NAMES, load_model
+from robots.baxter.camera_mount import MOUNT
+from robots.baxter.model import FLOOR, JOINT_NAMES, load_model
 from robots.baxter.pybullet_files import seen_urdf
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array
 
 NOISE = load_noise().camera
-K = INTRINSICS
+K = MOUNT.intrinsics
 Z = DEFAULT_TABLE.height
 
 
@@ -40,7 +40,7 @@ def scene() -> Scene:
     xy, triangles = sheet()
     rng = np.random.default_rng(5)
     return Scene(
-        urdf=str(seen_urdf()), table=DEFAULT_TABLE, table_texture=table_texture(rng, "bare_table"),
+        urdf=str(seen_urdf()), floor=FLOOR, table=DEFAULT_TABLE, table_texture=table_texture(rng, "bare_table"),
         garment_uv=garment_uv(xy, np.zeros(len(xy), np.int32)), garment_triangles=triangles,
         garment_texture=np.full((8, 8, 3), (0, 0, 255), np.uint8), width=K.width, height=K.height,
         focal=(K.fx, K.fy), centre=(K.cx, K.cy), light=(0.4, 0.2, 2.5), ambient=0.6, diffuse=0.4,
@@ -48,11 +48,11 @@ def scene() -> Scene:
 
 
 def shot(vertices: Array | None) -> Shot:
-    return Shot(dict(zip(JOINT_NAMES, load_model().q_park.tolist(), strict=True)), vertices, T_base_camera())
+    return Shot(dict(zip(JOINT_NAMES, load_model().q_park.tolist(), strict=True)), vertices, MOUNT.T_base_camera())
 
 
 def project(points: Array) -> Array:
-    p = (points - T_base_camera()[:3, 3]) @ T_base_camera()[:3, :3]
+    p = (points - MOUNT.T_base_camera()[:3, 3]) @ MOUNT.T_base_camera()[:3, :3]
     uvw = p @ K.matrix.T
     return uvw[:, :2] / uvw[:, 2:]
 
@@ -77,7 +77,7 @@ def test_table_and_cloth_appear_at_their_pinhole_projections(renderer: Renderer)
     xy, _ = sheet()
     empty, laid = renderer.picture(shot(None)), renderer.picture(shot(lying(xy)))
     v, u = np.mgrid[80:400:16, 100:540:16].reshape(2, -1)
-    T = T_base_camera()
+    T = MOUNT.T_base_camera()
     ray = np.column_stack(((u - K.cx) / K.fx, (v - K.cy) / K.fy, np.ones(len(u)))) @ T[:3, :3].T
     np.testing.assert_allclose(empty.depth[v, u], (Z - T[2, 3]) / ray[:, 2], atol=2e-5)
     assert not blue(empty).any()

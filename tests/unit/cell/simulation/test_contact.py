@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cell.simulation.robot.contact import Stiffness, finger_axes, fingertips, touch
-from robots.baxter.pybullet_body import PAD_THICKNESS
+from robots.baxter.gripper import GRIPPER
 
 S = Stiffness(arm=1500.0, tip=2500.0, cloth=250.0)
 depth = st.floats(-0.02, 0.02)
@@ -35,13 +35,13 @@ def test_force_grows_with_the_layers_pressed() -> None:
 
 
 def test_the_distance_between_the_tips_follows_the_opening() -> None:
-    a, b = fingertips(np.zeros(3), np.diag([1.0, -1.0, -1.0]), 0.03)
-    assert np.linalg.norm(a - b) == pytest.approx(0.03 + PAD_THICKNESS)
+    a, b = fingertips(GRIPPER, np.zeros(3), np.diag([1.0, -1.0, -1.0]), 0.03)
+    assert np.linalg.norm(a - b) == pytest.approx(0.03 + GRIPPER.pad_thickness)
     assert a[1] < b[1]  # finger 0 is on the tool's +y side
 
 
 def test_fingers_rest_on_the_layers_below_them() -> None:
     down = np.diag([1.0, -1.0, -1.0])
-    low, high = finger_axes(np.array([0.5, 0, -0.01]), down, 0.02, np.array([0.003, 0.0]), 0.0)
+    low, high = finger_axes(GRIPPER, np.array([0.5, 0, -0.01]), down, 0.02, np.array([0.003, 0.0]), 0.0)
     assert low[:, 2].tolist() == pytest.approx([0.011, 0.008])
     assert (high[:, 2] > 0.07).all()

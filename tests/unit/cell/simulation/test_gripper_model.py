@@ -18,7 +18,7 @@ class Bench:
 
     def __init__(self, thickness: float = 0.0, calibrated: bool = True) -> None:
         self.thickness, self.closings, self.openings, self.t = thickness, [], 0, 0.0
-        self.gripper = SimulatedGripper(Side.LEFT, NOISE, 1, True, self.caught, self.opened)
+        self.gripper = SimulatedGripper(Side.LEFT, 0.0416, NOISE, 1, True, self.caught, self.opened)
         if calibrated:
             self.gripper.calibrate()
             self.run(NOISE.calibration_time + 0.5)

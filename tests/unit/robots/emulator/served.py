@@ -10,10 +10,10 @@ from typing import Any
 from robots.baxter.emulator import Emulator
 from robots.baxter.emulator.initial_state import NEW
 from robots.baxter.ros import topics
-from robots.baxter.ros.installation import import_ros
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import open_node
 from robots.ports import Ports
+from robots.ros.installation import import_ros
+from robots.ros.node import open_node
 
 __all__ = ["PATIENCE", "Program", "Serve", "TactileRecording", "wait"]
 

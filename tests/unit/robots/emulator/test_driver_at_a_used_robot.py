@@ -12,10 +12,11 @@ import pytest
 from served import Program, Serve, wait
 
 from robots.baxter.emulator.initial_state import NEW, USED, InitialState
-from robots.baxter.ros.connection import RosSettings, connected
+from robots.baxter.ros.connection import connected
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import BoardPlace, GripperState, Ports, Side
+from robots.ros.settings import RosSettings
 from tests.fakes import FakeCell
 
 # a warning of rospy

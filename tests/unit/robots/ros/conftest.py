@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from puppet import CAMERA, COMMANDS, Connect, Puppet, wait
 
-from robots.baxter.ros.connection import RosSettings, connected
-from robots.baxter.ros.node import Node, open_node
-from robots.baxter.ros.topics import CameraTopics
+from robots.baxter.ros.connection import connected
 from robots.model import JointLimits
 from robots.ports import BoardPlace, Ports
+from robots.ros.node import Node, open_node
+from robots.ros.settings import CameraTopics, RosSettings
 
 
 class Person:

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from robots.baxter.model import JOINT_NAMES
-from robots.baxter.ros.installation import import_ros
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import open_node
 from robots.ports import Ports, Side, arm_slice
+from robots.ros.installation import import_ros
+from robots.ros.node import open_node
 
 __all__ = ["CAMERA", "COMMANDS", "Connect", "HandClock", "Puppet", "wait"]
 

@@ -15,9 +15,9 @@ import pytest
 from puppet import CAMERA, COMMANDS, HAND, JOINTS, LIMB, PADS, STATE, Connect, Puppet, wait
 
 from robots.baxter.ros import connection
-from robots.baxter.ros.node import Node, master_address, open_node
 from robots.errors import ConfigurationError
 from robots.ports import Side
+from robots.ros.node import Node, master_address, open_node
 from tests.rosmaster import free_port
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
@@ -78,7 +78,7 @@ def test_a_missing_simulated_clock_is_named(node: Node, connect: Connect, monkey
 def second_robot(rosmaster: str) -> Iterator[None]:
     program = textwrap.dedent("""
         import sys
-        from robots.baxter.ros.installation import import_ros
+        from robots.ros.installation import import_ros
         from robots.baxter.ros.messages import load_messages
         rospy = import_ros()
         rospy.init_node("second_robot", disable_signals=True, disable_rosout=True, disable_rostime=True)
@@ -107,7 +107,7 @@ def test_two_robots_on_the_network_are_refused(connect: Connect) -> None:
 
 
 OPEN_NODE = """
-from robots.baxter.ros.node import open_node
+from robots.ros.node import open_node
 from robots.errors import ConfigurationError
 try:
     open_node("anybody")

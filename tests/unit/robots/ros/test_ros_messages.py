@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
-from robots.baxter.ros import installation, joint_modes
-from robots.baxter.ros.installation import PACKAGES, import_ros
+from robots.baxter.ros import joint_modes
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import open_node
 from robots.errors import ConfigurationError
+from robots.ros import installation
+from robots.ros.installation import PACKAGES, import_ros
+from robots.ros.node import open_node
 from tests.optional_parts import ROS
 
 PUBLISHED = {

@@ -10,7 +10,7 @@ from benchmarks.perception.scenes import TABLE, draw_scene, open_studio
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.camera.render_server import Shot, leading
 from cell.simulation.garment.fabric import garment_uv
-from robots.baxter.camera_mount import INTRINSICS
+from robots.baxter.camera_mount import MOUNT
 from skills.perception.perceive import perceive
 
 
@@ -34,7 +34,7 @@ def test_the_camera_shows_every_triangle_of_a_garment_in_two_layers():
         bare, seen = (studio.picture(Shot({}, x, studio.T_base_camera)) for x in (None, above))
         T = np.linalg.inv(studio.T_table_camera)
     c = piece.vertices @ T[:3, :3].T + T[:3, 3]
-    k = INTRINSICS
+    k = MOUNT.intrinsics
     pixels = np.round((c[:, :2] / c[:, 2:] * (k.fx, k.fy) + (k.cx, k.cy)) * 16).astype(np.int32)
     drawn = np.zeros(seen.depth.shape, np.uint8)
     for triangle in piece.mesh.triangles:

@@ -13,7 +13,7 @@ from cell.simulation.camera.slabs import hand_over, square_cloth, with_slabs
 from cell.simulation.faults import Fault, FaultBoard, FaultKind
 from cell.simulation.faults.camera_faults import CameraFaults, holes
 from cell.simulation.noise import load_noise
-from robots.baxter.camera_mount import INTRINSICS, T_base_camera
+from robots.baxter.camera_mount import MOUNT
 from robots.errors import DriverError
 from robots.ports import CameraFrame
 
@@ -25,7 +25,7 @@ TABLE = -0.10
 def plane() -> Picture:
     """The table of the cell in the camera's picture, grey, without anything on it."""
     v, u = np.mgrid[0:480, 0:640]
-    k, T = INTRINSICS, T_base_camera()
+    k, T = MOUNT.intrinsics, MOUNT.T_base_camera()
     rays = np.stack(((u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones_like(u, float)), axis=-1)
     depth = (TABLE - T[2, 3]) / (rays @ T[2, :3])
     return Picture(np.full((480, 640, 3), 120, np.uint8), depth.astype(np.float32))
@@ -37,10 +37,12 @@ class Watched:
     def __init__(self, kind: FaultKind, **traits: float) -> None:
         self.t, self.board = 0.0, FaultBoard()
         self.board.add(Fault(kind, at=1.0, **traits))  # type: ignore[arg-type]
-        scene = SimpleNamespace(focal=(INTRINSICS.fx, INTRINSICS.fy), centre=(INTRINSICS.cx, INTRINSICS.cy))
+        scene = SimpleNamespace(
+            focal=(MOUNT.intrinsics.fx, MOUNT.intrinsics.fy), centre=(MOUNT.intrinsics.cx, MOUNT.intrinsics.cy)
+        )
         renderer = SimpleNamespace(scene=scene, picture=self._picture)
         camera = SimulatedCamera(
-            renderer, INTRINSICS, load_noise().camera, 1, lambda: Shot({}, None, T_base_camera()),  # type: ignore[arg-type]
+            renderer, MOUNT.intrinsics, load_noise().camera, 1, lambda: Shot({}, None, MOUNT.T_base_camera()),  # type: ignore[arg-type]
             lambda: self.t, ideal=True,
         )  # fmt: skip
         self.faults = CameraFaults(self.board, camera)
@@ -109,7 +111,7 @@ def test_a_late_picture_is_as_late_as_stated() -> None:
 
 def test_a_second_garment_lies_where_it_is_and_is_as_high_as_stated() -> None:
     """The square's area in the picture agrees with its area on the table, by each pixel's own footprint."""
-    before, k, T = plane(), INTRINSICS, T_base_camera()
+    before, k, T = plane(), MOUNT.intrinsics, MOUNT.T_base_camera()
     cloth = square_cloth(np.array([0.6, 0.1]), 0.2, 0.3, TABLE + 0.004, (10, 20, 200))
     after = with_slabs(before, [cloth], T, (k.fx, k.fy), (k.cx, k.cy))
     covered = (after.rgb == (10, 20, 200)).all(axis=-1)
@@ -124,7 +126,7 @@ def test_a_second_garment_lies_where_it_is_and_is_as_high_as_stated() -> None:
 
 
 def test_a_hand_hides_what_is_under_it_and_leaves_the_picture() -> None:
-    before, k, T = plane(), INTRINSICS, T_base_camera()
+    before, k, T = plane(), MOUNT.intrinsics, MOUNT.T_base_camera()
     after = with_slabs(before, [hand_over(np.array([0.6, 0.0]), TABLE + 0.08, 0.0)], T, (k.fx, k.fy), (k.cx, k.cy))
     covered = after.depth < before.depth
     assert covered[0].any() or covered[-1].any(), "the forearm reaches the edge of the picture"
@@ -133,7 +135,7 @@ def test_a_hand_hides_what_is_under_it_and_leaves_the_picture() -> None:
 
 
 def test_what_is_nearer_to_the_camera_than_a_slab_stays_visible() -> None:
-    before, k, T = plane(), INTRINSICS, T_base_camera()
+    before, k, T = plane(), MOUNT.intrinsics, MOUNT.T_base_camera()
     before.depth[200:280, 280:360] -= 0.3
     after = with_slabs(before, [hand_over(np.array([0.6, 0.0]), TABLE + 0.08, 0.0)], T, (k.fx, k.fy), (k.cx, k.cy))
     np.testing.assert_array_equal(after.rgb[200:280, 280:360], 120)

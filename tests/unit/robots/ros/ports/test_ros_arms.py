@@ -11,13 +11,13 @@ from puppet import ENABLE, JOINTS, LIMB, NAMES, STATE, STOP, Connect, HandClock,
 
 from robots.baxter.model import JOINT_NAMES
 from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports import arms as arms_module
 from robots.baxter.ros.ports.arms import RosArms
 from robots.baxter.ros.ports.stop import RosStop
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import Array, Ports, Side, arm_slice
+from robots.ros.node import Node
 from robots.setpoint import JUMP_TIME
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy

@@ -12,14 +12,14 @@ import pytest
 from puppet import CAMERA, HandClock, Puppet, wait
 
 from cell.executive.effects.seeing import PICTURE_AGE
-from robots.baxter.ros.installation import find_ros
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports import camera as camera_module
 from robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, read_intrinsics
-from robots.baxter.ros.topics import CameraTopics
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame
+from robots.ros.installation import find_ros
+from robots.ros.node import Node
+from robots.ros.settings import CameraTopics
 from tests.optional_parts import ROS
 
 pytestmark = [

@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import pytest
 from puppet import Puppet, wait
 
-from robots.baxter.ros.installation import import_ros
 from robots.baxter.ros.messages import load_messages
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports import clock as clock_module
 from robots.baxter.ros.ports.clock import TopicClock, WallClock, cell_clock
 from robots.errors import DriverError, FailureKind
+from robots.ros.installation import import_ros
+from robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 

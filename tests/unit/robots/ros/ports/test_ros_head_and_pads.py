@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from puppet import HEAD, PADS, HandClock, Puppet, pads, wait
 
-from robots.baxter.ros.node import Node
 from robots.baxter.ros.ports.head import RosHead
 from robots.baxter.ros.ports.tactile import RosTactile
 from robots.errors import DriverError
 from robots.ports import JointState, Ports, Side
+from robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
 LEFT = Side.LEFT

@@ -1,4 +1,4 @@
-"""Cache of converted models of Baxter in the user's cache folder, and mesh simplification for them."""
+"""Cache of converted models of robots in the user's cache folder, and mesh simplification for them."""
 
 from __future__ import annotations
 
@@ -14,33 +14,31 @@ import platformdirs
 import trimesh
 from numpy.typing import NDArray
 
-from robots.baxter.model import baxter_urdf_path
 from robots.errors import StorageError
 from robots.ports import Array
 
 __all__ = ["cached_urdf", "thinned"]
 
-URDF = "baxter.urdf"
 
-
-def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
+def cached_urdf(source: Path, name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
     """Return the path of the URDF in the cache folder `name`. `write` creates the URDF if it is missing.
 
-    made_with: text that identifies the parameters of the conversion. Each text has a separate folder. write(build,
-    folder): writes `URDF` and its meshes into `build`, with paths that refer to `folder`. Raises StorageError if
-    the cache cannot be written.
+    source: the robot's URDF; the converted URDF has the same file name. made_with: text that identifies the
+    parameters of the conversion. Each source and text has a separate folder. write(build, folder): writes the URDF
+    and its meshes into `build`, with paths that refer to `folder`. Raises StorageError if the cache cannot be
+    written.
     """
-    digest = hashlib.sha256(baxter_urdf_path().read_bytes() + made_with.encode()).hexdigest()[:12]
+    digest = hashlib.sha256(source.read_bytes() + made_with.encode()).hexdigest()[:12]
     folder = Path(platformdirs.user_cache_dir("foldcell")) / f"{name}-{digest}"
-    urdf = folder / URDF
+    urdf = folder / source.name
     if urdf.is_file():
         return urdf
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        build = Path(tempfile.mkdtemp(prefix=".baxter-", dir=folder.parent))
+        build = Path(tempfile.mkdtemp(prefix=f".{source.stem}-", dir=folder.parent))
         try:
             write(build, folder)
-            _publish(build, folder)
+            _publish(build, urdf)
         finally:
             shutil.rmtree(build, ignore_errors=True)
     except OSError as error:
@@ -52,13 +50,13 @@ def cached_urdf(name: str, made_with: str, write: Callable[[Path, Path], None]) 
     return urdf
 
 
-def _publish(build: Path, folder: Path) -> None:
-    """Rename the finished folder atomically. If another process was faster, use that process's folder."""
+def _publish(build: Path, urdf: Path) -> None:
+    """Rename the finished folder of `urdf` atomically. If another process was faster, use its folder."""
     build.chmod(0o755)
     try:
-        os.rename(build, folder)
+        os.rename(build, urdf.parent)
     except OSError:
-        if not (folder / URDF).is_file():
+        if not urdf.is_file():
             raise
 
 

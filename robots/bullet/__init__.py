@@ -1,0 +1,1 @@
+"""A robot's body in PyBullet, described by its URDF."""
