@@ -50,6 +50,9 @@ MAX_CANDIDATES = 8
 ENOUGH_CANDIDATES = 3
 """Once an arm has this number of feasible postures, leans that cost over 1 more than the cheapest posture are not
 tried."""
+WIDE_CANDIDATES = 24
+"""Number of feasible postures per arm if both arms have some, but no two of them together: hands close to one
+another, as on the two ends of a cuff, need leans away from each other."""
 MAX_CHOICES = 5
 """Maximum number of choices from one assignment of the arms."""
 AT_LIMIT_COST = 2.0
@@ -183,13 +186,18 @@ def rank_postures(
         tally = _Tally(swapped)
         tallies.append(tally)
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
-        for changing in (False, True):
-            if changing and (found or not all(tally.started[arm] for arm in arms)):
+        for changing, wide in ((False, False), (False, True), (True, False)):
+            if found:
+                break
+            if wide and (len(arms) < 2 or not all(candidates.values())):
+                continue
+            if changing and not all(tally.started[arm] for arm in arms):
                 break  # A changing lean starts like a constant one, so it does not reach the start either.
             for arm, i in arms.items():
-                candidates[arm] += _candidates(
-                    model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally
+                new = _candidates(
+                    model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally, wide
                 )
+                candidates[arm] = new if wide else candidates[arm] + new
             found += _collision_free_combinations(
                 checker, candidates, q_now, SWAP_COST if swapped else 0.0, avoid, tally
             )
@@ -215,13 +223,15 @@ def _candidates(
     arms_used: Sequence[Side],
     leans: Sequence[tuple[float, float, float, float, bool]],
     tally: _Tally,
+    wide: bool,
 ) -> list[_Candidate]:
-    """Find postures of one arm that reach every pose without touching body or table, the cheapest lean first."""
+    """Find postures of one arm that reach every pose without touching body or table, the cheapest lean first.
+    wide: WIDE_CANDIDATES of them, also with leans that cost much."""
     position = in_base(table, path.position)
     seeds = ik.arm_seeds(model, arm, q_now)
     kept: list[_Candidate] = []
     for lean, pitch, roll, change, turned in leans:
-        if len(kept) >= ENOUGH_CANDIDATES and lean > min(c.cost for c in kept) + 1.0:
+        if not wide and len(kept) >= ENOUGH_CANDIDATES and lean > min(c.cost for c in kept) + 1.0:
             break
         posture = Posture(grasp_id, turned, pitch, roll, change)
         rotation = posture.rotation(path)
@@ -239,7 +249,7 @@ def _candidates(
                 kept.append(_Candidate(posture, q, cost))
                 break
             tally.arm_contacts[arm][str(contact)] += 1
-        if len(kept) >= MAX_CANDIDATES:
+        if len(kept) >= (WIDE_CANDIDATES if wide else MAX_CANDIDATES):
             break
     return kept
 

@@ -107,6 +107,17 @@ def tools(side, q):
     return np.array([MODEL.tool_pose(side, x) for x in q])
 
 
+def test_hands_on_the_two_ends_of_a_cuff_lean_away_from_each_other(checker, monkeypatch):
+    """The grasps are 117 mm apart. With the cheapest leans of each arm alone, the wrists touch."""
+    left = (0.7723, 0.3929, 0.0), (0.7110, 0.0270, 0.0066)
+    right = (0.6735, 0.3314, 0.0), (0.6376, 0.1174, 0.0066)
+    step, paths = fold({GraspId.LEFT: left, GraspId.RIGHT: right}, -0.166, height=0.457)
+    motion = planned(checker, step, paths, lift=0.03).unwrap()
+    assert checker.first_collision(motion.fold.q, allow_fingertips=True) is None
+    monkeypatch.setattr("skills.motion.moves.posture_search.WIDE_CANDIDATES", 8)
+    assert "not both together" in planned(checker, step, paths, lift=0.03).failure.what
+
+
 @pytest.mark.parametrize("angle_deg", [0, 10])
 @pytest.mark.parametrize("number", [1, 2])
 @pytest.mark.parametrize("name", list(TOWELS))
