@@ -105,7 +105,7 @@ def _tools_watched(model: RobotModel) -> Iterator[list[float]]:
             return read
         if before is not None and sent.stamp - before.stamp < TICK_S / 2:  # not the first set-point
             for side in Side:
-                cut, chain = arm_slice(side), model.chains[side]
+                cut, chain = arm_slice(side, 14), model.chains[side]
                 gap = tool_pose(chain, before.q[cut]) - tool_pose(chain, q[cut])
                 off.append(float(np.linalg.norm(gap[:3, 3])))
         before = read.value

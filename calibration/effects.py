@@ -48,7 +48,7 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """A picture, and the mean joint positions q (14,) when it was taken [rad]."""
+    """A picture, and the mean joint positions q (joints,) when it was taken [rad]."""
 
     frame: CameraFrame
     q: Array
@@ -143,7 +143,7 @@ def look() -> Procedure[Sight]:
 
 
 def reach(side: Side, T_base_tool: Array) -> Procedure[Array]:
-    """Move one tool to a pose. Returns the joints (14,) there [rad]."""
+    """Move one tool to a pose. Returns the joints (joints,) there [rad]."""
     return (yield Reach(side, T_base_tool))
 
 

@@ -91,7 +91,7 @@ class HandEyeSettings:
 
 @dataclass(frozen=True, eq=False)
 class HandView:
-    """One image of the board in a hand. q: (7,) joints of that arm [rad]; view: the found corners."""
+    """One image of the board in a hand. q: (arm,) joints of that arm [rad]; view: the found corners."""
 
     side: Side
     q: Array
@@ -106,7 +106,7 @@ class HandEyeCalibration:
 
     position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It
     includes the errors of the corners, the joints' zeros, the intrinsics and the print, and the scatter of the
-    views. joint_offsets: hand -> (7,) estimated joint zeros, which the fit subtracts from the readings [rad].
+    views. joint_offsets: hand -> (arm,) estimated joint zeros, which the fit subtracts from the readings [rad].
     """
 
     T_base_camera: Array
@@ -167,12 +167,12 @@ def _views_in(
         sight = yield from look()
         if sight.failure:
             return Outcome(failure=sight.failure)
-        rgb, n = sight.unwrap().frame.rgb, len(views) + 1
+        rgb, q, n = sight.unwrap().frame.rgb, sight.unwrap().q, len(views) + 1
         view = find_board(rgb, board)
         if view is None or len(view.index) < settings.min_corners:
             yield from note(f"{side} hand: pose rejected, {0 if view is None else len(view.index)} corners")
             continue
-        views.append(HandView(side, frozen(sight.unwrap().q[arm_slice(side)]), view))
+        views.append(HandView(side, frozen(q[arm_slice(side, len(q))]), view))
         yield from note(
             f"{side} hand, view {n} of {settings.views}: {len(view.index)} corners",
             draw_view(rgb, view), f"board-{side}-{n:02}",
@@ -270,7 +270,7 @@ def fit_hand_eye(
 
 class _Problem:
     """The least-squares problem. Its unknowns form one vector: a twist on X, then for each hand a twist on Y and
-    seven joint offsets in units of joint_sigma."""
+    joint offsets in units of joint_sigma."""
 
     def __init__(
         self,

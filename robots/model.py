@@ -20,7 +20,7 @@ __all__ = ["ArmChain", "JointLimits", "RobotModel", "arm_chain"]
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of the 14 joints: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
+    """Limits (joints,) of both arms: lower, upper [rad], velocity [rad/s], acceleration [rad/s2], jerk [rad/s3].
 
     Raises ConfigurationError for an empty position range, and for other limits that are not positive and finite.
     """
@@ -60,10 +60,10 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class ArmChain:
-    """One arm as seven revolute joints, each about the z axis of its own frame.
+    """One arm as a chain of revolute joints, each about the z axis of its own frame.
 
-    rotation (8, 3, 3), translation (8, 3): fixed placement before each joint. The first placement is relative to
-    the base frame. The eighth leads from the last joint to the tool frame.
+    rotation (arm + 1, 3, 3), translation (arm + 1, 3): fixed placement before each joint. The first placement is
+    relative to the base frame. The last one leads from the last joint to the tool frame.
     """
 
     rotation: Array
@@ -72,13 +72,13 @@ class ArmChain:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """The description of a robot that the skills use. Vectors of 14 have the order left arm, right arm
+    """The description of a robot that the skills use. Joint vectors have the order left arm, right arm
     (robots.ports).
 
     pin_model: the whole robot, including other joints. collision_model: its geometry with the pairs to check.
-    joint_index: (14,) index of each arm joint in a configuration of pin_model. q_rest: (nq,) assumed positions of
-    the other joints. tool_frame: name of each arm's tool frame. planning: limits of planned motions;
-    commissioning: the slow limits; protective: limits of the hardware in a protective stop. q_park: (14,) both
+    joint_index: (joints,) index of each arm joint in a configuration of pin_model. q_rest: (nq,) assumed positions
+    of the other joints. tool_frame: name of each arm's tool frame. planning: limits of planned motions;
+    commissioning: the slow limits; protective: limits of the hardware in a protective stop. q_park: (joints,) both
     arms out of the camera's view [rad]. head_pan: nominal angle of the head [rad]. floor: height of the floor in
     the base frame [m]. fingertips: collision objects of each arm that may touch the table in a grasp.
     """
@@ -108,35 +108,63 @@ class RobotModel:
         return replace(chosen, velocity=frozen(self.protective.velocity * velocity_scale))
 
     def configuration(self, q: Array) -> Array:
-        """Convert arm joints (14,) to a configuration (nq,) of `pin_model`."""
+        """Convert arm joints (joints,) to a configuration (nq,) of `pin_model`."""
         full = self.q_rest.copy()
         full[self.joint_index.astype(np.intp)] = q
         return full
 
     def tool_pose(self, side: Side, q: Array) -> Array:
-        """Compute T_base_tool (4, 4) at joint vector q (14,) with Pinocchio."""
+        """Compute T_base_tool (4, 4) at joint vector q (joints,) with Pinocchio."""
         data = self.pin_model.createData()
         pin.framesForwardKinematics(self.pin_model, data, self.configuration(q))
         T: Array = data.oMf[self.pin_model.getFrameId(self.tool_frame[side])].homogeneous
         return T
 
     def park(self, side: Side) -> Array:
-        """Return the parked arm's joints (7,) [rad]."""
-        return self.q_park[arm_slice(side)]
+        """Return the parked arm's joints (arm,) [rad]."""
+        return self.q_park[self.arm(side)]
+
+    def arm(self, side: Side) -> slice:
+        """Return the slice of an arm's joints in a joint vector."""
+        return arm_slice(side, len(self.q_park))
 
 
 def arm_chain(model: pin.Model, joints: tuple[str, ...], tool_frame: str) -> ArmChain:
-    """Return the chain of seven joints that ends in `tool_frame`. Raises ValueError if there is no such chain."""
+    """Return the chain of revolute joints that ends in `tool_frame`. Raises ValueError if there is no such
+    chain."""
     ids = [model.getJointId(name) for name in joints]
+    axes = []
     for before, joint in zip([0, *ids], ids, strict=False):
-        if model.joints[joint].shortname() != "JointModelRZ" or model.parents[joint] != before:
+        axis = _axis(model.joints[joint])
+        if axis is None or model.parents[joint] != before:
             raise ValueError(
-                f"{model.names[joint]} is not a revolute joint about z that follows {model.names[before]}"
+                f"{model.names[joint]} is not a revolute joint with limits that follows {model.names[before]}"
             )
+        axes.append(_z_to(axis))
     frame = model.frames[model.getFrameId(tool_frame)]
     if frame.parentJoint != ids[-1]:
         raise ValueError(f"{tool_frame} is not fixed to {joints[-1]}")
     placements = [model.jointPlacements[i] for i in ids] + [frame.placement]
-    return ArmChain(
-        frozen(np.array([p.rotation for p in placements])), frozen(np.array([p.translation for p in placements]))
-    )
+    back, rotations, translations = np.eye(3), [], []
+    for placement, to in zip(placements, [*axes, np.eye(3)], strict=True):
+        rotations.append(back @ placement.rotation @ to)
+        translations.append(back @ placement.translation)
+        back = to.T
+    return ArmChain(frozen(np.array(rotations)), frozen(np.array(translations)))
+
+
+def _axis(joint: pin.JointModel) -> Array | None:
+    """Return the axis (3,) of a revolute joint with limits in its own frame, or None for another joint."""
+    kind = joint.shortname()
+    if kind == "JointModelRevoluteUnaligned":
+        return np.array(joint.extract().axis)
+    return {f"JointModelR{name}": axis for name, axis in zip("XYZ", np.eye(3), strict=True)}.get(kind)
+
+
+def _z_to(axis: Array) -> Array:
+    """Return a rotation (3, 3) that turns z to a unit vector (3,)."""
+    if axis[2] == 1.0:
+        return np.eye(3)
+    other = np.cross((0.0, 0.0, 1.0), axis)
+    side = other / np.linalg.norm(other) if np.linalg.norm(other) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.column_stack((side, np.cross(axis, side), axis))

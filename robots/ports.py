@@ -12,8 +12,9 @@ camera  OpenCV's convention: z along the view, x right, y down.
 tool    origin between the tips of the pads (the tool centre point); z out of the hand (down when the hand
         points at the table), y in the closing direction of the pads, x along the width of the pads.
 
-Joint vectors have 14 entries: the left arm's seven, then the right arm's seven, each from shoulder to wrist.
-Arrays inside a value are read-only.
+Joint vectors have one entry for each joint: those of the left arm, then those of the right arm, each from shoulder
+to wrist. Both arms have the same number of joints. In shapes, `joints` is the number of both arms together (14 for
+a robot with seven joints in each arm), `arm` that of one arm. Arrays inside a value are read-only.
 
 Every value has a stamp. A getter never blocks, never raises because a value is late, and never invents a value.
 The reader judges the age of the value.
@@ -75,9 +76,10 @@ class Side(StrEnum):
         return Side.RIGHT if self is Side.LEFT else Side.LEFT
 
 
-def arm_slice(side: Side) -> slice:
-    """Return the slice of an arm's seven joints in a vector of 14."""
-    return slice(0, 7) if side is Side.LEFT else slice(7, 14)
+def arm_slice(side: Side, joints: int) -> slice:
+    """Return the slice of an arm's joints in a vector of `joints` entries for both arms."""
+    half = joints // 2
+    return slice(0, half) if side is Side.LEFT else slice(half, joints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,7 @@ class CameraFrame:
 
 @dataclass(frozen=True, eq=False)
 class JointState:
-    """Both arms and the head. q, qd, effort: (14,) [rad], [rad/s], [Nm]; head_pan [rad]."""
+    """Both arms and the head. q, qd, effort: (joints,) [rad], [rad/s], [Nm]; head_pan [rad]."""
 
     stamp: float
     q: Array
@@ -124,7 +126,7 @@ class JointState:
 
 @dataclass(frozen=True, eq=False)
 class JointSetpoint:
-    """The set-point that a driver sent: q, qd (14,) [rad], [rad/s] after clipping, and whether it clipped."""
+    """The set-point that a driver sent: q, qd (joints,) [rad], [rad/s] after clipping, and whether it clipped."""
 
     stamp: float
     q: Array
@@ -136,8 +138,8 @@ class JointSetpoint:
 class ArmTrajectory:
     """A synchronous motion of both arms as a table over time.
 
-    t: (n,) [s] from 0, strictly increasing; q, qd, qdd: (n, 14) [rad], [rad/s], [rad/s2]. Between samples q is the
-    cubic Hermite interpolant.
+    t: (n,) [s] from 0, strictly increasing; q, qd, qdd: (n, joints) [rad], [rad/s], [rad/s2]. Between samples q is
+    the cubic Hermite interpolant.
     """
 
     t: Array
@@ -150,7 +152,7 @@ class ArmTrajectory:
         return float(self.t[-1])
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Return position and velocity (14,), (14,) at time t [s], clamped to the ends."""
+        """Return position and velocity (joints,), (joints,) at time t [s], clamped to the ends."""
         if t <= self.t[0]:
             return self.q[0], np.zeros(self.q.shape[1])
         if t >= self.t[-1]:
@@ -215,7 +217,7 @@ class Clock(Protocol):
 
 
 class Arms(Protocol):
-    """Both arms as one position-controlled device of 14 joints, commanded at 100 Hz.
+    """Both arms as one position-controlled device, commanded at 100 Hz.
 
     A command is valid for `command_timeout` seconds. Without a new command the arms hold their position.
     """
@@ -228,7 +230,7 @@ class Arms(Protocol):
         """Clear faults and switch the motors on. Raises DriverError if the robot refuses."""
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Send one set-point q, qd (14,) [rad], [rad/s]. Returns the set-point after clipping."""
+        """Send one set-point q, qd (joints,) [rad], [rad/s]. Returns the set-point after clipping."""
 
 
 class Head(Protocol):

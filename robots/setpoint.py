@@ -16,9 +16,9 @@ JUMP_TIME = 0.04
 def clip_setpoint(
     q: Array, qd: Array, before: Array, stands: Array, limits: JointLimits, stamp: float
 ) -> JointSetpoint:
-    """Clip a set-point. q, qd: (14,) requested [rad], [rad/s]. before: (14,) present set-point [rad]. stands:
-    (14,) measured joints [rad]. A set-point between `before` and `stands` is never clipped as a jump, even if
-    these two are far apart.
+    """Clip a set-point. q, qd: (joints,) requested [rad], [rad/s]. before: (joints,) present set-point [rad].
+    stands: (joints,) measured joints [rad]. A set-point between `before` and `stands` is never clipped as a jump,
+    even if these two are far apart.
 
     A joint outside its range moves no further out. It may stay there, or return with at most its full speed. The
     driver does not move it into its range in one step, because that would be an unrequested jump.

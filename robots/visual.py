@@ -15,8 +15,8 @@ __all__ = ["RobotVisual"]
 class RobotVisual:
     """Visual model of a robot.
 
-    urdf: a file whose meshes a viewer can load. joint_names: the URDF's names of the 14 joints, in the order of
-    `JointState.q`. head_joint: name of the joint that `JointState.head_pan` moves; None if the head is fixed.
+    urdf: a file whose meshes a viewer can load. joint_names: the URDF's names of both arms' joints, in the order
+    of `JointState.q`. head_joint: name of the joint that `JointState.head_pan` moves; None if the head is fixed.
     finger_joints: for each side (joint name, travel [m] per metre of opening). The travel has the sign of the
     URDF's axis. floor: height of the floor in the base frame [m].
     """

@@ -115,4 +115,4 @@ def _deceleration() -> Array:
 def _tools(ports: Ports) -> Array:
     """Return the positions (2, 3) of both tools, base frame [m]."""
     model, q = load_model(), ports.arms.state().q
-    return np.array([tool_pose(model.chains[side], q[arm_slice(side)])[:3, 3] for side in Side])
+    return np.array([tool_pose(model.chains[side], q[arm_slice(side, 14)])[:3, 3] for side in Side])

@@ -85,14 +85,14 @@ class _Judge:
 
     def pose(self, side: Side, q: Array) -> Array:
         both = np.array(self.model.q_park)
-        both[arm_slice(side)] = q
+        both[arm_slice(side, 14)] = q
         pin.framesForwardKinematics(self.model.pin_model, self.data, self.model.configuration(both))
         T: Array = self.data.oMf[self.model.pin_model.getFrameId(self.model.tool_frame[side])].homogeneous
         return T.copy()
 
     def solved(self, side: Side, q: Array, T: Array) -> bool:
         reached = self.pose(side, q)
-        cut = arm_slice(side)
+        cut = arm_slice(side, 14)
         lower, upper = self.model.planning.lower[cut], self.model.planning.upper[cut]
         turn = np.arccos(np.clip((np.trace(reached[:3, :3].T @ T[:3, :3]) - 1.0) / 2.0, -1.0, 1.0))
         inside = np.all(q >= lower - 1e-9) and np.all(q <= upper + 1e-9)
@@ -100,12 +100,12 @@ class _Judge:
 
 
 def _pose(judge: _Judge, model: RobotModel, rng: np.random.Generator, side: Side) -> tuple[Side, Array]:
-    cut = arm_slice(side)
+    cut = arm_slice(side, 14)
     return side, judge.pose(side, rng.uniform(model.planning.lower[cut], model.planning.upper[cut]))
 
 
 def _starts(model: RobotModel, side: Side, rng: np.random.Generator) -> Array:
-    cut = arm_slice(side)
+    cut = arm_slice(side, 14)
     spread = rng.uniform(model.planning.lower[cut], model.planning.upper[cut], (STARTS, 7))
     return np.vstack([model.park(side), spread])
 
@@ -123,7 +123,7 @@ def _scipy(model: RobotModel, starts: dict[Side, Array]) -> Solver:
     after the other until one succeeds."""
 
     def solve(side: Side, T: Array) -> Array | None:
-        chain, cut = model.chains[side], arm_slice(side)
+        chain, cut = model.chains[side], arm_slice(side, 14)
 
         def error(q: Array) -> Array:
             here = ik.tool_pose(chain, q)
@@ -164,7 +164,7 @@ class _PyBullet:
         self.tool = {side: names[f"{side}_gripper"] for side in Side}
 
     def __call__(self, side: Side, T: Array) -> Array | None:
-        cut = arm_slice(side)
+        cut = arm_slice(side, 14)
         quaternion = pin.Quaternion(T[:3, :3]).coeffs()
         for q0 in self.starts[side][:PEER_STARTS]:
             both = np.array(self.model.q_park)
@@ -181,7 +181,7 @@ class _PyBullet:
         return None
 
     def _reached(self, side: Side, q: Array, T: Array) -> bool:
-        cut = arm_slice(side)
+        cut = arm_slice(side, 14)
         if np.any(q < self.model.planning.lower[cut]) or np.any(q > self.model.planning.upper[cut]):
             return False
         here = ik.tool_pose(self.model.chains[side], q)
@@ -203,7 +203,7 @@ class _Pink:
         self.tasks = {side: pink.FrameTask(model.tool_frame[side], 1.0, 1.0) for side in Side}
 
     def __call__(self, side: Side, T: Array) -> Array | None:
-        pink, cut, task = self.pink, arm_slice(side), self.tasks[side]
+        pink, cut, task = self.pink, arm_slice(side, 14), self.tasks[side]
         task.set_target(pin.SE3(T))
         pm = self.model.pin_model
         for q0 in self.starts[side][:PEER_STARTS]:

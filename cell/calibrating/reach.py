@@ -19,7 +19,7 @@ from cell.hardware.assembly import SLACK
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
-from robots.ports import Array, Side, arm_slice, frozen
+from robots.ports import Array, Side, frozen
 from skills.motion.kinematics import ik
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
@@ -38,12 +38,12 @@ that is found is used."""
 
 def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
     """Move the tool to the pose of `effect`, in the nearest arm posture to which a collision-free path is found.
-    Returns the joints (14,) of the goal [rad]."""
+    Returns the joints (joints,) of the goal [rad]."""
     parked = park_other(cell, effect.side)
     state = fresh_state(cell.ports, cell.execution)
     if parked or state.failure:
         return Outcome(failure=parked or state.failure)
-    q, cut = state.unwrap().q, arm_slice(effect.side)
+    q, cut = state.unwrap().q, cell.robot.arm(effect.side)
     seeds = ik.arm_seeds(cell.robot, effect.side, q)
     postures = ik.solve_seeds(cell.robot, effect.side, effect.T_base_tool, seeds)
     failure: Failure | None = None
@@ -65,7 +65,7 @@ def reach(cell: Workcell, effect: Reach) -> Outcome[Array]:
 
 
 def settled_joints(cell: Workcell) -> Outcome[Array]:
-    """Wait until the arms rest, then return the mean of READINGS joint readings (14,) [rad]."""
+    """Wait until the arms rest, then return the mean of READINGS joint readings (joints,) [rad]."""
     failure = wait(cell.loop, SETTLE_S, cell.hands.recording())
     if failure:
         return Outcome(failure=failure)

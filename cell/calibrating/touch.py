@@ -16,7 +16,7 @@ from cell.control.motions.lowering import Lowering
 from cell.executive.effects.checked_motion import move
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
-from robots.ports import JointState, Side, arm_slice
+from robots.ports import JointState, Side
 from skills.grasping.descend import Contact, DescentGoal, start_descent
 from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.settings import GraspSettings
@@ -68,7 +68,7 @@ def park_other(cell: Workcell, side: Side) -> Failure | None:
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
-    q, other = state.unwrap().q, arm_slice(side.other)
+    q, other = state.unwrap().q, cell.robot.arm(side.other)
     if np.abs(q[other] - cell.robot.q_park[other]).max() < cell.execution.settled:
         return None
     goal = np.array(q)
@@ -133,7 +133,7 @@ def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome
     second = _descend(cell, side, descent, slow, bias, -effect.search, readings)
     if second.failure:
         return Outcome(failure=_explained(second.failure, effect))
-    at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[arm_slice(side)])[:2, 3]
+    at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[cell.robot.arm(side)])[:2, 3]
     height = np.array([r.height for r in readings]) + cell.table.height
     force = np.array([(r.tactile.tip - bias.tip).sum() for r in readings])
     return Outcome(TouchReadings(side, float(at[0]), float(at[1]), height, force))
@@ -164,7 +164,7 @@ def _descend(
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         q0 = start.q + cell.last_command.offset(start.q)
         above = np.array(q0)
-        above[arm_slice(side)] = descent.q[0]
+        above[cell.robot.arm(side)] = descent.q[0]
         top = cell.hands.height(side, above)
         lowering = Lowering(descent, top, JerkLimiter(top - cell.hands.height(side, q0)))
         state = start_descent(settings, goal, bias, cell.hands.read(side, start))

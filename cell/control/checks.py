@@ -67,9 +67,9 @@ def fresh_state(ports: Ports, limits: ExecutionLimits) -> Outcome[JointState]:
 def followed(
     ports: Ports, q: Array, sent: JointSetpoint, limits: ExecutionLimits, late: bool = False
 ) -> Outcome[JointState]:
-    """Check the arms one tick after the set-point q (14,) was sent, and return their state. sent: the set-point
-    that the driver passed on to the robot. late: the tick came so late that the arms have come to rest somewhere
-    else, so their distance from q is not judged.
+    """Check the arms one tick after the set-point q (joints,) was sent, and return their state. sent: the
+    set-point that the driver passed on to the robot. late: the tick came so late that the arms have come to rest
+    somewhere else, so their distance from q is not judged.
 
     Failures: STOPPED, STALE_STATE, LIMIT_EXCEEDED (an altered set-point), TRACKING_ERROR. For the last two, the
     arms are also commanded to hold.

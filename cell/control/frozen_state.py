@@ -31,8 +31,8 @@ class FrozenStateWatch:
     _setpoint: Array | None = None
 
     def check(self, state: JointState, setpoint: Array) -> Failure | None:
-        """Return STALE_STATE if the positions (14,) have been exactly the same for more than FROZEN_S, by their
-        stamps, while the set-points (14,) have moved by FROZEN_RAD. Called once per set-point."""
+        """Return STALE_STATE if the positions (joints,) have been exactly the same for more than FROZEN_S, by
+        their stamps, while the set-points (joints,) have moved by FROZEN_RAD. Called once per set-point."""
         if self._q is None or self._setpoint is None or not np.array_equal(state.q, self._q):
             self._q, self._since, self._setpoint = state.q, state.stamp, setpoint
             return None

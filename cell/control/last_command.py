@@ -28,7 +28,7 @@ class LastCommand:
     q: Array | None = None
 
     def offset(self, q: Array) -> Array:
-        """Return the offset (14,) from q to the last set-point [rad], or zeros if a joint differs by more than
+        """Return the offset (joints,) from q to the last set-point [rad], or zeros if a joint differs by more than
         NEAR."""
         if self.q is None or not np.abs(self.q - q).max() <= NEAR:
             return np.zeros_like(q)

@@ -29,9 +29,9 @@ class Order(Enum):
 
 @dataclass(frozen=True, eq=False)
 class SetPoint:
-    """Set-point of both arms: q, qd (14,) for the next tick [rad], [rad/s].
+    """Set-point of both arms: q, qd (joints,) for the next tick [rad], [rad/s].
 
-    begins: joints (14,) near which the arms must be before the motion's first set-point is sent; None: no
+    begins: joints (joints,) near which the arms must be before the motion's first set-point is sent; None: no
     condition. path_s: the motion's own clock [s]. resting: the motion may end here, because it rests on its path
     or cannot pause at all. failure: if set, the loop brings the motion to rest and ends it with this failure.
     """

@@ -82,7 +82,7 @@ class PathClock:
         return self._goal == 1.0 and self.t >= self._trajectory.duration
 
     def setpoint(self) -> tuple[Array, Array]:
-        """Return q, qd (14,) at the clock's present time [rad], [rad/s]."""
+        """Return q, qd (joints,) at the clock's present time [rad], [rad/s]."""
         q, qd = self._trajectory.at(self.t)
         return q, qd * self._rate()[0]
 
@@ -106,7 +106,8 @@ class PathClock:
 
     def rejoin(self, q: Array) -> Array:
         """Continue from where the arms have come to rest after a tick that came too late: at the path's point
-        nearest to q (14,), which may lie behind or ahead of the last set-point. Returns this point (14,) [rad].
+        nearest to q (joints,), which may lie behind or ahead of the last set-point. Returns this point (joints,)
+        [rad].
 
         A running clock speeds up from rest, as after a pause. A clock that was slowing down rests there.
         """
@@ -117,7 +118,7 @@ class PathClock:
         return self._trajectory.at(self.t)[0]
 
     def _nearest(self, q: Array) -> float:
-        """Return the time of the path's point nearest to q (14,), near the clock's present time [s]."""
+        """Return the time of the path's point nearest to q (joints,), near the clock's present time [s]."""
 
         def distance(t: float) -> float:
             return float(np.square(self._trajectory.at(t)[0] - q).sum())

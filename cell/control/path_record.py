@@ -27,7 +27,7 @@ class PathRecord:
     _points: deque[Array] = field(default_factory=lambda: deque(maxlen=LONGEST))
 
     def add(self, q: Array) -> None:
-        """Record a set-point (14,) [rad], if it differs enough from the last one."""
+        """Record a set-point (joints,) [rad], if it differs enough from the last one."""
         if not self._points or np.abs(q - self._points[-1]).max() >= SPACING:
             self._points.append(np.array(q))
 
@@ -36,5 +36,6 @@ class PathRecord:
         self._points.clear()
 
     def back(self) -> Array:
-        """Return the path in reverse (n, 14), from the last set-point to the first; n may be 0."""
-        return np.array(self._points)[::-1] if self._points else np.zeros((0, 14))
+        """Return the path in reverse (n, joints), from the last set-point to the first; (0, 0) if there is
+        none."""
+        return np.array(self._points)[::-1] if self._points else np.zeros((0, 0))

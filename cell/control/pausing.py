@@ -35,8 +35,8 @@ class Interruptions:
     def judge(self, following: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
         """Evaluate one tick. Returns the failure that ends the motion now, or None while it continues.
 
-        following: the motion's next set-point; q (14,): the set-point just sent; state: the arms' state; stale:
-        the failure if that state is too old.
+        following: the motion's next set-point; q (joints,): the set-point just sent; state: the arms' state;
+        stale: the failure if that state is too old.
         """
         self.order, self.resting = None, following.resting
         self._ending = self._ending or stale or following.failure

@@ -26,8 +26,8 @@ class SimulationSettings:
     foldcell's own ('xpbd') or MuJoCo's flex ('mujoco', for towels). fabric: 'contrast' for a hue that differs from
     the table's, 'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell.
     render: if off, the camera raises a fault. as_built: table height and camera intrinsics differ from the
-    drawing, and there is a calibration board. q_start: (14,) configuration of the arms at the start [rad]; None:
-    the park configuration.
+    drawing, and there is a calibration board. q_start: (joints,) configuration of the arms at the start [rad];
+    None: the park configuration.
     """
 
     robot: str = DEFAULT
@@ -49,7 +49,3 @@ class SimulationSettings:
             raise ConfigurationError(f"unknown world '{self.world}'", f"it is one of {', '.join(WORLDS)}")
         if self.fabric not in LOOKS:
             raise ConfigurationError(f"unknown fabric '{self.fabric}'", f"it is one of {', '.join(LOOKS)}")
-        if self.q_start is not None and len(self.q_start) != 14:
-            raise ConfigurationError(
-                f"q_start has {len(self.q_start)} joints", "it takes 14: left arm, then right"
-            )

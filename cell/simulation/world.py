@@ -39,7 +39,7 @@ from cell.support.files.packing import packed
 from robots.bullet.body import pb
 from robots.camera_mount import CameraMount
 from robots.depth_averaging import EVERY_S, EXPOSURES
-from robots.errors import DriverError, FailureKind
+from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.ports import Array, BoardPlace, CameraFrame, Side, frozen
 from robots.registry import find_robot
 from skills.garments.garment import Garment
@@ -120,6 +120,11 @@ class World:
         self._body = self._design.simulation.body(self._client)
         self._body.let_fingers_through(self._load_table())
         q_start = self._model.q_park if settings.q_start is None else np.array(settings.q_start)
+        if len(q_start) != len(self._model.joint_names):
+            raise ConfigurationError(
+                f"q_start has {len(q_start)} joints",
+                f"it takes {len(self._model.joint_names)}: left arm, then right",
+            )
         self.robot = SimulatedRobot(
             self._body,
             self._design.simulation,

@@ -17,7 +17,7 @@ class HandReading:
     """Sensor readings of one hand at one time.
 
     stamp: cell time of the reading [s]; the sensors' own stamps are not later. height: of the tool centre point
-    above the table, from the measured joints [m]. effort: (7,) of that arm's joints [Nm].
+    above the table, from the measured joints [m]. effort: (arm,) of that arm's joints [Nm].
     """
 
     stamp: float

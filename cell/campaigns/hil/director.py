@@ -66,7 +66,7 @@ class Director:
     the runner."""
 
     def __init__(self, script: Script, rest: Array, tell: Callable[[str], None]) -> None:
-        """rest: (14,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
+        """rest: (joints,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
         self._pending = [
             action.model_copy(update={"when": action.when.drawn(script.seed, index)})
             for index, action in enumerate(script.do)

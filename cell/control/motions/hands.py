@@ -53,13 +53,13 @@ class Hands:
     telemetry: Telemetry
 
     def height(self, side: Side, q: Array) -> float:
-        """Height of a tool centre point above the table [m] at joints q (14,)."""
-        return float(tool_pose(self.robot.chains[side], q[arm_slice(side)])[2, 3] - self.table.height)
+        """Height of a tool centre point above the table [m] at joints q (joints,)."""
+        return float(tool_pose(self.robot.chains[side], q[arm_slice(side, len(q))])[2, 3] - self.table.height)
 
     def depth(self, side: Side, descent: Descent, q: Array) -> float:
-        """Depth of a hand below the top of its descent [m] at joints q (14,)."""
-        top = np.zeros(14)
-        top[arm_slice(side)] = descent.q[0]
+        """Depth of a hand below the top of its descent [m] at joints q (joints,)."""
+        top = np.zeros_like(q)
+        top[arm_slice(side, len(q))] = descent.q[0]
         return self.height(side, top) - self.height(side, q)
 
     def read(self, side: Side, state: JointState) -> HandReading:
@@ -67,8 +67,8 @@ class Hands:
         tactile, gripper = self.ports.tactile[side].reading(), self.ports.grippers[side].state()
         self.telemetry.tactile(tactile)
         self.telemetry.gripper(gripper)
-        height = self.height(side, state.q)
-        return HandReading(self.ports.clock.now(), tactile, gripper, height, state.effort[arm_slice(side)])
+        height, effort = self.height(side, state.q), state.effort[arm_slice(side, len(state.q))]
+        return HandReading(self.ports.clock.now(), tactile, gripper, height, effort)
 
     def command(self, side: Side, command: GripCommand) -> None:
         gripper = self.ports.grippers[side]
@@ -123,7 +123,7 @@ def control_hands(
     control: Control[S, V],
     arms: Callable[[], Array] | None = None,
 ) -> Motion[dict[Side, V]]:
-    """Run the controllers as a motion. arms: called once per tick for the set-point (14,); None: the arms hold
+    """Run the controllers as a motion. arms: called once per tick for the set-point (joints,); None: the arms hold
     their position.
 
     The motion starts only if the arms are near `SetPoint.begins`: the joints at which the arms would settle under

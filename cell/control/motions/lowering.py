@@ -51,8 +51,9 @@ class Lowering:
 
 
 def lowered_joints(q: Array, hands: Mapping[Side, Lowering]) -> Array:
-    """Return q (14,) [rad], in which the joints of each lowered arm are those at the depth of its set-point."""
+    """Return q (joints,) [rad], in which the joints of each lowered arm are those at the depth of its
+    set-point."""
     q = np.array(q)
     for side, hand in hands.items():
-        q[arm_slice(side)] = hand.descent.at(hand.hand.position)
+        q[arm_slice(side, len(q))] = hand.descent.at(hand.hand.position)
     return q

@@ -71,13 +71,14 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 
 def carried_path(carrying: tuple[ArmTrajectory, ...]) -> Array:
-    """Return the joints (n, 14) along the trajectories on which the hands carried the cloth; n may be 0."""
-    return np.vstack([trajectory.q for trajectory in carrying]) if carrying else np.zeros((0, 14))
+    """Return the joints (n, joints) along the trajectories on which the hands carried the cloth; (0, 0) if
+    none."""
+    return np.vstack([trajectory.q for trajectory in carrying]) if carrying else np.zeros((0, 0))
 
 
 def progress(carrying: tuple[ArmTrajectory, ...], q: Array) -> float:
-    """Return the share of lift and arc that the hands have come when the joints are at q (14,): 0 while they lift,
-    because the arc is not known then."""
+    """Return the share of lift and arc that the hands have come when the joints are at q (joints,): 0 while they
+    lift, because the arc is not known then."""
     return share_done(carried_path(carrying), q) if len(carrying) > 1 else 0.0
 
 
@@ -99,7 +100,7 @@ def _closed_further(opening: float, confirmed: float, settings: GraspSettings) -
 
 
 def _follow(cell: Workcell, path: Array, tool_speed: float, control: PathControl) -> Failure | None:
-    """Follow the path (n, 14) to its end, from its point nearest to the arms. Each try is planned and checked
+    """Follow the path (n, joints) to its end, from its point nearest to the arms. Each try is planned and checked
     anew."""
     for attempt in range(1, LAYING_TRIES + 1):
         planned = _plan(cell, path, tool_speed)

@@ -33,7 +33,7 @@ class RobotFigure:
         return [Robot(self._tree), Log("tf/base", None, (fixed,), essential=True)]
 
     def joints(self, t: Array, q: Array, head_pan: Array) -> list[Entry]:
-        """Return one batch of transforms for each joint. t (n,) [s], q (n, 14) [rad], head_pan (n,) [rad]."""
+        """Return one batch of transforms for each joint. t (n,) [s], q (n, joints) [rad], head_pan (n,) [rad]."""
         entries = [self._column(name, t, q[:, k]) for k, name in enumerate(self._visual.joint_names)]
         if self._visual.head_joint is not None:
             entries.append(self._column(self._visual.head_joint, t, head_pan))

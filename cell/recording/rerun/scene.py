@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cell.recording.rerun import style
 from cell.recording.rerun.entry import Entry, Log
 from cell.states.transition_table import State
-from robots.ports import Array, CameraFrame, Side
+from robots.ports import Array, CameraFrame, Side, arm_slice
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
@@ -93,11 +93,9 @@ def _series_entries() -> list[Entry]:
 
 
 def joint_names_entries(names: Sequence[str]) -> list[Entry]:
-    """Return the names of the joint series. names: (14,), beginning with the left arm's seven."""
-    return [
-        Log(f"joints/{side}", None, (rr.SeriesLines(names=list(names[part])),), essential=True)
-        for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
-    ]
+    """Return the names of the joint series. names: (joints,), beginning with the left arm's."""
+    part = {side: list(names[arm_slice(side, len(names))]) for side in Side}
+    return [Log(f"joints/{side}", None, (rr.SeriesLines(names=part[side]),), essential=True) for side in Side]
 
 
 def state_entries(t: float, state: str) -> list[Entry]:

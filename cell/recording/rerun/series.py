@@ -10,7 +10,7 @@ import rerun as rr
 
 from cell.recording.rerun.entry import Columns, Entry
 from cell.recording.rerun.robot import RobotFigure
-from robots.ports import GripperState, JointState, Side, TactileReading
+from robots.ports import GripperState, JointState, Side, TactileReading, arm_slice
 
 __all__ = ["Series"]
 
@@ -57,8 +57,8 @@ class Series:
             return []
         t, q = np.array([r.stamp for r in rows]), np.array([r.q for r in rows])
         entries: list[Entry] = [
-            Columns(f"joints/{side}", t, tuple(rr.Scalars.columns(scalars=q[:, part])))
-            for side, part in ((Side.LEFT, slice(0, 7)), (Side.RIGHT, slice(7, 14)))
+            Columns(f"joints/{side}", t, tuple(rr.Scalars.columns(scalars=q[:, arm_slice(side, q.shape[1])])))
+            for side in Side
         ]
         if self._robot is not None:
             k = _subsampled(t)

@@ -15,18 +15,16 @@ from robots.ports import Array, JointSetpoint, frozen
 
 __all__ = ["SetPoints", "read_set_points"]
 
-JOINTS = 14
-
 
 @dataclass(frozen=True, eq=False)
 class SetPoints:
     """All commands of a run to arms, grippers and head. The time of a command is the cell time that the executive
     last read before it, or until which it last slept [s].
 
-    t: (n,) [s], not decreasing. q, qd: (n, 14) as the executive requested them [rad], [rad/s]: the left arm's
-    seven joints from shoulder to wrist, then the right arm's. clipped: (n,) bool, whether the driver clipped the
-    request. grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads [m], force limit
-    [N]. head: (m, 2), rows of time [s], pan angle [rad].
+    t: (n,) [s], not decreasing. q, qd: (n, joints) as the executive requested them [rad], [rad/s]: the left arm's
+    joints from shoulder to wrist, then the right arm's; (0, 0) without commands. clipped: (n,) bool, whether the
+    driver clipped the request. grippers: 'left' and 'right' -> (k, 3), rows of time [s], opening between the pads
+    [m], force limit [N]. head: (m, 2), rows of time [s], pan angle [rad].
     """
 
     t: Array
@@ -64,8 +62,8 @@ def read_set_points(transcript: Transcript) -> SetPoints:
             raise StorageError(f"the transcript {transcript.path} is damaged: {e}", "read another run") from None
     return SetPoints(
         t=frozen(np.array([row[0] for row in arms], float)),
-        q=frozen(np.array([row[1] for row in arms], float).reshape(-1, JOINTS)),
-        qd=frozen(np.array([row[2] for row in arms], float).reshape(-1, JOINTS)),
+        q=frozen(np.array([row[1] for row in arms], float).reshape(len(arms), -1 if arms else 0)),
+        qd=frozen(np.array([row[2] for row in arms], float).reshape(len(arms), -1 if arms else 0)),
         clipped=frozen(np.array([row[3] for row in arms], bool)),
         grippers={side: frozen(np.array(rows, float).reshape(-1, 3)) for side, rows in grippers.items()},
         head=frozen(np.array(head, float).reshape(-1, 2)),

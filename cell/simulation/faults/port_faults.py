@@ -84,7 +84,7 @@ class PortFaults:
     def joint_state(self, state: JointState) -> JointState:
         if self._board.empty:
             return state
-        nan = np.full(14, np.nan)
+        nan = np.full_like(state.q, np.nan)
         state = self._out_of_order(self._duplicated(state))
         stale = self._repeated(K.JOINT_STATE_STALE, None, state)
         kept = self._repeated(K.JOINT_STATE_FROZEN, None, stale)

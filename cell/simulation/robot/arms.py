@@ -231,10 +231,15 @@ class SimulatedRobot:
             self._jitter = keep * self._jitter + kick * self._rng.standard_normal(self._joints)
             offset = self._jitter * np.minimum(speed / MOVING, 1.0)
             for side, p in zip(Side, self._rng.random(2), strict=True):
-                if p < self._noise.drops_per_minute / 60.0 * dt and speed[arm_slice(side)].max() > MOVING:
+                if (
+                    p < self._noise.drops_per_minute / 60.0 * dt
+                    and speed[arm_slice(side, self._joints)].max() > MOVING
+                ):
                     self.drop(side, self._noise.drop_depth.draw(self._rng), self._noise.drop_time.draw(self._rng))
         for side, drop in list(self._drops.items()):
-            offset[arm_slice(side)][self._design.drop_joint] += self._design.drop_sign[side] * drop.offset(t)
+            offset[arm_slice(side, self._joints)][self._design.drop_joint] += self._design.drop_sign[
+                side
+            ] * drop.offset(t)
             if t > drop.start + drop.duration:
                 del self._drops[side]
         return offset
@@ -244,7 +249,7 @@ class SimulatedRobot:
         it hung, an arm returns to its goal at its full speed."""
         goal, velocity = goal.copy(), velocity.copy()
         for side, place in list(self._hung.items()):
-            cut = arm_slice(side)
+            cut = arm_slice(side, self._joints)
             if side not in self._hanging:
                 reach = self._limits.velocity[cut] * dt
                 step = np.clip(goal[cut] - place, -reach, reach)
@@ -258,7 +263,7 @@ class SimulatedRobot:
     def hang(self, side: Side, hangs: bool) -> None:
         """Let the motors of an arm stand still from now on, or let them go."""
         if hangs and side not in self._hanging:
-            self._hung.setdefault(side, self._body.read()[0][arm_slice(side)].copy())
+            self._hung.setdefault(side, self._body.read()[0][arm_slice(side, self._joints)].copy())
             self._hanging.add(side)
         elif not hangs:
             self._hanging.discard(side)

@@ -252,7 +252,10 @@ class Emulator:
             self._forget_commands()
         elif any(limb.fresh(self._now) for limb in self._limbs.values()):
             standing = self._ports.arms.state().q
-            parts = [limb.set_point(self._now, standing[arm_slice(side)]) for side, limb in self._limbs.items()]
+            parts = [
+                limb.set_point(self._now, standing[arm_slice(side, len(standing))])
+                for side, limb in self._limbs.items()
+            ]
             q, qd = (np.concatenate(columns) for columns in zip(*parts, strict=True))
             self._motors.command(q, qd)
 

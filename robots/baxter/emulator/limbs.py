@@ -42,7 +42,7 @@ class Limb:
     def __init__(self, side: Side, past: InitialState = NEW) -> None:
         self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
         self._names = [f"{side}_{joint}" for joint in ARM_JOINTS]
-        self._fastest = URDF_VELOCITY[arm_slice(side)]
+        self._fastest = URDF_VELOCITY[arm_slice(side, len(URDF_VELOCITY))]
         self.forget()
 
     def forget(self) -> None:

@@ -2,9 +2,9 @@
 
 The solver is a Levenberg-Marquardt iteration on the pose error with the damping of Sugihara (IEEE T-RO 27(5),
 2011): proportional to the squared error, plus a bias. Joints that push against their limit are excluded from the
-step. The arm has seven joints, so it can move without moving the tool (in its null space). For a single pose, this
-freedom keeps the joints near `q_reference`; along a path, it keeps them away from their limits. Forward kinematics
-agrees with Pinocchio to 1e-12 (tested).
+step. An arm of seven joints can move without moving the tool (in its null space). For a single pose, this freedom
+keeps the joints near `q_reference`; along a path, it keeps them away from their limits. An arm of six joints has
+no such freedom. Forward kinematics agrees with Pinocchio to 1e-12 (tested).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from robots.model import ArmChain, RobotModel
-from robots.ports import Array, Side, arm_slice
+from robots.ports import Array, Side
 
 __all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 
@@ -34,7 +34,7 @@ SEEDS = 12
 
 @njit(cache=True, nogil=True)
 def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-untyped-def]
-    """Fills in, in the base frame: axes (7, 3) and origins (7, 3) of the joints, and the tool's R (3, 3), p
+    """Fills in, in the base frame: axes and origins (arm, 3) of the joints, and the tool's R (3, 3), p
     (3,)."""
     W = np.empty((3, 3))
     M = np.empty((3, 3))
@@ -42,7 +42,7 @@ def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-
         p[i] = translation[0, i]
         for j in range(3):
             W[i, j] = rotation[0, i, j]
-    for k in range(7):
+    for k in range(q.shape[0]):
         c, s = np.cos(q[k]), np.sin(q[k])
         for i in range(3):
             origins[k, i] = p[i]
@@ -88,7 +88,7 @@ def _pose_error(R, p, R_target, p_target, e):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill_jacobian(axes, origins, p, J):  # type: ignore[no-untyped-def]
-    for k in range(7):
+    for k in range(axes.shape[0]):
         d0, d1, d2 = p[0] - origins[k, 0], p[1] - origins[k, 1], p[2] - origins[k, 2]
         a0, a1, a2 = axes[k, 0], axes[k, 1], axes[k, 2]
         J[0, k] = a1 * d2 - a2 * d1
@@ -121,20 +121,21 @@ def _cholesky_solve(A, b):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-def]
-    """Fills dq (7,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse and
-    rest (7,) the desired step in the null space."""
+    """Fills dq (arm,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse and
+    rest (arm,) the desired step in the null space."""
+    n = dq.shape[0]
     A = np.zeros((6, 6))
     b = np.empty(6)
     for i in range(6):
         b[i] = e[i]
-        for k in range(7):
+        for k in range(n):
             if active[k]:
                 b[i] -= J[i, k] * rest[k]
                 for j in range(6):
                     A[i, j] += J[i, k] * J[j, k]
         A[i, i] += damping
     _cholesky_solve(A, b)
-    for k in range(7):
+    for k in range(n):
         dq[k] = 0.0
         if active[k]:
             dq[k] = rest[k]
@@ -144,10 +145,11 @@ def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True)
 def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_reference, gain, iterations):  # type: ignore[no-untyped-def]
-    """Iterates q (7,) in place; returns whether the tool reaches the pose within TOLERANCE."""
-    axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
+    """Iterates q (arm,) in place; returns whether the tool reaches the pose within TOLERANCE."""
+    n = q.shape[0]
+    axes, origins, J = np.empty((n, 3)), np.empty((n, 3)), np.empty((6, n))
     R, p, e = np.empty((3, 3)), np.empty(3), np.empty(6)
-    dq, rest, active = np.empty(7), np.empty(7), np.empty(7, dtype=np.bool_)
+    dq, rest, active = np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_)
     for step in range(iterations + 1):
         _forward(rotation, translation, q, axes, origins, R, p)
         distance, angle = _pose_error(R, p, R_target, p_target, e)
@@ -159,13 +161,13 @@ def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_referen
         error = distance * distance + angle * angle
         # The null-space term fades out with the pose error, so that the iteration converges.
         pull = gain * min(1.0, np.sqrt(error) * 10.0)
-        for k in range(7):
+        for k in range(n):
             active[k] = True
             rest[k] = pull * (q_reference[k] - q[k])
         for _ in range(4):
             _damped_step(J, e, rest, 1e-3 * error + 1e-11, active, dq)
             blocked = False
-            for k in range(7):
+            for k in range(n):
                 pushes = (q[k] <= lower[k] and dq[k] < 0.0) or (q[k] >= upper[k] and dq[k] > 0.0)
                 if active[k] and pushes:
                     active[k] = False
@@ -173,19 +175,19 @@ def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_referen
             if not blocked:
                 break
         largest = 0.0
-        for k in range(7):
+        for k in range(n):
             largest = max(largest, abs(dq[k]))
         scale = min(1.0, STEP_LIMIT / largest) if largest > 0.0 else 1.0
-        for k in range(7):
+        for k in range(n):
             q[k] = min(max(q[k] + scale * dq[k], lower[k]), upper[k])
     return False
 
 
 @njit(cache=True, nogil=True)
 def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, gain, iterations, out):  # type: ignore[no-untyped-def]
-    """Solves from every seed (m, 7) in turn; returns the number of distinct solutions in out (m, 7)."""
-    found = 0
-    q = np.empty(7)
+    """Solves from every seed (m, arm) in turn; returns the number of distinct solutions in out (m, arm)."""
+    found, n = 0, seeds.shape[1]
+    q = np.empty(n)
     for s in range(seeds.shape[0]):
         q[:] = seeds[s]
         if not _solve(rotation, translation, R_target, p_target, q, lower, upper, seeds[s], gain, iterations):
@@ -193,7 +195,7 @@ def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, 
         new = True
         for f in range(found):
             gap = 0.0
-            for k in range(7):
+            for k in range(n):
                 gap = max(gap, abs(out[f, k] - q[k]))
             if gap < 0.15:
                 new = False
@@ -206,11 +208,12 @@ def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, 
 
 @njit(cache=True, nogil=True)
 def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-untyped-def]
-    """Fills out (7,) with a step of self-motion that moves joints away from limits that they are near, while the
+    """Fills out (arm,) with a step of self-motion that moves joints away from limits that they are near, while the
     tool travels `distance` [m]."""
-    push, active = np.empty(7), np.ones(7, dtype=np.bool_)
+    n = q.shape[0]
+    push, active = np.empty(n), np.ones(n, dtype=np.bool_)
     none = True
-    for k in range(7):
+    for k in range(n):
         push[k] = 0.0
         low, high = q[k] - lower[k], upper[k] - q[k]
         if low < LIMIT_ZONE:
@@ -227,61 +230,68 @@ def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, out):  # type: ignore[no-untyped-def]
-    """Fills out (n, 7) with the joints along a path of n poses; returns the number of poses that are reached
+    """Fills out (n, arm) with the joints along a path of n poses; returns the number of poses that are reached
     without a joint step above max_step."""
-    n = p_path.shape[0]
-    axes, origins, J = np.empty((7, 3)), np.empty((7, 3)), np.empty((6, 7))
-    R, p, drift, q = np.empty((3, 3)), np.empty(3), np.empty(7), q0.copy()
-    for i in range(n):
+    n = q0.shape[0]
+    axes, origins, J = np.empty((n, 3)), np.empty((n, 3)), np.empty((6, n))
+    R, p, drift, q = np.empty((3, 3)), np.empty(3), np.empty(n), q0.copy()
+    for i in range(p_path.shape[0]):
         if i > 0:
             _forward(rotation, translation, q, axes, origins, R, p)
             _fill_jacobian(axes, origins, p, J)
             distance = np.sqrt(np.sum((p_path[i] - p_path[i - 1]) ** 2))
             _away_from_limits(J, q, lower, upper, distance, drift)
-            for k in range(7):
+            for k in range(n):
                 q[k] = min(max(q[k] + drift[k], lower[k]), upper[k])
         if not _solve(rotation, translation, R_path[i], p_path[i], q, lower, upper, q, 0.0, 20):
             return i
         if i > 0:
-            for k in range(7):
+            for k in range(n):
                 if abs(q[k] - out[i - 1, k]) > max_step:
                     return i
         out[i] = q
-    return n
+    return p_path.shape[0]
 
 
 @dataclass(frozen=True, eq=False)
 class PathSolution:
-    """Joints along a path of n tool poses. q: (m, 7), of the first m poses. complete: whether m = n."""
+    """Joints along a path of n tool poses. q: (m, arm), of the first m poses. complete: whether m = n."""
 
     q: Array
     complete: bool
 
 
+def _frames(chain: ArmChain) -> tuple[Array, Array]:
+    """Return working memory for axes and origins (arm, 3) of the joints."""
+    n = len(chain.translation) - 1
+    return np.empty((n, 3)), np.empty((n, 3))
+
+
 def tool_pose(chain: ArmChain, q: Array) -> Array:
-    """Compute T_base_tool (4, 4) of one arm at q (7,)."""
+    """Compute T_base_tool (4, 4) of one arm at q (arm,)."""
     T = np.eye(4)
     R, p = np.empty((3, 3)), np.empty(3)
-    _forward(chain.rotation, chain.translation, np.asarray(q, float), np.empty((7, 3)), np.empty((7, 3)), R, p)
+    _forward(chain.rotation, chain.translation, np.asarray(q, float), *_frames(chain), R, p)
     T[:3, :3], T[:3, 3] = R, p
     return T
 
 
 def jacobian(chain: ArmChain, q: Array) -> Array:
-    """Jacobian (6, 7) of the tool's origin at q (7,): linear above angular, in the base frame's axes."""
-    axes, origins, p, J = np.empty((7, 3)), np.empty((7, 3)), np.empty(3), np.empty((6, 7))
+    """Jacobian (6, arm) of the tool's origin at q (arm,): linear above angular, in the base frame's axes."""
+    (axes, origins), p = _frames(chain), np.empty(3)
+    J = np.empty((6, len(axes)))
     _forward(chain.rotation, chain.translation, np.asarray(q, float), axes, origins, np.empty((3, 3)), p)
     _fill_jacobian(axes, origins, p, J)
     return J
 
 
 def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, gain: float = 0.1) -> Array | None:
-    """Find joints (7,) near q0 (7,) that bring one tool to T_base_tool (4, 4); None when the iteration fails.
+    """Find joints (arm,) near q0 (arm,) that bring one tool to T_base_tool (4, 4); None when the iteration fails.
 
     The solution stays within the planning position limits. gain: share (0..1) of the distance to q0 that the null
     space may remove in each iteration.
     """
-    chain, joints = model.chains[side], arm_slice(side)
+    chain, joints = model.chains[side], model.arm(side)
     q = np.array(q0, dtype=float)
     ok = _solve(
         chain.rotation, chain.translation, np.ascontiguousarray(T_base_tool[:3, :3]),
@@ -292,18 +302,18 @@ def solve_pose(model: RobotModel, side: Side, T_base_tool: Array, q0: Array, *, 
 
 
 def arm_seeds(model: RobotModel, side: Side, q_now: Array) -> Array:
-    """Return seeds (k, 7) of one arm for `solve_seeds`: its joints in q_now (14,), its parked pose, and fixed
-    random configurations."""
-    joints = arm_slice(side)
+    """Return seeds (k, arm) of one arm for `solve_seeds`: its joints in q_now (joints,), its parked pose, and
+    fixed random configurations."""
+    joints = model.arm(side)
     lower, upper = model.planning.lower[joints], model.planning.upper[joints]
-    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, 7))
+    spread = np.random.default_rng(7).uniform(lower, upper, (SEEDS, len(lower)))
     return np.vstack([np.clip(q_now[joints], lower, upper), model.q_park[joints], spread])
 
 
 def solve_seeds(model: RobotModel, side: Side, T_base_tool: Array, seeds: Array) -> Array:
-    """Find all distinct solutions (m, 7) for T_base_tool (4, 4) that are reached from seeds (k, 7), in their
+    """Find all distinct solutions (m, arm) for T_base_tool (4, 4) that are reached from seeds (k, arm), in their
     order."""
-    chain, joints = model.chains[side], arm_slice(side)
+    chain, joints = model.chains[side], model.arm(side)
     out = np.empty_like(seeds)
     m = _solve_many(
         chain.rotation, chain.translation, np.ascontiguousarray(T_base_tool[:3, :3]),
@@ -323,14 +333,15 @@ def follow_path(
     max_step: float = 0.35,
     margin: float = 0.01,
 ) -> PathSolution:
-    """Find joints along tool poses: rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0 (7,).
+    """Find joints along tool poses: rotation (n, 3, 3), position (n, 3) in the base frame, starting near q0
+    (arm,).
 
     Stops at the first pose that is out of reach, or that needs a joint step above max_step [rad] (a jump to
     another solution). Joints stay `margin` [rad] inside the planning position limits, because the spline through
     the samples overshoots. If a joint starts beyond the margin, its start is its limit.
     """
-    chain, joints = model.chains[side], arm_slice(side)
-    out = np.empty((position.shape[0], 7))
+    chain, joints = model.chains[side], model.arm(side)
+    out = np.empty((position.shape[0], len(q0)))
     start = np.array(q0, dtype=float)
     lower = np.minimum(model.planning.lower[joints] + margin, start)
     upper = np.maximum(model.planning.upper[joints] - margin, start)

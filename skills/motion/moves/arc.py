@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice, frozen
+from robots.ports import ArmTrajectory, Array, Side, frozen
 from skills.motion.kinematics import ik
 from skills.motion.kinematics.posture import Posture, angles_of, blended, in_base, resampled
 from skills.motion.moves.retreat import plan_retreat
@@ -51,7 +51,7 @@ def plan_arc(
     tool_speed: float | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[ArcMotion]:
-    """Plan the fold from the configuration actually reached, q_grasp (14,), then up and to the parked pose.
+    """Plan the fold from the configuration actually reached, q_grasp (joints,), then up and to the parked pose.
 
     The paths are shifted to begin at the tools' actual poses. The offsets of position and orientation fade out
     along the arc. The times are those of the paths, unless the arms' limits or tool_speed [m/s] require more time.
@@ -67,10 +67,10 @@ def plan_arc(
     for side, posture in postures.items():
         path = resampled(paths[posture.path], times)
         rotation, position = _tool_poses_from_actual(model, table, side, posture, path, q_grasp)
-        solution = ik.follow_path(model, side, rotation, position, q_grasp[arm_slice(side)])
+        solution = ik.follow_path(model, side, rotation, position, q_grasp[model.arm(side)])
         if not solution.complete:
             return Outcome(failure=out_of_reach(table, side, "the arc", position[len(solution.q)]))
-        q[:, arm_slice(side)] = solution.q
+        q[:, model.arm(side)] = solution.q
     try:
         fold = time_law(q, times * _speed_stretch(paths, times, tool_speed), limits)
     except TimingError as e:
@@ -113,7 +113,7 @@ def _tool_poses_from_actual(
 ) -> tuple[Array, Array]:
     """Compute poses of the tool from its actual pose to the planned end: rotations (n, 3, 3), positions (n, 3),
     base frame."""
-    T = ik.tool_pose(model.chains[side], q_grasp[arm_slice(side)])
+    T = ik.tool_pose(model.chains[side], q_grasp[model.arm(side)])
     actual_position = T[:3, 3] - np.array([0.0, 0.0, table.height])
     shifted = blended(path, actual_position)
     rotation = posture.rotation(shifted)
@@ -126,7 +126,7 @@ def _tool_poses_from_actual(
 
 def _resulting_path(model: RobotModel, table: Table, side: Side, fold: ArmTrajectory) -> ToolPath:
     """Compute the path of one tool during the planned trajectory, table frame."""
-    T = np.array([ik.tool_pose(model.chains[side], q) for q in fold.q[:, arm_slice(side)]])
+    T = np.array([ik.tool_pose(model.chains[side], q) for q in fold.q[:, model.arm(side)]])
     heading, pitch, roll = angles_of(T[:, :3, :3])
     position = T[:, :3, 3] - np.array([0.0, 0.0, table.height])
     return ToolPath(fold.t, frozen(position), frozen(heading), frozen(pitch), frozen(roll))

@@ -104,7 +104,7 @@ def plan_fold_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Plan one fold from q_now (14,), at rest.
+    """Plan one fold from q_now (joints,), at rest.
 
     paths: one per grasp of `step.grasps`, else ValueError is raised. The other arguments and the failures are
     those of `plan_hands_motion`.
@@ -131,8 +131,8 @@ def plan_hands_motion(
     avoid: Sequence[Mapping[Side, Posture]] = (),
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
-    """Plan the hands' motion from q_now (14,), at rest: to points above the starts of their paths, down, along the
-    paths, up and to the parked pose.
+    """Plan the hands' motion from q_now (joints,), at rest: to points above the starts of their paths, down, along
+    the paths, up and to the parked pose.
 
     The function chooses the lean of the hands, and the arm for each path. limits: the model's planning limits when
     None. tool_speed: maximum speed while the cloth is held [m/s]. lift: height of a straight lift between grasp

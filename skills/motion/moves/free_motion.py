@@ -33,7 +33,7 @@ def plan_free_motion(
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[ArmTrajectory]:
-    """Plan a collision-free motion from rest at q0 (14,) to rest at q1 (14,).
+    """Plan a collision-free motion from rest at q0 (joints,) to rest at q1 (joints,).
 
     The motion is straight in joint space if that is free. Otherwise it passes through way-points, with blended
     corners if these are free too. The result has passed the same collision check that is made again before it is
@@ -61,8 +61,8 @@ def plan_free_motion(
 
 
 def _time_parameterized(points: Array, limits: JointLimits) -> Iterator[ArmTrajectory]:
-    """Yield trajectories through points (n, 14): first those with blended corners that are faster than stopping,
-    then the one that stops at each point."""
+    """Yield trajectories through points (n, joints): first those with blended corners that are faster than
+    stopping, then the one that stops at each point."""
     stopping = join([free_motion(a, b, limits) for a, b in pairwise(points)])
     for share in CORNERS if len(points) > 2 else ():
         blended = time_path(blend_corners(points, share), limits)

@@ -31,9 +31,9 @@ STEP = 0.002
 class Descent:
     """One arm's straight descent.
 
-    depth: (m,) distance below the start of the descent, which lies above the grasp [m]. q: (m, 7) joints at these
-    depths. grasp_depth: depth of the planned grasp [m]. The descent continues below it by the overtravel, or as
-    far as the arm reaches.
+    depth: (m,) distance below the start of the descent, which lies above the grasp [m]. q: (m, arm) joints at
+    these depths. grasp_depth: depth of the planned grasp [m]. The descent continues below it by the overtravel, or
+    as far as the arm reaches.
     """
 
     q: Array
@@ -41,8 +41,8 @@ class Descent:
     grasp_depth: float
 
     def at(self, depth: float) -> Array:
-        """Return the joints (7,) at a depth [m], which is limited to the range of `depth`."""
-        return np.array([np.interp(depth, self.depth, self.q[:, k]) for k in range(7)])
+        """Return the joints (arm,) at a depth [m], which is limited to the range of `depth`."""
+        return np.array([np.interp(depth, self.depth, self.q[:, k]) for k in range(self.q.shape[1])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,10 @@ class GraspMotion:
 
     @property
     def q_grasp(self) -> Array:
-        """Joints (14,) with every hand at its planned grasp."""
+        """Joints (joints,) with every hand at its planned grasp."""
         q = np.array(self.q_above)
         for side, descent in self.descend.items():
-            q[arm_slice(side)] = descent.at(descent.grasp_depth)
+            q[arm_slice(side, len(q))] = descent.at(descent.grasp_depth)
         return frozen(q)
 
 
@@ -83,7 +83,7 @@ def plan_grasp(
     """Plan the approach to `approach_height` [m] above the start of each path, and each arm's straight descent.
 
     postures: by arm. paths: as for `plan_fold_motion`; to try a grasp at another place, pass shifted paths.
-    q_hint: joints (7,) near those at the start of the descent, by arm; None: the arms' present joints. Failures:
+    q_hint: joints (arm,) near those at the start of the descent, by arm; None: the arms' present joints. Failures:
     STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (a height is negative, too large or not finite),
     UNREACHABLE, IN_COLLISION, those of `plan_free_motion`.
     """
@@ -99,14 +99,14 @@ def plan_grasp(
     q_above = np.array(q_now)
     descend: dict[Side, Descent] = {}
     for side, posture in postures.items():
-        seed = q_hint[side] if q_hint else q_now[arm_slice(side)]
+        seed = q_hint[side] if q_hint else q_now[model.arm(side)]
         descent = _plan_descent(
             model, table, side, posture, paths[posture.path], seed, approach_height, overtravel
         )
         if descent.failure:
             return Outcome(failure=descent.failure)
         descend[side] = descent.unwrap()
-        q_above[arm_slice(side)] = descend[side].q[0]
+        q_above[model.arm(side)] = descend[side].q[0]
     contact = checker.first_collision(_simultaneous_descents(q_above, descend), allow_fingertips=True)
     if contact is not None:
         return Outcome(failure=too_near("the descent", str(contact)))
@@ -146,9 +146,9 @@ def _plan_descent(
 
 
 def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
-    """Sample the joints (samples, 14) while all hands descend simultaneously to their planned grasps."""
+    """Sample the joints (samples, joints) while all hands descend simultaneously to their planned grasps."""
     q = np.tile(q_above, (samples, 1))
     for i, share in enumerate(np.linspace(0.0, 1.0, samples)):
         for side, descent in descend.items():
-            q[i, arm_slice(side)] = descent.at(share * descent.grasp_depth)
+            q[i, arm_slice(side, q.shape[1])] = descent.at(share * descent.grasp_depth)
     return q

@@ -6,7 +6,7 @@ import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice
+from robots.ports import ArmTrajectory, Array, Side
 from skills.motion.kinematics import ik
 from skills.motion.timing.inputs import TimingError
 from skills.motion.timing.timing import hold, time_path
@@ -33,7 +33,7 @@ def plan_lift(
     *,
     limits: JointLimits | None = None,
 ) -> Outcome[ArmTrajectory]:
-    """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (14,), at rest.
+    """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (joints,), at rest.
 
     The hands rise together; a hand that is not listed stays. limits: the model's planning limits when None.
     Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative, too large or not
@@ -46,7 +46,7 @@ def plan_lift(
     rise = np.linspace(0.0, height, n + 1)
     q = np.tile(q_now, (n + 1, 1))
     for side in sides:
-        joints = arm_slice(side)
+        joints = model.arm(side)
         T = ik.tool_pose(model.chains[side], q_now[joints])
         position = np.tile(T[:3, 3], (n + 1, 1))
         position[:, 2] += rise

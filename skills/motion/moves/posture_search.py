@@ -64,7 +64,7 @@ SAMPLES = 18
 
 @dataclass(frozen=True, eq=False)
 class PostureChoice:
-    """A posture for each arm in use. postures, q: by arm. q: (n, 7) joints along the descent, the arc and the
+    """A posture for each arm in use. postures, q: by arm. q: (n, arm) joints along the descent, the arc and the
     retreat, coarsely sampled. cost: sum over the arms, see the constants of this module."""
 
     postures: Mapping[Side, Posture]
@@ -257,7 +257,7 @@ def _candidates(
 def _joint_paths(
     model: RobotModel, arm: Side, rotation: Array, position: Array, starts: Array, path: ToolPath, tally: _Tally
 ) -> list[Array]:
-    """Find joint paths (n, 7) along the whole tool path: one for each start configuration from which its end is
+    """Find joint paths (n, arm) along the whole tool path: one for each start configuration from which its end is
     reached."""
     joint_paths = []
     tally.started[arm] += len(starts)
@@ -277,13 +277,13 @@ def _joint_paths(
 
 
 def _nearest_limit(model: RobotModel, arm: Side, q: Array) -> str:
-    joints = arm_slice(arm)
+    joints = model.arm(arm)
     margin = np.minimum(q - model.planning.lower[joints], model.planning.upper[joints] - q)
     return model.joint_names[joints][int(margin.argmin())]
 
 
 def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
-    joints = arm_slice(arm)
+    joints = model.arm(arm)
     limits = model.planning
     travel = np.abs(np.diff(q, axis=0)).sum(axis=0) / limits.velocity[joints]
     approach = np.abs(q[0] - q_now[joints]) / limits.velocity[joints]
@@ -295,10 +295,10 @@ def _motion_cost(model: RobotModel, arm: Side, q: Array, q_now: Array) -> float:
 def _first_contact(
     model: RobotModel, checker: CollisionChecker, arm: Side, q: Array, q_now: Array, arms_used: Sequence[Side]
 ) -> Contact | None:
-    """Find the first contact of one arm on its joint path q (n, 7). The other arm is assumed to be parked if it is
-    used too, else to stay at its present position."""
+    """Find the first contact of one arm on its joint path q (n, arm). The other arm is assumed to be parked if it
+    is used too, else to stay at its present position."""
     q_both = np.tile(model.q_park if arm.other in arms_used else q_now, (len(q), 1))
-    q_both[:, arm_slice(arm)] = q
+    q_both[:, model.arm(arm)] = q
     return checker.first_collision(q_both, allow_fingertips=True)
 
 
@@ -320,7 +320,7 @@ def _collision_free_combinations(
             continue
         q_both = np.tile(q_now, (len(combination[0].q), 1))
         for arm, candidate in zip(arms, combination, strict=True):
-            q_both[:, arm_slice(arm)] = candidate.q
+            q_both[:, arm_slice(arm, len(q_now))] = candidate.q
         contact = checker.first_collision(q_both, allow_fingertips=True)
         if contact is not None:
             tally.pair_contacts[str(contact)] += 1

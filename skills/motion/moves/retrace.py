@@ -7,7 +7,7 @@ import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits, RobotModel
-from robots.ports import ArmTrajectory, Array, Side, arm_slice
+from robots.ports import ArmTrajectory, Array, Side
 from skills.motion.kinematics import ik
 from skills.motion.timing.inputs import TimingError
 from skills.motion.timing.timing import hold, time_path
@@ -39,7 +39,7 @@ def plan_along(
     limits: JointLimits | None = None,
     tool_speed: float | None = None,
 ) -> Outcome[ArmTrajectory]:
-    """Plan the motion from q_now (14,), at rest, to the end of `path` (n, 14).
+    """Plan the motion from q_now (joints,), at rest, to the end of `path` (n, joints).
 
     The motion joins the path at its sample nearest to q_now, and the distance from it fades out. The fingers may
     touch the table. tool_speed: maximum speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a
@@ -72,19 +72,19 @@ def plan_along(
 
 
 def nearest_on(path: Array, q: Array) -> int:
-    """Return the index of the sample of path (n, 14) that is nearest to q (14,)."""
+    """Return the index of the sample of path (n, joints) that is nearest to q (joints,)."""
     return int(np.linalg.norm(path - q, axis=1).argmin())
 
 
 def share_done(path: Array, q: Array) -> float:
-    """Return the share of path (n, 14) that lies before its sample nearest to q (14,): 0 at its start, 1 at its
-    end."""
+    """Return the share of path (n, joints) that lies before its sample nearest to q (joints,): 0 at its start, 1
+    at its end."""
     travelled = _travelled(path)
     return float(travelled[nearest_on(path, q)] / travelled[-1]) if travelled[-1] > 0.0 else 0.0
 
 
 def without_loops(path: Array) -> Array:
-    """Return path (n, 14) without the parts that lead back to where they began, such as down and up again."""
+    """Return path (n, joints) without the parts that lead back to where they began, such as down and up again."""
     kept, k = [0], 0
     while k < len(path) - 1:
         near = np.flatnonzero(np.abs(path[k + 1 :] - path[k]).max(axis=1) < LOOP)
@@ -94,7 +94,7 @@ def without_loops(path: Array) -> Array:
 
 
 def _spaced(path: Array) -> Array:
-    """Return the samples of path (n, 14) that are SPACING apart, with both ends."""
+    """Return the samples of path (n, joints) that are SPACING apart, with both ends."""
     travelled = _travelled(path)
     marks = np.searchsorted(travelled, np.arange(0.0, travelled[-1], SPACING))
     return np.asarray(path[np.unique([*marks.tolist(), 0, len(path) - 1])])
@@ -106,8 +106,8 @@ def _travelled(path: Array) -> Array:
 
 
 def _tool_travelled(model: RobotModel, side: Side, q: Array) -> Array:
-    """Return the distance (n,) that a tool has travelled at each sample of q (n, 14) [m]."""
-    position = np.array([ik.tool_pose(model.chains[side], row)[:3, 3] for row in q[:, arm_slice(side)]])
+    """Return the distance (n,) that a tool has travelled at each sample of q (n, joints) [m]."""
+    position = np.array([ik.tool_pose(model.chains[side], row)[:3, 3] for row in q[:, model.arm(side)]])
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
 
 

@@ -41,7 +41,7 @@ def plan_retreat(
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[Retreat]:
-    """Plan a straight lift by `height` [m] from q_now (14,), at rest, then both arms to the parked pose.
+    """Plan a straight lift by `height` [m] from q_now (joints,), at rest, then both arms to the parked pose.
 
     If the retreat by the full height fails, smaller heights are tried (HEIGHT_SHARES). Failures: those of
     `plan_lift` and `plan_free_motion`, for the full height.

@@ -1,7 +1,7 @@
 """Finds collision-free paths in joint space: a straight line, a path through fixed way-points, or RRT-Connect.
 
-RRT-Connect (Kuffner and LaValle, ICRA 2000) plans over all 14 joints with the caller's random generator and a
-bounded number of iterations. Random shortcuts then shorten the path.
+RRT-Connect (Kuffner and LaValle, ICRA 2000) plans over all joints of both arms with the caller's random generator
+and a bounded number of iterations. Random shortcuts then shorten the path.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
-from robots.ports import Array, Side, arm_slice
+from robots.ports import Array, Side
 from skills.motion.validation.collision import CollisionChecker, Contact
 
 __all__ = ["blend_corners", "candidate_paths", "check_endpoints", "no_path_found"]
@@ -33,7 +33,7 @@ towards the goal at the way-point."""
 def candidate_paths(
     model: RobotModel, checker: CollisionChecker, q0: Array, q1: Array, rng: np.random.Generator | None = None
 ) -> Iterator[tuple[str, Array]]:
-    """Yield paths from q0 (14,) to q1 (14,), the best first, each as (method, way-points (n, 14)).
+    """Yield paths from q0 (joints,) to q1 (joints,), the best first, each as (method, way-points (n, joints)).
 
     A path is straight in joint space between its way-points. method: "straight", "via" (through fixed way-points)
     or "rrt". The second RRT path, which is the last one, is checked for collision at the fine spacing, all other
@@ -52,8 +52,8 @@ def candidate_paths(
 
 
 def check_endpoints(checker: CollisionChecker, q0: Array, q1: Array) -> Failure | None:
-    """Return IN_COLLISION if q0 (14,) or q1 (14,) is itself in collision, so that no path can be free, else
-    None."""
+    """Return IN_COLLISION if q0 (joints,) or q1 (joints,) is itself in collision, so that no path can be free,
+    else None."""
     for name, q in (("start", q0), ("goal", q1)):
         contact = checker.contact(q)
         if contact is not None:
@@ -81,7 +81,8 @@ def no_path_found(contact: Contact | None) -> Failure:
 
 
 def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
-    """Replace the corners of the path through points (n, 14) by parabolas, and sample it evenly: (samples, 14).
+    """Replace the corners of the path through points (n, joints) by parabolas, and sample it evenly: (samples,
+    joints).
 
     share: part (0..0.5) of each adjoining segment that a parabola replaces.
     """
@@ -103,7 +104,7 @@ def _fixed_waypoints(model: RobotModel, q0: Array, q1: Array) -> list[list[Array
     (1) No way-point. (2) A way-point at which one arm is ahead of the other. (3) Both arms pass through the parked
     pose. (4) One arm parks while the other moves to its goal.
     """
-    left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
+    left, right = model.arm(Side.LEFT), model.arm(Side.RIGHT)
 
     def at_progress(left_share: float, right_share: float) -> Array:
         q = q0.copy()

@@ -110,7 +110,8 @@ def peaks(trajectory: ArmTrajectory, limits: JointLimits) -> Peaks:
 
 
 def hold(q: Array, duration: float = 2 * TICK) -> ArmTrajectory:
-    """Create a trajectory that rests at q (14,) for `duration` [s]. Raises TimingError for too long a duration."""
+    """Create a trajectory that rests at q (joints,) for `duration` [s]. Raises TimingError for too long a
+    duration."""
     validate_path(q[None], 1)
     validate_duration(duration, "the rest")
     n = max(1, int(np.ceil(duration / TICK - 1e-9)))
@@ -138,8 +139,8 @@ def join(parts: Sequence[ArmTrajectory]) -> ArmTrajectory:
 
 
 def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
-    """Compute the time-optimal motion within the limits from rest at q0 (14,) to rest at q1 (14,), straight in
-    joint space.
+    """Compute the time-optimal motion within the limits from rest at q0 (joints,) to rest at q1 (joints,),
+    straight in joint space.
 
     Raises TimingError for values that are not finite, and for a motion that would take too long.
     """
@@ -147,7 +148,7 @@ def free_motion(q0: Array, q1: Array, limits: JointLimits) -> ArmTrajectory:
     gap = q1 - q0
     if np.abs(gap).max() < 1e-9:
         return hold(q0)
-    # All joints share one parameter from 0 to 1. Ruckig's own phase synchronisation of 14 joints is not used: it
+    # All joints share one parameter from 0 to 1. Ruckig's own phase synchronisation of many joints is not used: it
     # silently falls back to curved, time-synchronised motions if limits of different order bind two joints.
     distance = np.maximum(np.abs(gap), 1e-12)
     generator = ruckig.Ruckig(1)
@@ -184,7 +185,7 @@ def _no_free_motion(request: ruckig.InputParameter, why: str) -> TimingError:
 def time_path(
     path: Array, limits: JointLimits, *, lengths: Array | None = None, speed: float | None = None
 ) -> ArmTrajectory:
-    """Time a smooth joint path (n, 14) from rest to rest, as fast as the limits allow.
+    """Time a smooth joint path (n, joints) from rest to rest, as fast as the limits allow.
 
     lengths: (n, k) distance travelled by each of k tools at each sample [m]; speed: maximum speed of the
     tools [m/s]. The path is the cubic spline through the samples. If it turns sharply, it can be several splines,
@@ -215,7 +216,7 @@ def time_path(
 
 
 def _time_part(path: Array, limits: JointLimits, lengths: Array | None, speed: float | None) -> ArmTrajectory:
-    """Time the spline through path (n, 14), from rest to rest."""
+    """Time the spline through path (n, joints), from rest to rest."""
     s = _path_parameter(path, limits)
     curve = CubicSpline(s, path)
     speed_cap = None if lengths is None or speed is None else (CubicSpline(s, lengths), speed)
@@ -251,7 +252,7 @@ def _stops_tried(path: Array) -> Iterator[list[int]]:
 
 
 def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
-    """Time a joint path (n, 14) at the requested times t (n,) [s], or more slowly where the limits require it.
+    """Time a joint path (n, joints) at the requested times t (n,) [s], or more slowly where the limits require it.
 
     Times that keep the limits, with soft start and stop, are used unchanged. If only the start or stop is too
     abrupt, it is softened. Otherwise the result is the fastest time law that is nowhere ahead of the requested
@@ -278,8 +279,8 @@ def time_law(path: Array, t: Array, limits: JointLimits) -> ArmTrajectory:
 
 
 def _as_requested(path: Array, tau: Array, limits: JointLimits) -> ArmTrajectory | None:
-    """Return the spline through path (n, 14) at times tau (n,) [s]; None if it exceeds a limit, or if its start or
-    stop is not soft."""
+    """Return the spline through path (n, joints) at times tau (n,) [s]; None if it exceeds a limit, or if its
+    start or stop is not soft."""
     curve = CubicSpline(tau, path, bc_type="clamped")
     t = _sample_times(float(tau[-1]))
     q, qd, qdd = curve(t), curve(t, 1), curve(t, 2)
@@ -348,7 +349,7 @@ def warped(trajectory: ArmTrajectory, warp: ClockWarp) -> ArmTrajectory:
 
 
 def _sample(trajectory: ArmTrajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Evaluate the Hermite interpolant at times t (m,): q, qd, qdd (m, 14)."""
+    """Evaluate the Hermite interpolant at times t (m,): q, qd, qdd (m, joints)."""
     i = np.clip(np.searchsorted(trajectory.t, t, side="right") - 1, 0, len(trajectory.t) - 2)
     h = (trajectory.t[i + 1] - trajectory.t[i])[:, None]
     s = (t - trajectory.t[i])[:, None] / h

@@ -116,7 +116,7 @@ class CollisionChecker:
         return len(self._geometry.collisionPairs)
 
     def in_collision(self, q: Array, *, allow_fingertips: bool = False) -> bool:
-        """Whether any pair is nearer than its margin at q (14,)."""
+        """Whether any pair is nearer than its margin at q (joints,)."""
         data = self._grasp if allow_fingertips else self._free
         return bool(
             pin.computeCollisions(
@@ -125,7 +125,7 @@ class CollisionChecker:
         )
 
     def contact(self, q: Array, *, allow_fingertips: bool = False, index: int = 0) -> Contact | None:
-        """Return the first pair that is nearer than its margin at q (14,), or None."""
+        """Return the first pair that is nearer than its margin at q (joints,), or None."""
         if not self.in_collision(q, allow_fingertips=allow_fingertips):
             return None
         data = self._grasp if allow_fingertips else self._free
@@ -135,7 +135,7 @@ class CollisionChecker:
         return Contact("unknown", "unknown", index)
 
     def first_collision(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
-        """Return the first contact along joint vectors (n, 14), with its index, or None."""
+        """Return the first contact along joint vectors (n, joints), with its index, or None."""
         for i, q in enumerate(path):
             contact = self.contact(q, allow_fingertips=allow_fingertips, index=i)
             if contact is not None:
@@ -143,8 +143,8 @@ class CollisionChecker:
         return None
 
     def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
-        """Compute the smallest distance of all pairs at q (14,) [m]. allow_fingertips: ignore the pairs of fingers
-        and table."""
+        """Compute the smallest distance of all pairs at q (joints,) [m]. allow_fingertips: ignore the pairs of
+        fingers and table."""
         data = self._grasp if allow_fingertips else self._free
         pin.updateGeometryPlacements(
             self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q)
@@ -157,7 +157,8 @@ class CollisionChecker:
         return float(smallest)
 
     def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05, allow_fingertips: bool = False) -> bool:
-        """Whether the straight line from q0 (14,) to q1 (14,) is free, checked every `resolution` [rad]."""
+        """Whether the straight line from q0 (joints,) to q1 (joints,) is free, checked every `resolution`
+        [rad]."""
         n = max(1, int(np.ceil(np.abs(q1 - q0).max() / resolution)))
         # Indices divisible by high powers of two come first, because widely spaced poses find most collisions
         # early.

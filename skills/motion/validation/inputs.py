@@ -22,26 +22,28 @@ HIGHEST = 3.0
 
 
 def validate_state(model: RobotModel, q: Array) -> Failure | None:
-    """Return STALE_STATE (the arms' state is not known) when q is not a vector of 14 finite numbers, else None."""
-    if np.shape(q) == (14,) and np.all(np.isfinite(q)):
+    """Return STALE_STATE (the arms' state is not known) when q (joints,) has another shape or is not finite, else
+    None."""
+    if np.shape(q) == model.q_park.shape and np.all(np.isfinite(q)):
         return None
     return Failure(
         FailureKind.STALE_STATE,
-        f"the arms' state is not a vector of 14 finite numbers{_offending_value(model, q)}",
+        f"the arms' state is not a vector of {len(model.joint_names)} finite numbers{_offending_value(model, q)}",
         "check the joint encoders and the connection to the robot",
         {"shape": list(np.shape(q))},
     )
 
 
 def validate_goal(model: RobotModel, q: Array, q_now: Array) -> Failure | None:
-    """Return LIMIT_EXCEEDED when q is not a vector of 14 finite numbers, or outside the planning range, else None.
+    """Return LIMIT_EXCEEDED when q (joints,) has another shape, is not finite or is outside the planning range,
+    else None.
 
-    If a joint in q_now (14,) is already outside the range, it may stay as far outside.
+    If a joint in q_now (joints,) is already outside the range, it may stay as far outside.
     """
-    if np.shape(q) != (14,) or not np.all(np.isfinite(q)):
+    if np.shape(q) != model.q_park.shape or not np.all(np.isfinite(q)):
         return Failure(
             FailureKind.LIMIT_EXCEEDED,
-            f"the goal is not a vector of 14 finite numbers{_offending_value(model, q)}",
+            f"the goal is not a vector of {len(model.joint_names)} finite numbers{_offending_value(model, q)}",
             "report this: a bug",
         )
     lower, upper = np.minimum(model.planning.lower, q_now), np.maximum(model.planning.upper, q_now)
@@ -106,6 +108,6 @@ def validate_tool_speed(speed: float | None) -> Failure | None:
 
 
 def _offending_value(model: RobotModel, q: Array) -> str:
-    if np.shape(q) != (14,):
+    if np.shape(q) != model.q_park.shape:
         return f" (its shape is {np.shape(q)})"
     return f" ({model.joint_names[int(np.flatnonzero(~np.isfinite(q))[0])]} is {q[~np.isfinite(q)][0]})"

@@ -44,12 +44,12 @@ def check_trajectory(
 ) -> Outcome[Peaks]:
     """Check a trajectory before it is sent. The outcome's value is the largest share of each limit that it uses.
 
-    q_now: (14,) the arms' present joints [rad]. allow_fingertips: the fingers may touch the table (a grasp).
+    q_now: (joints,) the arms' present joints [rad]. allow_fingertips: the fingers may touch the table (a grasp).
     start_tolerance: maximum distance of each joint from the trajectory's start [rad]. Failures: LIMIT_EXCEEDED,
     START_MISMATCH, IN_COLLISION.
     """
     failure = (
-        _malformed(trajectory)
+        _malformed(trajectory, len(model.joint_names))
         or _start_mismatch(model, trajectory, q_now, start_tolerance)
         or _position_limits(model, trajectory, limits)
     )
@@ -64,14 +64,14 @@ def check_trajectory(
     return Outcome(share)
 
 
-def _malformed(trajectory: ArmTrajectory) -> Failure | None:
+def _malformed(trajectory: ArmTrajectory, joints: int) -> Failure | None:
     arrays = {"t": trajectory.t, "q": trajectory.q, "qd": trajectory.qd, "qdd": trajectory.qdd}
     for name, a in arrays.items():
         if not np.all(np.isfinite(a)):
             return _limit_exceeded(f"the trajectory's {name} has values that are not finite", {"field": name})
-    n = len(trajectory.t)
-    if n < 2 or any(a.shape != (n, 14) for name, a in arrays.items() if name != "t"):
-        return _limit_exceeded("the trajectory's arrays do not fit each other", {"samples": n})
+    shape = (len(trajectory.t), joints)
+    if shape[0] < 2 or any(a.shape != shape for name, a in arrays.items() if name != "t"):
+        return _limit_exceeded("the trajectory's arrays do not fit each other", {"samples": shape[0]})
     gap = np.diff(trajectory.t)
     if trajectory.t[0] != 0.0 or gap.min() <= 0.0:
         return _limit_exceeded(
@@ -152,7 +152,7 @@ def contact_along(
 
 
 def _spaced_samples(q: Array, step: float) -> NDArray[np.intp]:
-    """Return the indices of samples of q (n, 14) that are about `step` [rad] apart, including both ends."""
+    """Return the indices of samples of q (n, joints) that are about `step` [rad] apart, including both ends."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)).max(axis=1))])
     marks = np.arange(0.0, travelled[-1], step)
     keep = np.unique(np.concatenate([np.searchsorted(travelled, marks), [len(q) - 1]]))

@@ -66,7 +66,7 @@ class Cell:
         self.side = Side.LEFT
 
     def reach(self, effect: Reach) -> Outcome:
-        cut = arm_slice(effect.side)
+        cut = arm_slice(effect.side, 14)
         seeds = np.random.default_rng(7).uniform(
             self.robot.planning.lower[cut], self.robot.planning.upper[cut], (8, 7)
         )
@@ -78,7 +78,7 @@ class Cell:
 
     def view(self) -> BoardView:
         """The view of the board at the joints' true angles."""
-        q = (self.q - self.bias)[arm_slice(self.side)]
+        q = (self.q - self.bias)[arm_slice(self.side, 14)]
         T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
         p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
         k = MOUNT.intrinsics
@@ -92,7 +92,7 @@ class Cell:
                 if sum(v.side is side for v in out) == count:
                     break
                 if self.reach(Reach(side, T @ np.linalg.inv(BOARD.T_tool_board))).ok:
-                    out.append(HandView(side, self.q[arm_slice(side)].copy(), self.view()))
+                    out.append(HandView(side, self.q[arm_slice(side, 14)].copy(), self.view()))
         return out
 
 

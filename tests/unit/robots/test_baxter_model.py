@@ -33,9 +33,9 @@ def test_protective_limits_are_the_published_ones_and_include_all_others(model):
     lower = [-1.7017, -2.147, -3.0542, -0.05, -3.059, -1.5708, -3.059]
     upper = [1.7017, 1.047, 3.0542, 2.618, 3.059, 2.094, 3.059]
     for side in Side:
-        assert model.protective.lower[arm_slice(side)] == pytest.approx(lower, abs=1e-3)
-        assert model.protective.upper[arm_slice(side)] == pytest.approx(upper, abs=1e-3)
-        assert model.protective.velocity[arm_slice(side)] == pytest.approx([1.5] * 4 + [4.0] * 3)
+        assert model.protective.lower[arm_slice(side, 14)] == pytest.approx(lower, abs=1e-3)
+        assert model.protective.upper[arm_slice(side, 14)] == pytest.approx(upper, abs=1e-3)
+        assert model.protective.velocity[arm_slice(side, 14)] == pytest.approx([1.5] * 4 + [4.0] * 3)
     for name in ("velocity", "acceleration", "jerk"):
         assert np.all(getattr(model.planning, name) < getattr(model.protective, name))
         assert np.all(getattr(model.commissioning, name) < getattr(model.planning, name))

@@ -40,9 +40,9 @@ def drawn(model: RobotModel, rng: np.random.Generator) -> Array:
 def test_joint_vectors_have_the_left_arm_first(model: RobotModel) -> None:
     assert len(model.joint_names) == 14 == len(set(model.joint_index.tolist()))
     for side in Side:
-        assert all(name.startswith(str(side)) for name in model.joint_names[arm_slice(side)])
+        assert all(name.startswith(str(side)) for name in model.joint_names[arm_slice(side, 14)])
         moved = np.array(model.q_park)
-        moved[arm_slice(side)] += 0.1
+        moved[arm_slice(side, 14)] += 0.1
         assert not np.allclose(model.tool_pose(side, moved), model.tool_pose(side, model.q_park))
         assert np.array_equal(model.tool_pose(side.other, moved), model.tool_pose(side.other, model.q_park))
 
@@ -61,12 +61,12 @@ def test_kinematics_equal_pinocchio(model: RobotModel) -> None:
     for _ in range(30):
         q = drawn(model, rng)
         for side in Side:
-            arm, frame = q[arm_slice(side)], pm.getFrameId(model.tool_frame[side])
+            arm, frame = q[arm_slice(side, 14)], pm.getFrameId(model.tool_frame[side])
             assert np.abs(ik.tool_pose(model.chains[side], arm) - model.tool_pose(side, q)).max() < 1e-12
             J = pin.computeFrameJacobian(
                 pm, data, model.configuration(q), frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
-            columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[arm_slice(side)]]
+            columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[arm_slice(side, 14)]]
             assert np.abs(ik.jacobian(model.chains[side], arm) - J[:, columns]).max() < 1e-12
 
 
@@ -76,7 +76,7 @@ def test_inverse_kinematics_reaches_the_poses_of_random_joints(model: RobotModel
     starts = np.array([drawn(model, rng) for _ in range(60)])
     for k in range(200):
         side = tuple(Side)[k % 2]
-        cut = arm_slice(side)
+        cut = arm_slice(side, 14)
         T = model.tool_pose(side, drawn(model, rng))
         found = ik.solve_seeds(model, side, T, np.ascontiguousarray(starts[:, cut]))
         assert len(found) > 0

@@ -110,7 +110,7 @@ class RosArms:
         before = self._last(now)
         setpoint = clip_setpoint(q, qd, before.q, self.state().q, self._limits, now)
         for side in Side:
-            part = arm_slice(side)
+            part = arm_slice(side, len(JOINT_NAMES))
             self._commands[side].tell(
                 self._messages.joint_command(
                     RAW_POSITION if self._raw else POSITION, list(setpoint.q[part]), list(JOINT_NAMES[part])

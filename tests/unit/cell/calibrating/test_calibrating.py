@@ -294,7 +294,7 @@ def test_motion_plans_include_a_board_in_the_hand() -> None:
         T[:3, 3] = 0.55, 0.25, height
         for q7 in ik.solve_seeds(robot, Side.LEFT, T, seeds):
             q = np.array(robot.q_park)
-            q[arm_slice(Side.LEFT)] = q7
+            q[arm_slice(Side.LEFT, 14)] = q7
             if bare.contact(q) is None:
                 contact = with_card.contact(q)
                 seen.add((height, None if contact is None else str(contact)))

@@ -63,7 +63,7 @@ class OverTable(Hands):
     """Hands whose height is the position of the first joint of each arm."""
 
     def height(self, side: Side, q: Array) -> float:
-        return TOP - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
+        return TOP - float(np.interp(q[arm_slice(side, 14)][0], WAY.q[:, 0], WAY.depth))
 
 
 @dataclass

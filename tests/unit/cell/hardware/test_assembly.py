@@ -60,7 +60,7 @@ def fingers_at(cell: Workcell, height: float) -> np.ndarray:
     T[:3, :3] = tool_rotation(np.zeros(1), np.zeros(1), np.zeros(1))[0]
     T[:3, 3] = [0.65, 0.25, cell.table.height + height + 0.00515]
     seeds = np.random.default_rng(5).uniform(-1, 1, (30, 7)) + BAXTER.park(Side.LEFT)
-    cut = arm_slice(Side.LEFT)
+    cut = arm_slice(Side.LEFT, 14)
     seeds = np.clip(seeds, BAXTER.planning.lower[cut], BAXTER.planning.upper[cut])
     q = np.array(BAXTER.q_park)
     q[cut] = ik.solve_seeds(BAXTER, Side.LEFT, T, seeds)[0]

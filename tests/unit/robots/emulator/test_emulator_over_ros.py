@@ -114,7 +114,7 @@ def wave(t: float) -> Array:
 
 def shuffled(program: Program, side: Side, q: Array, mode: int = 4) -> Any:
     order = [4, 2, 6, 0, 1, 5, 3]
-    part = q[arm_slice(side)]
+    part = q[arm_slice(side, 14)]
     return program.m.joint_command(mode, [part[k] for k in order], [names(side)[k] for k in order])
 
 
@@ -155,10 +155,10 @@ def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -
     to = program.publisher(topics.joint_command(Side.RIGHT), program.m.joint_command)
     q0 = vector(program.joints.newest)
     goal = q0 + 0.05 * (np.arange(14) == 13)
-    right = arm_slice(Side.RIGHT)
+    right = arm_slice(Side.RIGHT, 14)
     command = program.m.joint_command(1, list(goal[right]), names(Side.RIGHT))
     program.insist(to, command, lambda: abs(vector(program.joints.newest)[13] - goal[13]) < 0.01, "the goal")
-    assert max(np.abs(vector(m) - q0)[arm_slice(Side.LEFT)].max() for m in program.joints.all) < 0.01
+    assert max(np.abs(vector(m) - q0)[arm_slice(Side.LEFT, 14)].max() for m in program.joints.all) < 0.01
 
 
 @pytest.mark.parametrize("timeout", [0.2, 0.4])

@@ -156,7 +156,7 @@ class Puppet:
                 if topic == self.hands[side].topic:
                     self.hands[side].hear(message)
                 elif topic == LIMB[side] + "joint_command" and self.enabled:
-                    part = arm_slice(side)
+                    part = arm_slice(side, 14)
                     place = dict(zip(message.names, message.command, strict=True))
                     self.q = self.q.copy()
                     self.q[part] = [place[name] for name in JOINT_NAMES[part]]

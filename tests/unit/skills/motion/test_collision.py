@@ -31,8 +31,8 @@ def hand_at(model, side, x, y, height, heading=0.0):
     T[:3, 3] = [x, y, TABLE.height + height]
     q = np.array(model.q_park)
     seeds = np.random.default_rng(5).uniform(-1, 1, (30, 7)) + model.park(side)
-    seeds = np.clip(seeds, model.planning.lower[arm_slice(side)], model.planning.upper[arm_slice(side)])
-    q[arm_slice(side)] = ik.solve_seeds(model, side, T, seeds)[0]
+    seeds = np.clip(seeds, model.planning.lower[arm_slice(side, 14)], model.planning.upper[arm_slice(side, 14)])
+    q[arm_slice(side, 14)] = ik.solve_seeds(model, side, T, seeds)[0]
     return q
 
 
@@ -66,12 +66,12 @@ def test_the_clearance_above_the_table_is_the_height_of_the_fingertips(model, ch
 
 def test_hands_collide_with_each_other(model, checker):
     q = hand_at(model, Side.LEFT, 0.6, 0.03, 0.15)
-    q[arm_slice(Side.RIGHT)] = hand_at(model, Side.RIGHT, 0.6, -0.03, 0.15)[arm_slice(Side.RIGHT)]
+    q[arm_slice(Side.RIGHT, 14)] = hand_at(model, Side.RIGHT, 0.6, -0.03, 0.15)[arm_slice(Side.RIGHT, 14)]
     contact = checker.contact(q)
     assert contact is not None
     assert {contact.first.split("_")[0][0], contact.second.split("_")[0][0]} == {"l", "r"}
     q = hand_at(model, Side.LEFT, 0.6, 0.2, 0.15)
-    q[arm_slice(Side.RIGHT)] = hand_at(model, Side.RIGHT, 0.6, -0.2, 0.15)[arm_slice(Side.RIGHT)]
+    q[arm_slice(Side.RIGHT, 14)] = hand_at(model, Side.RIGHT, 0.6, -0.2, 0.15)[arm_slice(Side.RIGHT, 14)]
     assert checker.contact(q) is None
 
 
@@ -93,10 +93,10 @@ def test_bodies_nearer_than_the_margin_are_in_contact(model):
     """With one margin for all pairs, the smallest distance decides."""
     rng, margin, verdicts = np.random.default_rng(9), 0.03, []
     wide = CollisionChecker(model, TABLE, body_margin=margin, table_margin=margin, fingertip_margin=margin)
-    other = hand_at(model, Side.RIGHT, 0.6, -0.1, 0.12)[arm_slice(Side.RIGHT)]
+    other = hand_at(model, Side.RIGHT, 0.6, -0.1, 0.12)[arm_slice(Side.RIGHT, 14)]
     for _ in range(12):
         q = hand_at(model, Side.LEFT, 0.6, float(rng.uniform(0.0, 0.15)), float(rng.uniform(0.02, 0.12)))
-        q[arm_slice(Side.RIGHT)] = other
+        q[arm_slice(Side.RIGHT, 14)] = other
         verdicts.append(wide.in_collision(q))
         assert verdicts[-1] == (wide.clearance(q) < margin)
     assert {True, False} == set(verdicts)
@@ -113,9 +113,9 @@ def test_free_motions_keep_the_fingers_off_folded_cloth(model, checker, height, 
 def test_a_straight_motion_between_free_poses_can_be_in_collision(model, checker):
     """The hands swap sides, so the straight motion leads them through each other."""
     a, b = hand_at(model, Side.LEFT, 0.75, 0.05, 0.10), hand_at(model, Side.LEFT, 0.45, 0.05, 0.10)
-    other = hand_at(model, Side.RIGHT, 0.60, 0.0, 0.10)[arm_slice(Side.RIGHT)]
+    other = hand_at(model, Side.RIGHT, 0.60, 0.0, 0.10)[arm_slice(Side.RIGHT, 14)]
     assert checker.edge_free(a, b)
-    a[arm_slice(Side.RIGHT)] = b[arm_slice(Side.RIGHT)] = other
+    a[arm_slice(Side.RIGHT, 14)] = b[arm_slice(Side.RIGHT, 14)] = other
     assert not checker.in_collision(a) and not checker.in_collision(b)
     assert not checker.edge_free(a, b)
     assert checker.first_collision(np.linspace(a, b, 20)) is not None

@@ -161,7 +161,7 @@ def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
     for side, way in motion.descend.items():
         assert way.depth[0] == 0.0 and way.depth[-1] == pytest.approx(0.115)
         q = np.tile(motion.grasp.q_above, (len(way.depth), 1))
-        q[:, arm_slice(side)] = way.q
+        q[:, arm_slice(side, 14)] = way.q
         assert q[0] == pytest.approx(motion.grasp.q_above, abs=1e-9)
         T = tools(side, q)
         start = paths[motion.postures[side].path].position[0]
@@ -169,7 +169,7 @@ def test_descents_go_straight_down_to_the_grasp_and_beyond(checker):
         assert T[:, 2, 3] - TABLE.height == pytest.approx(start[2] + 0.1 - way.depth, abs=1e-7)
         assert np.abs(T[:, :3, :3] - T[0, :3, :3]).max() < 1e-7
         grasp = np.array(motion.grasp.q_above)
-        grasp[arm_slice(side)] = way.at(way.grasp_depth)
+        grasp[arm_slice(side, 14)] = way.at(way.grasp_depth)
         assert MODEL.tool_pose(side, grasp)[:3, 3] - [0, 0, TABLE.height] == pytest.approx(start, abs=1e-5)
 
 
@@ -193,7 +193,9 @@ def test_a_lift_raises_only_the_hands_that_hold(checker):
     expected = np.zeros((4, 4))
     expected[2, 3] = 0.03
     assert rise == pytest.approx(expected, abs=1e-6)
-    assert np.array_equal(up.q[:, arm_slice(Side.RIGHT)], np.tile(q[arm_slice(Side.RIGHT)], (len(up.t), 1)))
+    assert np.array_equal(
+        up.q[:, arm_slice(Side.RIGHT, 14)], np.tile(q[arm_slice(Side.RIGHT, 14)], (len(up.t), 1))
+    )
 
 
 def test_planning_is_deterministic(checker):
@@ -228,7 +230,7 @@ def test_an_arc_can_be_planned_again_from_the_hands_real_positions(checker):
     motion = planned(checker, step, paths).unwrap()
     q = np.array(motion.grasp.q_grasp)
     for side, way in motion.descend.items():
-        q[arm_slice(side)] = way.at(way.grasp_depth - 0.004)
+        q[arm_slice(side, 14)] = way.at(way.grasp_depth - 0.004)
     q += np.random.default_rng(3).normal(0.0, 0.003, 14)
     again = plan_arc(MODEL, checker, TABLE, paths, motion.postures, q).unwrap()
     assert again.fold.q[0] == pytest.approx(q, abs=1e-6)
@@ -290,7 +292,7 @@ def test_one_arm_folds_while_the_other_stays_parked(checker):
     motion = planned(checker, step, paths).unwrap()
     (arm,) = motion.postures
     for part in (motion.approach, motion.fold, motion.retreat, motion.park):
-        assert np.abs(part.q[:, arm_slice(arm.other)] - MODEL.park(arm.other)).max() < 1e-9
+        assert np.abs(part.q[:, arm_slice(arm.other, 14)] - MODEL.park(arm.other)).max() < 1e-9
 
 
 def test_an_unreachable_grasp_is_reported_with_the_binding_constraint(checker):

@@ -42,7 +42,7 @@ WAY = Descent(np.linspace(HOME, HOME + 0.5, 51)[:, None] * np.ones(7), np.linspa
 
 
 def height(cell: Any, side: Side, q: Array) -> float:
-    return ABOVE - float(np.interp(q[arm_slice(side)][0], WAY.q[:, 0], WAY.depth))
+    return ABOVE - float(np.interp(q[arm_slice(side, 14)][0], WAY.q[:, 0], WAY.depth))
 
 
 class Hand:
@@ -262,7 +262,7 @@ def test_an_idle_arm_stays_at_its_set_point(monkeypatch: pytest.MonkeyPatch) -> 
     only = {Side.LEFT: WAY}
     motion: Any = SimpleNamespace(descend=only, postures={Side.LEFT: Posture(GraspId.LEFT)})
     context = context_with(context, motion=motion)
-    cell.q[arm_slice(Side.RIGHT)] = HOME - 0.005
+    cell.q[arm_slice(Side.RIGHT, 14)] = HOME - 0.005
     work.last_command.q = np.full(14, HOME)
     through, cell.follows = work.ports.arms.command, False
 
@@ -273,7 +273,7 @@ def test_an_idle_arm_stays_at_its_set_point(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(work.ports.arms, "command", sagging)
     assert EFFECTS[Effect.GRASP](work, context).event is Event.DONE
-    right = np.array([q[arm_slice(Side.RIGHT)] for _, q in cell.commands])
+    right = np.array([q[arm_slice(Side.RIGHT, 14)] for _, q in cell.commands])
     assert np.abs(np.diff(right, axis=0)).max() < 5e-4 and np.abs(right[0] - HOME).max() < 1e-9
 
 

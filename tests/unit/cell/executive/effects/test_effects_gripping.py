@@ -65,7 +65,7 @@ def test_a_hand_stops_on_a_hard_surface(monkeypatch: pytest.MonkeyPatch) -> None
     cell, failure, pushes = pressed(monkeypatch, 8_000.0)
     most = fake_workcell(FakeCell()).settings.grasp.press_force
     assert failure is None and most < pushes.strongest < 1.5 * most
-    q = np.array([q for _, q in cell.commands])[:, arm_slice(Side.LEFT)]
+    q = np.array([q for _, q in cell.commands])[:, arm_slice(Side.LEFT, 14)]
     depth = np.interp(q[:, 0], WAY.q[:, 0], WAY.depth)
     assert abs(depth[-1] - depth[-5]) < 1e-5 and depth.max() - depth[-1] < 5e-5
     assert np.abs(np.diff(depth, n=2)).max() < 0.6 * 0.01**2 * 1.01, "the hand's acceleration limit is kept"

@@ -56,7 +56,7 @@ def grasped(bench: Bench) -> Array:
 def test_an_arm_that_hangs_stands_still_and_catches_up_at_a_bounded_speed(opened: Any) -> None:
     bench = opened().ready()
     inject(bench, K.ARM_HANGS, side=Side.LEFT, duration=1.0)
-    left, right = arm_slice(Side.LEFT), arm_slice(Side.RIGHT)
+    left, right = arm_slice(Side.LEFT, 14), arm_slice(Side.RIGHT, 14)
     start = bench.ports.arms.state().q
     bench.move(bench.q + 0.2, 0.9)
     stuck = bench.ports.arms.state().q

@@ -234,7 +234,7 @@ def test_both_arms_are_commanded_by_name(puppet: Puppet, arms: Arms) -> None:
         message = arms.heard(side)[-1]
         assert message.mode == POSITION == 1
         assert list(message.names) == [f"{side}_{joint}" for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
-        np.testing.assert_array_equal(message.command, q[arm_slice(side)])
+        np.testing.assert_array_equal(message.command, q[arm_slice(side, 14)])
         assert arms.heard(side, "inverse_dynamics_command") == []
     np.testing.assert_array_equal(sent.q, q)
     np.testing.assert_array_equal(sent.qd, np.full(14, 0.1))
@@ -382,7 +382,7 @@ def test_raw_positions_have_the_velocities_and_accelerations_of_a_sinusoid(
         wait(lambda n=k + 1: arms.dynamics() == n, "feed-forward")
         half = amplitude * omega**2 * np.cos(omega * (t - 0.005))
         for side in Side:
-            part = arm_slice(side)
+            part = arm_slice(side, 14)
             assert arms.heard(side)[-1].mode == RAW_POSITION == 4
             point = arms.heard(side, "inverse_dynamics_command")[-1]
             np.testing.assert_array_equal(point.positions, q[part])
@@ -402,7 +402,7 @@ def test_accelerations_stay_within_the_limits(
         wait(lambda side=side: len(arms.heard(side, "inverse_dynamics_command")) == 2, "feed-forward")
         first, second = arms.heard(side, "inverse_dynamics_command")
         assert list(first.accelerations) == [0.0] * 7
-        np.testing.assert_array_equal(second.accelerations, -limits.acceleration[arm_slice(side)])
+        np.testing.assert_array_equal(second.accelerations, -limits.acceleration[arm_slice(side, 14)])
 
 
 def test_the_raw_position_setting_selects_the_command_mode(puppet: Puppet, connect: Connect) -> None:
