@@ -17,25 +17,27 @@ from numpy.typing import NDArray
 from robots.errors import StorageError
 from robots.ports import Array
 
-__all__ = ["cached_urdf", "thinned"]
+__all__ = ["URDF", "cached_urdf", "thinned"]
+
+URDF = "robot.urdf"
+"""Name of a converted URDF in its cache folder."""
 
 
-def cached_urdf(source: Path, name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
-    """Return the path of the URDF in the cache folder `name`. `write` creates the URDF if it is missing.
+def cached_urdf(source: bytes, name: str, made_with: str, write: Callable[[Path, Path], None]) -> Path:
+    """Return the path of `robot.urdf` in the cache folder `name`. `write` creates it if it is missing.
 
-    source: the robot's URDF; the converted URDF has the same file name. made_with: text that identifies the
-    parameters of the conversion. Each source and text has a separate folder. write(build, folder): writes the URDF
-    and its meshes into `build`, with paths that refer to `folder`. Raises StorageError if the cache cannot be
-    written.
+    source: content of the robot's URDF. made_with: text that identifies the parameters of the conversion. Each
+    source and text has a separate folder. write(build, folder): writes `robot.urdf` and its meshes into `build`,
+    with paths that refer to `folder`. Raises StorageError if the cache cannot be written.
     """
-    digest = hashlib.sha256(source.read_bytes() + made_with.encode()).hexdigest()[:12]
+    digest = hashlib.sha256(source + made_with.encode()).hexdigest()[:12]
     folder = Path(platformdirs.user_cache_dir("foldcell")) / f"{name}-{digest}"
-    urdf = folder / source.name
+    urdf = folder / URDF
     if urdf.is_file():
         return urdf
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        build = Path(tempfile.mkdtemp(prefix=f".{source.stem}-", dir=folder.parent))
+        build = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=folder.parent))
         try:
             write(build, folder)
             _publish(build, urdf)

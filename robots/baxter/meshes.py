@@ -13,23 +13,22 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from robots.baxter.camera_mount import MOUNT
 from robots.baxter.gripper import GRIPPER
-from robots.baxter.model import FLOOR, JOINT_NAMES, baxter_urdf_path, package_root
-from robots.model_cache import cached_urdf, thinned
+from robots.baxter.model import FLOOR, JOINT_NAMES, baxter_urdf_path
+from robots.example_data import package_root
+from robots.model_cache import URDF, cached_urdf
+from robots.urdf.meshes import CREASE, glb, plastic
 from robots.visual import RobotVisual
 
 __all__ = ["baxter_visual", "convert", "visual_glb_urdf"]
 
-FORMAT = 4
+FORMAT = 5
 """Version of the output. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.0035
 """Grid size of the vertex clustering [m]. This is less than a pixel when the whole robot is in view."""
-CREASE = np.radians(35.0)
-"""Smallest angle at which an edge is shaded as sharp [rad]."""
 RED, DARK, BLACK, GREY = (176, 32, 36), (88, 91, 97), (58, 60, 65), (165, 168, 173)
 """Colours of Baxter's plastics (sRGB). The colours in the files would look nearly black in a viewer."""
 
@@ -50,7 +49,9 @@ def visual_glb_urdf() -> Path:
 
     Raises StorageError if the cache cannot be written.
     """
-    return cached_urdf(baxter_urdf_path(), "baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals)
+    return cached_urdf(
+        baxter_urdf_path().read_bytes(), "baxter-visual", f"{FORMAT} {CELL} {CREASE}", write_visuals
+    )
 
 
 def write_visuals(folder: Path, final: Path) -> None:
@@ -75,21 +76,12 @@ def write_visuals(folder: Path, final: Path) -> None:
     for tag in ("gazebo", "transmission"):
         for unwanted in root.findall(tag):
             root.remove(unwanted)
-    tree.write(folder / "baxter.urdf", encoding="utf-8", xml_declaration=True)
+    tree.write(folder / URDF, encoding="utf-8", xml_declaration=True)
 
 
 def convert(path: Path) -> bytes:
     """Convert one COLLADA file to GLB in the link's frame [m], simplified and coloured."""
-    scene = trimesh.load_scene(path)
-    out = trimesh.Scene()
-    for number, part in enumerate(scene.dump(concatenate=False)):
-        if not isinstance(part, trimesh.Trimesh):
-            continue
-        thin = thinned(np.asarray(part.vertices, dtype=np.float64), np.asarray(part.faces), CELL)
-        shaded = trimesh.graph.smooth_shade(thin, angle=CREASE)
-        shaded.visual = TextureVisuals(material=material(part, path.stem))  # type: ignore[no-untyped-call]
-        out.add_geometry(shaded, geom_name=f"{path.stem}_{number}")
-    return bytes(out.export(file_type="glb", include_normals=True))  # type: ignore[no-untyped-call]
+    return glb(path, CELL, lambda part: material(part, path.stem))
 
 
 def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:
@@ -102,5 +94,4 @@ def material(part: trimesh.Trimesh, stem: str) -> PBRMaterial:
         colour = DARK
     else:
         colour = BLACK if rgb[0] <= 10 else GREY
-    linear = (np.array(colour) / 255.0) ** 2.2  # glTF's colour factors are linear
-    return PBRMaterial(baseColorFactor=[*linear, 1.0], metallicFactor=0.0, roughnessFactor=0.8)  # type: ignore[no-untyped-call]
+    return plastic(colour)

@@ -7,7 +7,6 @@ between the fingertips, z out of the hand, y along the fingers' prismatic joints
 from __future__ import annotations
 
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import coal
@@ -16,6 +15,7 @@ import pinocchio as pin
 
 from robots.baxter.gripper import GRIPPER
 from robots.errors import ConfigurationError
+from robots.example_data import package_root
 from robots.model import JointLimits, RobotModel, arm_chain
 from robots.ports import Array, Side, frozen
 
@@ -25,7 +25,6 @@ __all__ = [
     "baxter_srdf_path",
     "baxter_urdf_path",
     "load_model",
-    "package_root",
 ]
 
 ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
@@ -48,17 +47,6 @@ about the link axes change sign."""
 Q_PARK = np.concatenate([PARK_LEFT, PARK_LEFT * MIRROR])
 """Parked arms (14,) [rad]. The hands are beside the near corners of the table, 0.2 m above it, at least 20 mm
 outside the camera's view (tested), and about 1.1 s from the start and end of a towel's folds."""
-
-
-def package_root() -> Path:
-    """Return the folder that contains the package `example-robot-data` of the URDF's `package://` URIs."""
-    try:
-        wheel = distribution("example-robot-data")
-    except PackageNotFoundError as error:
-        raise ConfigurationError(
-            "the robot's model is not installed", "pip install example-robot-data (make setup does it)"
-        ) from error
-    return Path(str(wheel.locate_file("cmeel.prefix"))) / "share"
 
 
 def baxter_urdf_path() -> Path:

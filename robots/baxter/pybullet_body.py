@@ -32,6 +32,6 @@ def load_body(client: int) -> BulletBody:
             tool_links={side: f"{side}_gripper" for side in Side},
             disabled_pairs=srdf_disabled_pairs(),
             fingers=[link for link in links if "finger" in link],
-            effort=ARM_EFFORT,
+            efforts=(ARM_EFFORT,) * len(JOINT_NAMES),
         ),
     )

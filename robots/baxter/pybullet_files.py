@@ -10,15 +10,15 @@ import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import numpy as np
-import trimesh
-
-from robots.baxter.model import baxter_srdf_path, baxter_urdf_path, package_root
-from robots.model_cache import cached_urdf, thinned
+from robots.baxter.model import baxter_srdf_path, baxter_urdf_path
+from robots.example_data import package_root
+from robots.model_cache import URDF, cached_urdf
+from robots.urdf.elements import stripped
+from robots.urdf.meshes import thinned_obj
 
 __all__ = ["moving_urdf", "seen_urdf", "srdf_disabled_pairs"]
 
-FORMAT = 6
+FORMAT = 7
 """Version of the output. Increase it when the output changes, so that old caches are not used."""
 CELL = 0.006
 """Grid size of the vertex clustering for the arms [m]. This is two or three pixels in the head camera's
@@ -32,13 +32,13 @@ RED, DARK, GREY = (0.62, 0.12, 0.12, 1.0), (0.20, 0.21, 0.23, 1.0), (0.55, 0.56,
 def moving_urdf() -> Path:
     """Return the URDF with collision shapes and inertias, without visuals. Raises StorageError if the cache is not
     writable."""
-    return cached_urdf(baxter_urdf_path(), "baxter-bullet-moving", MADE_WITH, _write_moving)
+    return cached_urdf(baxter_urdf_path().read_bytes(), "baxter-bullet-moving", MADE_WITH, _write_moving)
 
 
 def seen_urdf() -> Path:
     """Return the URDF with simplified visuals, without collision shapes. Raises StorageError if the cache is not
     writable."""
-    return cached_urdf(baxter_urdf_path(), "baxter-bullet-seen", MADE_WITH, _write_seen)
+    return cached_urdf(baxter_urdf_path().read_bytes(), "baxter-bullet-seen", MADE_WITH, _write_seen)
 
 
 def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
@@ -49,31 +49,18 @@ def srdf_disabled_pairs() -> frozenset[frozenset[str]]:
     )
 
 
-def _urdf_without(*tags: str) -> ET.Element:
-    """Return the wheel's URDF without the elements `tags` of its links."""
-    root = ET.parse(baxter_urdf_path()).getroot()
-    for link in root.iter("link"):
-        for tag in tags:
-            for element in link.findall(tag):
-                link.remove(element)
-    for tag in ("gazebo", "transmission"):
-        for element in root.findall(tag):
-            root.remove(element)
-    return root
-
-
 def _write_moving(build: Path, folder: Path) -> None:
-    root = _urdf_without("visual")
+    root = stripped(baxter_urdf_path().read_text(encoding="utf-8"), "visual")
     for mesh in root.iter("mesh"):
         # copied, because the cache may outlive the installation
         source = package_root() / mesh.attrib["filename"].removeprefix("package://")
         shutil.copyfile(source, build / source.name)
         mesh.set("filename", str(folder / source.name))
-    ET.ElementTree(root).write(build / "baxter.urdf", encoding="utf-8", xml_declaration=True)
+    ET.ElementTree(root).write(build / URDF, encoding="utf-8", xml_declaration=True)
 
 
 def _write_seen(build: Path, folder: Path) -> None:
-    root = _urdf_without("collision")
+    root = stripped(baxter_urdf_path().read_text(encoding="utf-8"), "collision")
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
@@ -83,24 +70,14 @@ def _write_seen(build: Path, folder: Path) -> None:
             source = package_root() / mesh.attrib["filename"].removeprefix("package://")
             target = build / f"{source.stem}.obj"
             if not target.exists():
-                target.write_text(_thinned_obj(source))
+                cell = COARSE_CELL if source.stem in ("PEDESTAL", "base_link") else CELL
+                target.write_text(thinned_obj(source, cell))
             mesh.set("filename", str(folder / target.name))
             for material in visual.findall("material"):
                 visual.remove(material)
             material = ET.SubElement(visual, "material", name=source.stem)
             ET.SubElement(material, "color", rgba=" ".join(map(str, _colour(source.stem))))
-    ET.ElementTree(root).write(build / "baxter.urdf", encoding="utf-8", xml_declaration=True)
-
-
-def _thinned_obj(source: Path) -> str:
-    """Convert a COLLADA file to one OBJ in the link's frame, with vertices clustered on a grid."""
-    cell = COARSE_CELL if source.stem in ("PEDESTAL", "base_link") else CELL
-    mesh = trimesh.load_scene(source).to_mesh()
-    thin = thinned(np.asarray(mesh.vertices), np.asarray(mesh.faces), cell)
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in thin.vertices]
-    lines += [f"vn {x:.4f} {y:.4f} {z:.4f}" for x, y, z in thin.vertex_normals]
-    lines += ["f " + " ".join(f"{k + 1}//{k + 1}" for k in face) for face in thin.faces]
-    return "\n".join(lines) + "\n"
+    ET.ElementTree(root).write(build / URDF, encoding="utf-8", xml_declaration=True)
 
 
 def _colour(stem: str) -> tuple[float, ...]:

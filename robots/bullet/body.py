@@ -32,8 +32,8 @@ POSITION_GAIN, VELOCITY_GAIN = 0.2, 1.0
 class BodyDescription:
     """urdf: collision shapes and inertias, without visuals and without `package://` paths. joint_names: of both
     arms, as in `JointState.q`. head_joint: None if the robot has no head that turns. tool_links: link of each tool
-    frame. disabled_pairs: names of links that cannot collide. fingers: links of the fingers. effort: motor torque
-    of each arm joint [Nm]."""
+    frame. disabled_pairs: names of links that cannot collide. fingers: links of the fingers. efforts: motor
+    torque of each arm joint [Nm]."""
 
     urdf: Path
     joint_names: tuple[str, ...]
@@ -42,7 +42,7 @@ class BodyDescription:
     tool_links: Mapping[Side, str]
     disabled_pairs: Collection[frozenset[str]]
     fingers: Collection[str]
-    effort: float
+    efforts: tuple[float, ...]
 
 
 def joint_map(body: int, client: int) -> dict[str, int]:
@@ -73,7 +73,7 @@ class BulletBody:
         fingers = [joints[name] for side in Side for name, _ in description.gripper.finger_joints[side]]
         self._driven = [*self._arms, *self._head, *fingers]
         self._forces = [
-            *[description.effort] * len(self._arms),
+            *description.efforts,
             *[HEAD_EFFORT] * len(self._head),
             *[FINGER_EFFORT] * len(fingers),
         ]

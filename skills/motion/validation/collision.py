@@ -80,19 +80,12 @@ class CollisionChecker:
         box = pin.GeometryObject("table", 0, pin.SE3(np.eye(3), centre), coal.Box(*size))
         index = self._geometry.addGeometryObject(box)
         for i, shape in enumerate(self._geometry.geometryObjects):
-            if shape.parentJoint != 0 and "head" not in shape.name and "screen" not in shape.name:
+            if self._arm_joint(shape.parentJoint) != 0:
                 self._geometry.addCollisionPair(pin.CollisionPair(i, index))
 
     def _drop_rigid_pairs(self) -> None:
         """Remove pairs that no arm joint moves relative to each other, such as the fingers of one hand."""
-        shapes, pin_model = self._geometry.geometryObjects, self.model.pin_model
-        arm = {pin_model.getJointId(name) for name in self.model.joint_names}
-
-        def moving_joint(joint: int) -> int:
-            while joint != 0 and joint not in arm:
-                joint = pin_model.parents[joint]
-            return int(joint)
-
+        shapes, moving_joint = self._geometry.geometryObjects, self._arm_joint
         kept = [
             pin.CollisionPair(pair.first, pair.second)
             for pair in self._geometry.collisionPairs
@@ -101,6 +94,13 @@ class CollisionChecker:
         self._geometry.removeAllCollisionPairs()
         for pair in kept:
             self._geometry.addCollisionPair(pair)
+
+    def _arm_joint(self, joint: int) -> int:
+        """Return the arm joint that moves a joint of the model, 0 if none does."""
+        arm, pin_model = {self.model.pin_model.getJointId(n) for n in self.model.joint_names}, self.model.pin_model
+        while joint != 0 and joint not in arm:
+            joint = pin_model.parents[joint]
+        return int(joint)
 
     def _names(self) -> list[tuple[str, str]]:
         shapes = self._geometry.geometryObjects

@@ -1,4 +1,4 @@
-"""Requirements on every RobotModel, tested with Baxter and with a very different robot: kinematics, inverse
+"""Requirements on every RobotModel, tested with Baxter and with very different robots: kinematics, inverse
 kinematics, timing, collision, and planning a whole fold."""
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ import pytest
 
 from robots.baxter.model import load_model
 from robots.model import RobotModel
-from robots.ports import Array, Side, arm_slice
+from robots.ports import Array, Side
+from robots.ur5_pair.robot import ROBOT as UR5_PAIR
 from skills.motion.kinematics import ik
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.timing.timing import free_motion, peaks, time_path
@@ -23,7 +24,9 @@ from tests.tool_paths import path_deviation
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 
 
-@pytest.fixture(scope="module", params=[load_model, load_pandas], ids=["baxter", "pandas"])
+@pytest.fixture(
+    scope="module", params=[load_model, load_pandas, UR5_PAIR.load_model], ids=["baxter", "pandas", "ur5_pair"]
+)
 def model(request: pytest.FixtureRequest) -> RobotModel:
     return request.param()
 
@@ -38,11 +41,11 @@ def drawn(model: RobotModel, rng: np.random.Generator) -> Array:
 
 
 def test_joint_vectors_have_the_left_arm_first(model: RobotModel) -> None:
-    assert len(model.joint_names) == 14 == len(set(model.joint_index.tolist()))
+    assert len(model.joint_names) == len(set(model.joint_index.tolist())) == len(model.q_park)
     for side in Side:
-        assert all(name.startswith(str(side)) for name in model.joint_names[arm_slice(side, 14)])
+        assert all(name.startswith(str(side)) for name in model.joint_names[model.arm(side)])
         moved = np.array(model.q_park)
-        moved[arm_slice(side, 14)] += 0.1
+        moved[model.arm(side)] += 0.1
         assert not np.allclose(model.tool_pose(side, moved), model.tool_pose(side, model.q_park))
         assert np.array_equal(model.tool_pose(side.other, moved), model.tool_pose(side.other, model.q_park))
 
@@ -61,12 +64,12 @@ def test_kinematics_equal_pinocchio(model: RobotModel) -> None:
     for _ in range(30):
         q = drawn(model, rng)
         for side in Side:
-            arm, frame = q[arm_slice(side, 14)], pm.getFrameId(model.tool_frame[side])
+            arm, frame = q[model.arm(side)], pm.getFrameId(model.tool_frame[side])
             assert np.abs(ik.tool_pose(model.chains[side], arm) - model.tool_pose(side, q)).max() < 1e-12
             J = pin.computeFrameJacobian(
                 pm, data, model.configuration(q), frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
-            columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[arm_slice(side, 14)]]
+            columns = [pm.joints[pm.getJointId(n)].idx_v for n in model.joint_names[model.arm(side)]]
             assert np.abs(ik.jacobian(model.chains[side], arm) - J[:, columns]).max() < 1e-12
 
 
@@ -76,7 +79,7 @@ def test_inverse_kinematics_reaches_the_poses_of_random_joints(model: RobotModel
     starts = np.array([drawn(model, rng) for _ in range(60)])
     for k in range(200):
         side = tuple(Side)[k % 2]
-        cut = arm_slice(side, 14)
+        cut = model.arm(side)
         T = model.tool_pose(side, drawn(model, rng))
         found = ik.solve_seeds(model, side, T, np.ascontiguousarray(starts[:, cut]))
         assert len(found) > 0

@@ -414,7 +414,8 @@ def test_robot_meshes_keep_their_shape_and_have_no_collision_bodies():
 
     import trimesh
 
-    from robots.baxter.model import JOINT_NAMES, baxter_urdf_path, package_root
+    from robots.baxter.model import JOINT_NAMES, baxter_urdf_path
+    from robots.example_data import package_root
 
     urdf = visual_glb_urdf()
     root = ET.parse(urdf).getroot()

@@ -1,0 +1,99 @@
+"""What a robot's model has to fulfil at a cell: parked arms that touch nothing and are out of the camera's view,
+and arms that reach the table."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from robots.model import RobotModel
+from robots.ports import Array, Side
+from robots.robot import Robot
+from skills.motion.kinematics import ik
+from skills.motion.validation.collision import CollisionChecker
+from skills.vocabulary import Table, tool_rotation
+
+__all__ = ["reached_places", "view_margins"]
+
+PLACES_X, PLACES_Y = np.arange(0.35, 0.86, 0.10), np.arange(0.05, 0.36, 0.10)
+"""Where garments lie: distance from the base, and to the arm's own side, table frame [m]."""
+HAND_HEIGHT = 0.01
+"""Height of the tool above the table [m]."""
+SEEDS = 40
+
+
+def view_margins(robot: Robot, q: Array) -> dict[str, float]:
+    """Return name -> distance [m] by which each shape that an arm moves is out of the camera's picture at joints q
+    (joints,); negative for a shape that reaches into it."""
+    model, mount = robot.load_model(), robot.camera
+    data, placed = model.pin_model.createData(), model.collision_model.createData()
+    pin.updateGeometryPlacements(model.pin_model, data, model.collision_model, placed, model.configuration(q))
+    T_camera_base = np.linalg.inv(mount.T_base_camera(model.head_pan))
+    k = mount.intrinsics
+    # inward normals of the four side planes of the view pyramid, from the edges of the picture
+    planes = np.array(
+        [
+            [k.fx, 0.0, k.cx + 0.5],
+            [-k.fx, 0.0, k.width - 0.5 - k.cx],
+            [0.0, k.fy, k.cy + 0.5],
+            [0.0, -k.fy, k.height - 0.5 - k.cy],
+        ]
+    )
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    margins: dict[str, float] = {}
+    for shape, T in zip(model.collision_model.geometryObjects, placed.oMg, strict=True):
+        if _is_moved(model, shape.parentJoint):
+            base = _corners(shape.geometry) @ T.rotation.T + T.translation
+            seen = base @ T_camera_base[:3, :3].T + T_camera_base[:3, 3]
+            margins[shape.name] = float((-(seen @ planes.T)).min(axis=0).max())
+    return margins
+
+
+def _is_moved(model: RobotModel, joint: int) -> bool:
+    arm = {model.pin_model.getJointId(name) for name in model.joint_names}
+    while joint != 0 and joint not in arm:
+        joint = model.pin_model.parents[joint]
+    return joint != 0
+
+
+def _corners(shape: coal.CollisionGeometry) -> Array:
+    """Return points (n, 3) whose convex hull contains the shape: its vertices, or the corners of its box."""
+    if isinstance(shape, coal.ConvexBase):
+        return np.asarray(shape.points())
+    shape.computeLocalAABB()
+    low, high = shape.aabb_local.min_, shape.aabb_local.max_
+    return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])
+
+
+def reached_places(robot: Robot, table: Table) -> dict[Side, list[tuple[float, float, bool]]]:
+    """Return for each arm the places (x, y) [m] in the table frame where garments lie, and whether the arm brings
+    its hand there, pointing down, without touching anything while the other arm is parked."""
+    model = robot.load_model()
+    checker = CollisionChecker(model, table)
+    rng = np.random.default_rng(1)
+    places: dict[Side, list[tuple[float, float, bool]]] = {side: [] for side in Side}
+    for side in Side:
+        cut, sign = model.arm(side), 1.0 if side is Side.LEFT else -1.0
+        lower, upper = model.planning.lower[cut], model.planning.upper[cut]
+        seeds = np.vstack([model.park(side), rng.uniform(lower, upper, (SEEDS, len(lower)))])
+        for x in PLACES_X:
+            for y in sign * PLACES_Y:
+                places[side].append((float(x), float(y), _reaches(model, checker, table, side, (x, y), seeds)))
+    return places
+
+
+def _reaches(
+    model: RobotModel, checker: CollisionChecker, table: Table, side: Side, xy: tuple[float, float], seeds: Array
+) -> bool:
+    T, q = np.eye(4), np.array(model.q_park)
+    T[:3, :3] = tool_rotation(np.array([np.pi / 2]), np.zeros(1), np.zeros(1))[0]
+    T[:3, 3] = (*xy, table.height + HAND_HEIGHT)
+    for half_turn in (np.eye(3), np.diag([-1.0, -1.0, 1.0])):
+        turned = T.copy()
+        turned[:3, :3] = T[:3, :3] @ half_turn
+        for solution in ik.solve_seeds(model, side, turned, seeds):
+            q[model.arm(side)] = solution
+            if not checker.in_collision(q, allow_fingertips=True):
+                return True
+    return False

@@ -1,0 +1,68 @@
+"""The pair as a robot of the registry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robots.camera_mount import CameraMount, look_at
+from robots.example_data import package_root
+from robots.ports import Intrinsics, Side, frozen
+from robots.ur5_pair.gripper import GRIPPER
+from robots.ur5_pair.urdf import BASE, disabled_pairs, pair_urdf, source_path
+from robots.urdf.build import robot_of
+from robots.urdf.description import Dynamics, RobotDescription
+
+__all__ = ["DESCRIPTION", "ROBOT"]
+
+JOINTS = tuple(
+    f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+)
+FIELD_OF_VIEW = np.radians((58.0, 45.0))
+"""Field of view of a PrimeSense Xtion, horizontal and vertical [rad]."""
+EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
+"""Place of the camera under the end of the boom, and the point that it looks at. Base frame [m]."""
+
+PARK_LEFT = (0.53, -1.44, 1.72, -1.85, -1.571, 0.53)
+"""Parked left arm [rad]. The hand points down beside the table's middle, 0.25 m above it, at least 70 mm outside
+the camera's view (tested), and about a radian from the start and the end of a towel's folds."""
+PARK_RIGHT = tuple(
+    float(turn - angle) for turn, angle in zip((0.0, -np.pi, 0.0, -np.pi, 0.0, 0.0), PARK_LEFT, strict=True)
+)
+"""The mirror image. A shoulder lift or a first wrist joint at -pi / 2 is vertical, and mirrors about that."""
+
+DESCRIPTION = RobotDescription(
+    name="ur5_pair",
+    title="UR5 pair",
+    source=source_path,
+    urdf=pair_urdf,
+    meshes=package_root,
+    arm_joints={side: tuple(f"{side}_{name}" for name in JOINTS) for side in Side},
+    tool_links={side: f"{side}_tool" for side in Side},
+    fingers={side: (f"{side}_finger_0", f"{side}_finger_1") for side in Side},
+    gripper=GRIPPER,
+    camera=CameraMount(
+        intrinsics=Intrinsics(
+            width=640,
+            height=480,
+            fx=float(320.0 / np.tan(FIELD_OF_VIEW[0] / 2)),
+            fy=float(240.0 / np.tan(FIELD_OF_VIEW[1] / 2)),
+            cx=319.5,
+            cy=239.5,
+        ),
+        T_head_camera=frozen(look_at(EYE, TARGET)),
+    ),
+    park={Side.LEFT: PARK_LEFT, Side.RIGHT: PARK_RIGHT},
+    floor=-0.92,
+    planning=Dynamics(velocity=0.4, acceleration=3.0, jerk=30.0),
+    commissioning=Dynamics(velocity=0.2, acceleration=1.0, jerk=5.0),
+    protective=Dynamics(velocity=0.5, acceleration=6.0, jerk=120.0),
+    opening=0.022,
+    efforts=(150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
+    shoulder={side: BASE[side][:2] for side in Side},
+    drop_joint=1,
+    drop_sign={Side.LEFT: 1.0, Side.RIGHT: -1.0},
+    disabled_pairs=disabled_pairs,
+    colours={"base": (70, 73, 78)},
+)
+
+ROBOT = robot_of(DESCRIPTION)

@@ -1,0 +1,77 @@
+"""The URDF of the pair: two arms of the example-robot-data wheel on a plate, with grippers of boxes and a mast.
+
+The wheel's `ur5_gripper` has two bars for fingers that do not move. They are replaced by fingers that do.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from robots.example_data import package_root, read_description
+from robots.ports import Side
+from robots.ur5_pair.gripper import GRIPPER, TOOL_LENGTH
+from robots.urdf.elements import box_link, fixed_joint, parallel_gripper, prefixed_arm
+
+__all__ = ["BASE", "disabled_pairs", "pair_urdf", "source_path"]
+
+BASE = {Side.LEFT: (0.0, 0.32, 0.0), Side.RIGHT: (0.0, -0.32, 0.0)}
+"""Place of each arm's foot in the base frame [m]: 0.1 m above the table and 0.2 m before its near edge. Both arms
+stand upright."""
+TURN = {Side.LEFT: 0.0, Side.RIGHT: np.pi}
+"""Turn of each foot about z [rad]. The shoulder of an arm lies to one side of its axis. The right arm is turned
+and reaches forward over its back, so that the arms work like mirror images."""
+PLATE = ((0.26, 0.96, 0.02), (0.0, 0.0, -0.01))
+PEDESTAL = ((0.20, 0.90, 0.90), (0.0, 0.0, -0.47))
+COLUMN = ((0.08, 0.08, 2.00), (-0.28, 0.0, 0.08))
+BOOM = ((0.50, 0.05, 0.05), (-0.01, 0.0, 1.09))
+"""Boxes that carry the arms and the camera, as (size, centre) [m]."""
+
+
+def source_path() -> Path:
+    """Return the path of the wheel's URDF of one arm."""
+    return package_root() / "example-robot-data/robots/ur_description/urdf/ur5_gripper.urdf"
+
+
+@lru_cache(maxsize=1)
+def pair_urdf() -> str:
+    """Return the text of the pair's URDF. Raises ConfigurationError if the wheel lacks the arm's."""
+    arm = ET.fromstring(read_description(source_path()))
+    _take_off_the_bars(arm)
+    robot = ET.Element("robot", name="ur5_pair")
+    robot.append(ET.Element("link", name="base"))
+    robot.append(box_link("stand", [PLATE, PEDESTAL, COLUMN, BOOM], 0.0, (0.30, 0.31, 0.33)))
+    robot.append(fixed_joint("stand_joint", "base", "stand", (0.0, 0.0, 0.0)))
+    for side in Side:
+        robot.extend(prefixed_arm(arm, f"{side}_"))
+        robot.append(fixed_joint(f"{side}_foot", "base", f"{side}_base_link", BASE[side], (0.0, 0.0, TURN[side])))
+        robot.extend(parallel_gripper(side, f"{side}_tool0", TOOL_LENGTH, GRIPPER))
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _take_off_the_bars(arm: ET.Element) -> None:
+    """Remove the fixed fingers, and the arm's link `world`: the pair has its own base."""
+    for link in arm.findall("link"):
+        if link.attrib["name"] == "world":
+            arm.remove(link)
+        elif link.attrib["name"] in ("tool0", "ee_link"):
+            for element in [*link.findall("visual"), *link.findall("collision")]:
+                link.remove(element)
+    for joint in arm.findall("joint"):
+        if joint.attrib["name"] == "world_joint":
+            arm.remove(joint)
+
+
+def disabled_pairs() -> frozenset[frozenset[str]]:
+    """Return the pairs of links that cannot collide: those of the wheel's SRDF, for both arms, with the gripper's
+    body in place of the bars."""
+    srdf = source_path().parents[1] / "srdf/ur5_gripper.srdf"
+    root = ET.fromstring(read_description(srdf))
+    named = [(pair.attrib["link1"], pair.attrib["link2"]) for pair in root.iter("disable_collisions")]
+    body = {"tool0": "gripper_body"}
+    return frozenset(
+        frozenset((f"{side}_{body.get(a, a)}", f"{side}_{body.get(b, b)}")) for side in Side for a, b in named
+    )

@@ -1,0 +1,71 @@
+"""The description of a robot by one URDF and the figures that a URDF does not contain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from robots.camera_mount import CameraMount
+from robots.gripper_geometry import GripperGeometry
+from robots.ports import Side
+from robots.ros.driver import RosDriver
+
+__all__ = ["Dynamics", "RobotDescription"]
+
+Pairs = frozenset[frozenset[str]]
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Limits of the joints: velocity as a share of the URDF's, acceleration [rad/s2], jerk [rad/s3]."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A robot with two arms whose links all stand in one URDF. Its root link is the base frame (robots.ports).
+
+    name, title: as in `Robot`. source: the file of the robot, which `foldcell doctor` shows. urdf: text of the
+    complete URDF; raises ConfigurationError if a file is missing. meshes: folder from which `package://` URIs and
+    relative paths of meshes start. arm_joints: each arm's joints from shoulder to wrist. tool_links: link of each
+    tool frame. fingers: links of each hand's fingers. disabled_pairs: pairs of links that cannot collide, besides
+    neighbours. park: each arm's joints when it stands out of the camera's view [rad]. floor: its height in the
+    base frame [m]. planning, commissioning, protective: as in `RobotModel`. position_margin: distance of planned
+    motions to the URDF's position limits [rad]. opening: of the grippers in collision checks [m]. efforts: motor
+    torque of one arm's joints in the simulation [Nm]. shoulder, drop_joint, drop_sign: as in `Simulation`.
+    colours: sRGB of a mesh by the stem of its file, else grey. driver: the real robot.
+    """
+
+    name: str
+    title: str
+    source: Callable[[], Path]
+    urdf: Callable[[], str]
+    meshes: Callable[[], Path]
+    arm_joints: Mapping[Side, tuple[str, ...]]
+    tool_links: Mapping[Side, str]
+    fingers: Mapping[Side, tuple[str, ...]]
+    gripper: GripperGeometry
+    camera: CameraMount
+    park: Mapping[Side, tuple[float, ...]]
+    floor: float
+    planning: Dynamics
+    commissioning: Dynamics
+    protective: Dynamics
+    opening: float
+    efforts: tuple[float, ...]
+    shoulder: Mapping[Side, tuple[float, float]]
+    drop_joint: int
+    drop_sign: Mapping[Side, float]
+    disabled_pairs: Callable[[], Pairs] = frozenset
+    position_margin: float = 0.02
+    head_range: float = 0.0
+    colours: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    driver: RosDriver | None = None
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(name for side in Side for name in self.arm_joints[side])

@@ -1,0 +1,98 @@
+"""The pair of UR5 arms: its model, its parked pose, its body in PyBullet, and its simulated cell."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pybullet as pb
+import pytest
+
+from cell.hardware.robot_check import view_margins
+from cell.simulation import SimulationSettings, open_simulated_cell
+from robots.errors import DriverError
+from robots.ports import Side
+from robots.registry import find_robot
+from robots.ur5_pair.robot import DESCRIPTION, ROBOT
+from robots.urdf.converted import load_body, moving_urdf, seen_urdf, viewer_urdf
+
+MODEL = ROBOT.load_model()
+MIRROR = np.diag([1.0, -1.0, 1.0])
+
+
+@pytest.fixture
+def client() -> Iterator[int]:
+    number = pb.connect(pb.DIRECT)
+    pb.setTimeStep(1 / 240, physicsClientId=number)
+    pb.setGravity(0, 0, -9.81, physicsClientId=number)
+    yield number
+    pb.disconnect(physicsClientId=number)
+
+
+def test_the_registry_knows_it_with_six_joints_an_arm() -> None:
+    assert find_robot("ur5_pair") is ROBOT
+    assert len(MODEL.joint_names) == 12 and MODEL.chains[Side.LEFT].rotation.shape == (7, 3, 3)
+
+
+def test_the_parked_arms_are_mirror_images_with_the_hands_down() -> None:
+    left, right = (MODEL.tool_pose(side, MODEL.q_park) for side in Side)
+    assert left[:3, 3] == pytest.approx(MIRROR @ right[:3, 3], abs=1e-6)
+    assert left[2, 2] < -0.99 and right[2, 2] < -0.99
+
+
+def test_the_parked_arms_are_out_of_the_cameras_view() -> None:
+    margins = view_margins(ROBOT, MODEL.q_park)
+    assert len(margins) == 18 and min(margins.values()) > 0.05
+
+
+def test_the_fingers_open_along_the_tools_y_about_its_origin() -> None:
+    for side in Side:
+        joints = ROBOT.gripper.finger_positions(side, 0.03)
+        assert sorted(joints.values()) == pytest.approx([-0.015, 0.015])
+
+
+def test_tool_poses_of_the_body_agree_with_the_model(client: int) -> None:
+    body, rng = load_body(DESCRIPTION, client), np.random.default_rng(2)
+    for _ in range(5):
+        q = rng.uniform(MODEL.planning.lower, MODEL.planning.upper)
+        body.place(q, 0.0, dict.fromkeys(Side, 0.02))
+        for side in Side:
+            position, rotation = body.tool_pose(side)
+            T = MODEL.tool_pose(side, q)
+            np.testing.assert_allclose(position, T[:3, 3], atol=1e-5)
+            np.testing.assert_allclose(rotation, T[:3, :3], atol=1e-5)
+
+
+def test_the_parked_body_stands_still_without_contact(client: int) -> None:
+    body, opening = load_body(DESCRIPTION, client), dict.fromkeys(Side, 0.0)
+    body.place(MODEL.q_park, 0.0, opening)
+    for _ in range(120):
+        body.drive(MODEL.q_park, np.zeros(12), 0.0, opening)
+        pb.stepSimulation(physicsClientId=client)
+    q, qd, _, pan = body.read()
+    assert body.touches() == () and pan == 0.0
+    assert np.abs(q - MODEL.q_park).max() < 0.005 and np.abs(qd).max() < 0.01
+
+
+def test_the_files_work_without_the_installation_that_wrote_them() -> None:
+    for urdf in (moving_urdf(DESCRIPTION), seen_urdf(DESCRIPTION), viewer_urdf(DESCRIPTION)):
+        meshes = [Path(m.attrib["filename"]) for m in ET.parse(urdf).iter("mesh")]
+        assert len(meshes) == 14 and all(m.is_file() and m.parent == urdf.parent for m in meshes)
+
+
+def test_its_simulated_cell_moves_both_arms() -> None:
+    settings = SimulationSettings(robot="ur5_pair", garment="small_towel", robot_noise=False, render=False)
+    with open_simulated_cell(settings, 1) as cell:
+        ports = cell.ports
+        assert ports.grippers[Side.LEFT].max_opening == ROBOT.gripper.max_opening
+        ports.arms.enable()
+        with pytest.raises(DriverError, match="vectors of 12"):
+            ports.arms.command(np.zeros(14), np.zeros(14))
+        goal = MODEL.q_park + 0.01
+        for k in range(60):
+            ports.clock.sleep_until(0.01 * (k + 1))
+            ports.arms.command(MODEL.q_park + 0.01 * min(1.0, (k + 1) / 40), np.zeros(12))
+        assert ports.arms.state().q == pytest.approx(goal, abs=2e-3)
+        assert ports.arms.state().head_pan == 0.0
