@@ -21,6 +21,8 @@ PLACES_X, PLACES_Y = np.arange(0.35, 0.86, 0.10), np.arange(0.05, 0.36, 0.10)
 HAND_HEIGHT = 0.01
 """Height of the tool above the table [m]."""
 SEEDS = 40
+SIDES = 24
+"""Number of sides of the prism around a cylinder."""
 
 
 def view_margins(robot: Robot, q: Array) -> dict[str, float]:
@@ -58,9 +60,15 @@ def _is_moved(model: RobotModel, joint: int) -> bool:
 
 
 def _corners(shape: coal.CollisionGeometry) -> Array:
-    """Return points (n, 3) whose convex hull contains the shape: its vertices, or the corners of its box."""
+    """Return points (n, 3) whose convex hull contains the shape: its vertices, those of a prism around a cylinder,
+    or the corners of the bounding box."""
     if isinstance(shape, coal.ConvexBase):
         return np.asarray(shape.points())
+    if isinstance(shape, coal.Cylinder):
+        angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+        radius = shape.radius / np.cos(np.pi / SIDES)
+        ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(SIDES, shape.halfLength)], axis=1)
+        return np.vstack([ring, ring * [1.0, 1.0, -1.0]])
     shape.computeLocalAABB()
     low, high = shape.aabb_local.min_, shape.aabb_local.max_
     return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])
