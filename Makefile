@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 # Tests on all cores, neighbours on one: they share what is slow to make.
 PARALLEL := -n auto --dist worksteal
 
-.PHONY: setup fold test quick lint hil docs clean
+.PHONY: setup fold test quick lint compile hil docs clean
 
 setup: $(STAMP)
 
@@ -20,10 +20,7 @@ fold: setup            ## one-shot fold of a medium towel in the simulated cell
 	$(BIN)/foldcell fold medium_towel
 
 test: setup            ## lint, types, layers and the whole test suite
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports
-	$(BIN)/mypy
+	$(MAKE) --jobs=2 lint compile
 	$(BIN)/python -m pytest $(PARALLEL)
 
 quick: setup           ## the tests that take a minute together: no whole runs, and nothing marked long
@@ -31,6 +28,9 @@ quick: setup           ## the tests that take a minute together: no whole runs, 
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
+
+compile: setup         ## the cloth simulation, once, instead of in each process that tests it
+	$(BIN)/foldcell optimise small_towel
 
 hil: setup             ## the scripted runs of tests/hil in the simulated cell
 	$(BIN)/foldcell hil tests/hil

@@ -1,5 +1,5 @@
-"""Whole runs with the shipped settings and trajectories, but few pictures of each fold: the garments of
-benchmarks/regression_runs end folded."""
+"""Whole runs with the shipped settings and trajectories, but few pictures of each fold, and few simulations where
+the library has no arc: the garments of benchmarks/regression_runs end folded."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tests.runs import fold_request
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
+FEW_SIMULATIONS = {"optimiser": {"simulations": 4}}
 RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 
 
@@ -20,7 +21,7 @@ RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 @pytest.mark.parametrize("name", ["t_shirt", "long_sleeve_shirt_small", "pants"])
 def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
     script = read_script(RUNS / f"{name}.yaml")
-    result = fold_once(fold_request(tmp_path, {}, garment=script.garment_named, seed=script.seed))
+    result = fold_once(fold_request(tmp_path, FEW_SIMULATIONS, garment=script.garment_named, seed=script.seed))
     assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
     assert result.failure is None
     assert all(step["done"] for step in result.steps)
