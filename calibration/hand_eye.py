@@ -285,12 +285,13 @@ class _Problem:
     ) -> None:
         self._robot, self._k, self._views, self._sides = robot, intrinsics, views, sides
         self._X, self._Y, self._settings, self._board = X, Y, settings, board
-        self.size = 6 + 13 * len(sides)
+        self._hand = 6 + len(views[0].q)
+        """Number of unknowns of one hand."""
+        self.size = 6 + self._hand * len(sides)
 
     def _parts(self, x: Array) -> tuple[Array, dict[Side, Array], dict[Side, Array]]:
         Y, offsets = {}, {}
-        for i, side in enumerate(self._sides):
-            part = x[6 + 13 * i : 19 + 13 * i]
+        for side, part in zip(self._sides, x[6:].reshape(-1, self._hand), strict=True):
             Y[side] = self._Y[side] @ _exp(part[:6])
             offsets[side] = part[6:] * self._settings.joint_sigma
         return self._X @ _exp(x[:6]), Y, offsets
@@ -315,7 +316,7 @@ class _Problem:
     def residuals(self, x: Array) -> Array:
         """Return the reprojection errors and joint offsets, each divided by its standard deviation."""
         corners = self._reprojection(x).ravel() / self._settings.corner_sigma
-        offsets = np.concatenate([x[12 + 13 * i : 19 + 13 * i] for i in range(len(self._sides))])
+        offsets = x[6:].reshape(-1, self._hand)[:, 6:].ravel()
         return np.concatenate([corners, offsets])
 
     def _lens_influence(self, x: Array, gain: Array) -> Array:

@@ -22,8 +22,8 @@ FIELD_OF_VIEW = np.radians((58.0, 45.0))
 EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
 """Place of the camera under the end of the boom, and the point that it looks at. Base frame [m]."""
 
-PARK_LEFT = (0.53, -1.44, 1.72, -1.85, -1.571, 0.53)
-"""Parked left arm [rad]. The hand points down beside the table's middle, 0.25 m above it, at least 70 mm outside
+PARK_LEFT = (0.754, -1.284, 1.803, -2.09, -1.571, 0.754)
+"""Parked left arm [rad]. The hand points down beside the table's middle, 0.25 m above it, at least 40 mm outside
 the camera's view (tested), and about a radian from the start and the end of a towel's folds."""
 PARK_RIGHT = tuple(
     float(turn - angle) for turn, angle in zip((0.0, -np.pi, 0.0, -np.pi, 0.0, 0.0), PARK_LEFT, strict=True)

@@ -18,14 +18,14 @@ from robots.urdf.elements import box_link, fixed_joint, parallel_gripper, prefix
 
 __all__ = ["BASE", "disabled_pairs", "pair_urdf", "source_path"]
 
-BASE = {Side.LEFT: (0.0, 0.32, 0.0), Side.RIGHT: (0.0, -0.32, 0.0)}
-"""Place of each arm's foot in the base frame [m]: 0.1 m above the table and 0.2 m before its near edge. Both arms
-stand upright."""
+BASE = {Side.LEFT: (0.07, 0.22, 0.10), Side.RIGHT: (0.07, -0.22, 0.10)}
+"""Place of each arm's foot in the base frame [m], 0.2 m above the table and as near to it as the camera's view
+allows. From there the arms reach all folds of the shipped garments (docs/porting.md). Both arms stand upright."""
 TURN = {Side.LEFT: 0.0, Side.RIGHT: np.pi}
 """Turn of each foot about z [rad]. The shoulder of an arm lies to one side of its axis. The right arm is turned
 and reaches forward over its back, so that the arms work like mirror images."""
-PLATE = ((0.26, 0.96, 0.02), (0.0, 0.0, -0.01))
-PEDESTAL = ((0.20, 0.90, 0.90), (0.0, 0.0, -0.47))
+RISERS = [((0.16, 0.16, z), (x, y, 0.5 * z)) for x, y, z in BASE.values()]
+PEDESTAL = ((0.10, 0.64, 0.92), (0.04, 0.0, -0.46))
 COLUMN = ((0.08, 0.08, 2.00), (-0.28, 0.0, 0.08))
 BOOM = ((0.50, 0.05, 0.05), (-0.01, 0.0, 1.09))
 """Boxes that carry the arms and the camera, as (size, centre) [m]."""
@@ -43,7 +43,7 @@ def pair_urdf() -> str:
     _take_off_the_bars(arm)
     robot = ET.Element("robot", name="ur5_pair")
     robot.append(ET.Element("link", name="base"))
-    robot.append(box_link("stand", [PLATE, PEDESTAL, COLUMN, BOOM], 0.0, (0.30, 0.31, 0.33)))
+    robot.append(box_link("stand", [*RISERS, PEDESTAL, COLUMN, BOOM], 0.0, (0.30, 0.31, 0.33)))
     robot.append(fixed_joint("stand_joint", "base", "stand", (0.0, 0.0, 0.0)))
     for side in Side:
         robot.extend(prefixed_arm(arm, f"{side}_"))

@@ -21,7 +21,8 @@ from calibration.hand_eye import (
 from robots.baxter.camera_mount import MOUNT
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
-from robots.ports import BoardPlace, CameraFrame, Side, arm_slice
+from robots.ports import BoardPlace, CameraFrame, Side
+from robots.registry import find_robot
 from skills.motion.kinematics import ik
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
@@ -61,14 +62,14 @@ class Cell:
         self.robot, self.rng, self.noise = robot, rng, noise
         self.X = MOUNT.T_base_camera(0.0) @ random_pose(rng, 0.01, 0.003)
         self.Y = {side: BOARD.T_tool_board @ random_pose(rng, 0.05, 0.004) for side in Side}
-        self.bias = bias * rng.standard_normal(14)
+        self.bias = bias * rng.standard_normal(len(robot.q_park))
         self.q = np.array(robot.q_park)
         self.side = Side.LEFT
 
     def reach(self, effect: Reach) -> Outcome:
-        cut = arm_slice(effect.side, 14)
+        cut = self.robot.arm(effect.side)
         seeds = np.random.default_rng(7).uniform(
-            self.robot.planning.lower[cut], self.robot.planning.upper[cut], (8, 7)
+            self.robot.planning.lower[cut], self.robot.planning.upper[cut], (8, len(self.robot.q_park) // 2)
         )
         found = ik.solve_seeds(self.robot, effect.side, effect.T_base_tool, seeds)
         if len(found) == 0:
@@ -78,7 +79,7 @@ class Cell:
 
     def view(self) -> BoardView:
         """The view of the board at the joints' true angles."""
-        q = (self.q - self.bias)[arm_slice(self.side, 14)]
+        q = (self.q - self.bias)[self.robot.arm(self.side)]
         T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
         p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
         k = MOUNT.intrinsics
@@ -92,11 +93,14 @@ class Cell:
                 if sum(v.side is side for v in out) == count:
                     break
                 if self.reach(Reach(side, T @ np.linalg.inv(BOARD.T_tool_board))).ok:
-                    out.append(HandView(side, self.q[arm_slice(side, 14)].copy(), self.view()))
+                    out.append(HandView(side, self.q[self.robot.arm(side)].copy(), self.view()))
         return out
 
 
-def test_exact_views_give_the_exact_camera(robot: RobotModel) -> None:
+@pytest.mark.parametrize("name", ["baxter", "ur5_pair"])
+def test_exact_views_give_the_exact_camera(name: str) -> None:
+    """With arms of seven and of six joints."""
+    robot = find_robot(name).load_model()
     cell = Cell(robot, 0, noise=0.0, bias=0.0)
     found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(6)).unwrap()
     assert off(cell.X, found.T_base_camera) == pytest.approx((0.0, 0.0), abs=1e-3)
