@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -76,7 +77,7 @@ def assemble(
         execution=_execution(settings),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
-        grasp=settings.grasp.settings(),
+        grasp=replace(settings.grasp.settings(), contact_effort=robot.contact_effort),
         perception=settings.perception.settings(),
         inspection=settings.inspection.settings(settings.perception),
         library=library.current,

@@ -57,6 +57,7 @@ DESCRIPTION = RobotDescription(
     commissioning=Dynamics(velocity=0.2, acceleration=1.0, jerk=5.0),
     protective=Dynamics(velocity=0.5, acceleration=6.0, jerk=120.0),
     opening=0.022,
+    contact_effort=20.0,
     efforts=(150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
     shoulder={side: BASE[side][:2] for side in Side},
     drop_joint=1,

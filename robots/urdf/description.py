@@ -35,9 +35,10 @@ class RobotDescription:
     tool frame. fingers: links of each hand's fingers. disabled_pairs: pairs of links that cannot collide, besides
     neighbours. park: each arm's joints when it stands out of the camera's view [rad]. floor: its height in the
     base frame [m]. planning, commissioning, protective: as in `RobotModel`. position_margin: distance of planned
-    motions to the URDF's position limits [rad]. opening: of the grippers in collision checks [m]. efforts: motor
-    torque of one arm's joints in the simulation [Nm]. shoulder, drop_joint, drop_sign: as in `Simulation`.
-    colours: sRGB of a mesh by the stem of its file, else grey. driver: the real robot.
+    motions to the URDF's position limits [rad]. opening: of the grippers in collision checks [m]. contact_effort:
+    as in `RobotModel`. efforts: motor torque of one arm's joints in the simulation [Nm]. shoulder, drop_joint,
+    drop_sign: as in `Simulation`. colours: sRGB of a mesh by the stem of its file, else grey. driver: the real
+    robot.
     """
 
     name: str
@@ -56,6 +57,7 @@ class RobotDescription:
     commissioning: Dynamics
     protective: Dynamics
     opening: float
+    contact_effort: float
     efforts: tuple[float, ...]
     shoulder: Mapping[Side, tuple[float, float]]
     drop_joint: int

@@ -54,6 +54,7 @@ def _built(description: RobotDescription) -> RobotModel:
         protective=_limits(description, model, index, description.protective, 0.0),
         q_park=frozen(np.concatenate([description.park[side] for side in Side])),
         head_pan=0.0,
+        contact_effort=description.contact_effort,
         floor=description.floor,
         fingertips={
             side: tuple(
