@@ -11,16 +11,10 @@ import numpy as np
 from cell.config.garments.garment_file import list_garments, load_garment
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.bezier import two_parameter_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.optimise import PLAIN_H
-from skills.trajectory.paths import fold_duration, tool_paths
-from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
+from skills.trajectory.plain_arc import plain_paths
+from skills.vocabulary import FoldStep, GraspId, ToolPath
 
 __all__ = ["Task", "tasks"]
-
-MAX_HEIGHT = 0.40
-"""Maximum height of an arc above the table [m], as in the optimiser."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,14 +40,3 @@ def tasks(poses: int, surface: str = "bare_table", seed: int = 6) -> Iterator[Ta
             pose = garment.poses.sample(rng)
             for step in plan_folds(garment.flat_state(*pose), garment).unwrap():
                 yield Task(garment, pose, step, plain_paths(step, garment))
-
-
-def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
-    """Compute the tool paths of the optimiser's plain arc (PLAIN_H, lower for a long fold), at the speed that the
-    cloth allows."""
-    frames = frames_of(step, garment.material.thickness)
-    height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
-    controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
-    duration = fold_duration(controls, garment.max_tool_speed)
-    trajectory = GraspTrajectory(controls, duration, "plain", 0.0, 0.0)
-    return tool_paths(trajectory, step, garment.max_tool_speed)

@@ -22,6 +22,7 @@ from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.camera import camera_mount
 from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
 from cell.hardware.workcell import Workcell
 from cell.operator.progress.compiling import report_compilation
@@ -265,6 +266,7 @@ def _simulated(request: CalibrationRequest) -> SimulationSettings:
         robot=settings.robot,
         surface=settings.surface,
         table=settings.drawn_table,
+        camera=camera_mount(settings),
         realtime=request.realtime,
         as_built=True,
     )

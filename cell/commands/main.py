@@ -27,6 +27,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "library": ("library.actions", "build or show the library of optimised trajectories"),
     "calibrate": ("calibrate.actions", "measure a property of the cell or a fabric and write it to a file"),
     "garment": ("garment.actions", "list, show, check and make garment files"),
+    "cell": ("cell.actions", "check and draw the cell that the settings describe"),
     "robot": ("robot.actions", "list and check robots, and make the package of a new one"),
     "runs": ("history.runs", "list the runs in the journal and how each ended"),
     "dashboard": ("history.dashboard", "serve a page with all runs and campaigns, and two runs side by side"),

@@ -70,7 +70,16 @@ def _span(shape: str, about: str) -> Any:
     )
 
 
+def _place(shape: str, about: str) -> Any:
+    """Make a field for a point of three lengths, or null."""
+    return Field(description=about, json_schema_extra={"unit": "m", "shape": f"a place is {shape}"})
+
+
 _Edge = Annotated[float, Field(ge=-2.0, le=2.0, strict=True, allow_inf_nan=False)]
+_Height = Annotated[float, Field(ge=0.2, le=3.0, strict=True, allow_inf_nan=False)]
+
+LEAST_DOWN = 0.2
+"""Least height of the camera above the point that it looks at [m]."""
 
 
 _TOPIC = r"^(/[A-Za-z][A-Za-z0-9_]*)+$"
@@ -111,14 +120,43 @@ class TableConfig(_Group):
 
 
 class CameraConfig(_Group):
-    """The RGB-D camera over the robot's head."""
+    """The RGB-D camera over the table. A part that is null is that of the robot's own camera."""
 
+    position: tuple[_Edge, _Edge, _Height] | None = _place(
+        "[x, y, z]", "place of the camera in the table frame, with the head straight; null: on the robot's bracket"
+    )
+    target: tuple[_Edge, _Edge, _Edge] | None = _place(
+        "[x, y, z]", "point in the table frame in the middle of the picture"
+    )
+    width: int | None = Field(ge=160, le=4096, strict=True, description="columns of the picture, or null")
+    height: int | None = Field(ge=120, le=4096, strict=True, description="rows of the picture, or null")
+    view_deg: float | None = Field(
+        ge=20.0, le=110.0, strict=True, allow_inf_nan=False,
+        description="horizontal angle of view, or null", json_schema_extra={"unit": "degrees"},
+    )  # fmt: skip
     calibration: Path | None = Field(
-        description="a camera calibration file, relative to this file; null: the bracket's design pose"
+        description="a camera calibration file, relative to this file: it replaces the stated place and lens"
     )
     reference: Literal["photograph", "none"] = Field(
         description="whether the empty table is photographed before the garment is laid on it"
     )
+
+    @model_validator(mode="after")
+    def _direction(self) -> Self:
+        if (self.position is None) != (self.target is None):
+            missing = "target" if self.target is None else "position"
+            raise ValueError(f"camera.{missing} is missing: position and target are stated together")
+        if self.position is not None and self.target is not None:
+            down = self.position[2] - self.target[2]
+            if down < LEAST_DOWN:
+                raise ValueError(
+                    f"camera.target = {list(self.target)}: the camera has to look down on it, from a "
+                    f"camera.position that is {LEAST_DOWN:g} m higher or more"
+                )
+        if (self.width is None) != (self.height is None):
+            missing = "height" if self.height is None else "width"
+            raise ValueError(f"camera.{missing} is missing: width and height are stated together")
+        return self
 
 
 class PerceptionConfig(_Group):

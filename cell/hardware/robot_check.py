@@ -7,14 +7,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from robots.camera_mount import CameraMount
 from robots.model import RobotModel
 from robots.ports import Array, Side
-from robots.robot import Robot
 from skills.motion.kinematics import ik
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import Table, tool_rotation
 
-__all__ = ["reached_places", "view_margins"]
+__all__ = ["moved_shapes", "reached_places", "view_margins"]
 
 PLACES_X, PLACES_Y = np.arange(0.35, 0.86, 0.10), np.arange(0.05, 0.36, 0.10)
 """Where garments lie: distance from the base, and to the arm's own side, table frame [m]."""
@@ -25,12 +25,9 @@ SIDES = 24
 """Number of sides of the prism around a cylinder."""
 
 
-def view_margins(robot: Robot, q: Array) -> dict[str, float]:
+def view_margins(model: RobotModel, mount: CameraMount, q: Array) -> dict[str, float]:
     """Return name -> distance [m] by which each shape that an arm moves is out of the camera's picture at joints q
     (joints,); negative for a shape that reaches into it."""
-    model, mount = robot.load_model(), robot.camera
-    data, placed = model.pin_model.createData(), model.collision_model.createData()
-    pin.updateGeometryPlacements(model.pin_model, data, model.collision_model, placed, model.configuration(q))
     T_camera_base = np.linalg.inv(mount.T_base_camera(model.head_pan))
     k = mount.intrinsics
     # inward normals of the four side planes of the view pyramid, from the edges of the picture
@@ -44,12 +41,22 @@ def view_margins(robot: Robot, q: Array) -> dict[str, float]:
     )
     planes /= np.linalg.norm(planes, axis=1, keepdims=True)
     margins: dict[str, float] = {}
-    for shape, T in zip(model.collision_model.geometryObjects, placed.oMg, strict=True):
-        if _is_moved(model, shape.parentJoint):
-            base = _corners(shape.geometry) @ T.rotation.T + T.translation
-            seen = base @ T_camera_base[:3, :3].T + T_camera_base[:3, 3]
-            margins[shape.name] = float((-(seen @ planes.T)).min(axis=0).max())
+    for name, base in moved_shapes(model, q).items():
+        seen = base @ T_camera_base[:3, :3].T + T_camera_base[:3, 3]
+        margins[name] = float((-(seen @ planes.T)).min(axis=0).max())
     return margins
+
+
+def moved_shapes(model: RobotModel, q: Array) -> dict[str, Array]:
+    """Return name -> points (n, 3) [m] in the base frame, whose hull contains the shape, of each collision shape
+    that an arm moves, at joints q (joints,)."""
+    data, placed = model.pin_model.createData(), model.collision_model.createData()
+    pin.updateGeometryPlacements(model.pin_model, data, model.collision_model, placed, model.configuration(q))
+    return {
+        shape.name: _corners(shape.geometry) @ T.rotation.T + T.translation
+        for shape, T in zip(model.collision_model.geometryObjects, placed.oMg, strict=True)
+        if _is_moved(model, shape.parentJoint)
+    }
 
 
 def _is_moved(model: RobotModel, joint: int) -> bool:
@@ -74,10 +81,9 @@ def _corners(shape: coal.CollisionGeometry) -> Array:
     return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])
 
 
-def reached_places(robot: Robot, table: Table) -> dict[Side, list[tuple[float, float, bool]]]:
+def reached_places(model: RobotModel, table: Table) -> dict[Side, list[tuple[float, float, bool]]]:
     """Return for each arm the places (x, y) [m] in the table frame where garments lie, and whether the arm brings
     its hand there, pointing down, without touching anything while the other arm is parked."""
-    model = robot.load_model()
     checker = CollisionChecker(model, table)
     rng = np.random.default_rng(1)
     places: dict[Side, list[tuple[float, float, bool]]] = {side: [] for side in Side}

@@ -20,11 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble, load_robot
-from cell.hardware.camera import camera_calibration
+from cell.hardware.camera import camera_calibration, camera_mount
+from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
+from cell.hardware.placement import refuse_too_large
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.compiling import report_compilation
 from cell.operator.progress.lines import ProgressLines
@@ -86,6 +89,9 @@ def fold_once(
     """
     began = time.monotonic()
     check_cell(request.driver, _simulated(request))
+    refuse_unfit_cell(request.settings)
+    if request.garment != "auto":
+        refuse_too_large(load_garment(request.garment, request.settings.surface), request.settings)
     needs_operator = request.approve or not is_simulated(request.driver)
     if needs_operator and request.terminal and not request.page:
         check_terminal(sys.stdin)
@@ -284,6 +290,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
         garment=request.garment,
         surface=settings.surface,
         table=settings.drawn_table,
+        camera=camera_mount(settings),
         realtime=request.realtime,
         world=request.world,
         as_built=settings.calibrated,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from robots.camera_mount import CameraMount
 from robots.errors import ConfigurationError
 from robots.registry import DEFAULT
 from skills.vocabulary import Table
@@ -27,7 +28,7 @@ class SimulationSettings:
     the table's, 'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell.
     render: if off, the camera raises a fault. as_built: table height and camera intrinsics differ from the
     drawing, and there is a calibration board. q_start: (joints,) configuration of the arms at the start [rad];
-    None: the park configuration.
+    None: the park configuration. camera: its mount and lens; None: the robot's own.
     """
 
     robot: str = DEFAULT
@@ -43,6 +44,7 @@ class SimulationSettings:
     render: bool = True
     as_built: bool = False
     q_start: tuple[float, ...] | None = None
+    camera: CameraMount | None = None
 
     def __post_init__(self) -> None:
         if self.world not in WORLDS:

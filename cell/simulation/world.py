@@ -94,7 +94,8 @@ class World:
         noise = self._noise
         self._design = find_robot(settings.robot)
         self._model = self._design.load_model()
-        self._lens, self._board = self._design.camera.intrinsics, None
+        self._mount = settings.camera or self._design.camera
+        self._lens, self._board = self._mount.intrinsics, None
         if settings.as_built:
             settings = replace(settings, table=built_table(settings.table, noise.build, rng["build"]))
             self._lens = built_lens(self._lens, noise.build, rng["build"])
@@ -143,9 +144,7 @@ class World:
         self._world_faults = WorldFaults(self.faults, self.robot, grippers, self.garment)
         for side in Side:
             self._place_hand(side)
-        self._T_head_camera = _mounted(
-            self._design.camera, noise.camera, rng["camera"], ideal=not settings.camera_noise
-        )
+        self._T_head_camera = _mounted(self._mount, noise.camera, rng["camera"], ideal=not settings.camera_noise)
         scene = self._scene(rng["look"])
         self._fabric = _mean_colour(scene.garment_texture)
         self._renderer = Renderer(scene) if settings.render else None
@@ -202,7 +201,7 @@ class World:
         if self._renderer is None:
             return None
         ideal = not self.settings.camera_noise
-        drawn = self._design.camera.intrinsics
+        drawn = self._mount.intrinsics
         return SimulatedCamera(self._renderer, drawn, self._noise.camera, seed, self._shot, self.now, ideal)
 
     def close(self) -> None:
@@ -429,8 +428,8 @@ class World:
     def _shot(self) -> Shot:
         q, _, _, pan = self._body.read()
         joints = dict(zip(self._model.joint_names, q.tolist(), strict=True))
-        if self._design.camera.head_joint is not None:
-            joints[self._design.camera.head_joint] = pan
+        if self._mount.head_joint is not None:
+            joints[self._mount.head_joint] = pan
         for side, hand in self._hands.items():
             joints |= self._design.gripper.finger_positions(side, hand.gripper.opening)
         vertices = self.garment.seen if self.garment.laid else None
@@ -449,7 +448,7 @@ class World:
         return poses
 
     def _T_base_camera(self, pan: float) -> Array:
-        return self._design.camera.T_base_head(pan) @ self._T_head_camera
+        return self._mount.T_base_head(pan) @ self._T_head_camera
 
     # checkpoints
 

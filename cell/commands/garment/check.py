@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+import numpy as np
+
+from cell.commands.cell.check import write_drawing
 from cell.commands.garment.garment_drawing import draw_option, drawn
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json
-from cell.config.cell_settings import load_settings
+from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import check_plan
+from cell.hardware.cell_check import refuse_unfit_cell
+from cell.hardware.placement import (
+    PlacedFold,
+    fitting_pose,
+    placed_folds,
+    pose_that_folds,
+    refuse_too_large,
+)
 from robots.errors import ConfigurationError
+from robots.registry import find_robot
+from skills.garments.garment import Garment
 
 __all__ = ["add_options"]
 
@@ -25,16 +39,26 @@ def add_options(actions: Commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Check every file, including that its plan can be made. Returns 0 if all files are valid, 64 otherwise."""
-    surface, checked, bad = load_settings(options.cell).surface, [], 0
+    settings, checked, bad = load_settings(options.cell), [], 0
+    refuse_unfit_cell(settings)
     for name in options.garments:
         try:
-            garment = load_garment(name, surface)
+            garment = load_garment(name, settings.surface)
             check_plan(name, garment)
             drawing = drawn(garment, options.draw)
-            checked.append({"file": name, "good": True, "drawing": drawing})
+            placed = _drawn_on_table(garment, settings, options.draw)
+            folds = _folds_on_table(name, garment, settings)
+            checked.append({
+                "file": name, "good": True, "drawing": drawing, "on_table": placed,
+                "variants": {fold.name: fold.variant for fold in folds},
+            })  # fmt: skip
             _say(
-                options, f"{name}: good, {len(garment.plan)} folds" + (f", drawn in {drawing}" if drawing else "")
+                options,
+                f"{name}: good, {len(folds)} folds" + (f", drawn in {drawing}, {placed}" if drawing else ""),
             )
+            for fold in folds:
+                if fold.why:
+                    _say(options, f"  {fold.name} is folded as {fold.variant}: {fold.why}")
         except ConfigurationError as e:
             bad += 1
             checked.append({"file": name, "good": False, "error": e.what, "hint": e.hint})
@@ -42,6 +66,40 @@ def _run(options: argparse.Namespace) -> int:
     if options.json:
         print_json({"checked": checked})
     return 64 if bad else 0
+
+
+def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | None) -> str | None:
+    """Draw the garment on the cell's table as a PNG into the folder, and return its path; None without one."""
+    if folder is None:
+        return None
+    from cell.hardware.cell_drawing import draw_cell
+
+    picture = draw_cell(settings, find_robot(settings.robot).load_model(), garment, garment.poses.middle)
+    return write_drawing(folder, f"{garment.name}-on-table", picture)
+
+
+def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list[PlacedFold]:
+    """Return how the arms make each fold at the garment's own pose. Raises ConfigurationError if the garment is
+    too large, or if a fold cannot be made there."""
+    refuse_too_large(garment, settings)
+    model, pose = find_robot(settings.robot).load_model(), garment.poses.middle
+    if fitting_pose(garment, settings) != pose:
+        raise _not_there(name, "the garment is not wholly on the table and in the picture", garment, settings)
+    folds = placed_folds(garment, settings, model, pose)
+    for fold in folds:
+        if not fold.variant:
+            raise _not_there(name, f"fold {fold.name}: {fold.why}", garment, settings)
+    return folds
+
+
+def _not_there(name: str, why: str, garment: Garment, settings: CellSettings) -> ConfigurationError:
+    x, y, angle = garment.poses.middle
+    at = f"poses, in their middle (x {x:.2f}, y {y:.2f}, angle_deg {np.rad2deg(angle):.0f})"
+    pose = pose_that_folds(garment, settings, find_robot(settings.robot).load_model())
+    hint = "no other pose on this table was found; make the garment smaller, or add a variant of the fold"
+    if pose is not None:
+        hint = f"it can be folded at x {pose[0]:.2f}, y {pose[1]:.2f}, angle_deg {np.rad2deg(pose[2]):.0f}"
+    return ConfigurationError(f"{name}: {at}: {why}", hint)
 
 
 def _say(options: argparse.Namespace, text: str) -> None:

@@ -44,7 +44,7 @@ def test_the_parked_arms_are_mirror_images_with_the_hands_down() -> None:
 
 
 def test_the_parked_arms_are_out_of_the_cameras_view() -> None:
-    margins = view_margins(ROBOT, MODEL.q_park)
+    margins = view_margins(MODEL, ROBOT.camera, MODEL.q_park)
     assert len(margins) == 18 and min(margins.values()) > 0.04
 
 

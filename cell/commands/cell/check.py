@@ -1,0 +1,69 @@
+"""`foldcell cell check`: checks whether table, camera and robot of the settings fit each other, and draws them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.commands.options import Commands, add_command, cell_option, json_option
+from cell.commands.output import print_json, print_table
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.hardware.cell_check import cell_findings
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
+from robots.registry import find_robot
+
+__all__ = ["add_options", "write_drawing"]
+
+
+def add_options(actions: Commands) -> None:
+    action = add_command(actions, "check", "check whether table, camera and robot fit each other", _run)
+    action.add_argument("--draw", type=Path, metavar="DIR", help="draw the cell as cell.png into this folder")
+    action.add_argument("--garment", metavar="GARMENT", help="name or file of a garment to draw on the table")
+    cell_option(action)
+    json_option(action)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Returns 0 if everything fits, 2 if not. Raises ConfigurationError for settings that cannot be used."""
+    settings = load_settings(options.cell)
+    garment = load_garment(options.garment, settings.surface) if options.garment else None
+    findings = list(cell_findings(settings))
+    good, drawing = all(finding.good for finding in findings), None
+    if options.draw is not None:
+        from cell.hardware.cell_drawing import draw_cell
+
+        words = [f"{'good' if f.good else 'BAD '}  {f.name}: {f.found}" for f in findings if f.name != "model"]
+        pose = None if garment is None else garment.poses.middle
+        picture = draw_cell(settings, find_robot(settings.robot).load_model(), garment, pose, words)
+        drawing = write_drawing(options.draw, "cell", picture)
+    if options.json:
+        print_json({"good": good, "findings": [vars(f) for f in findings], "drawing": drawing})
+        return 0 if good else 2
+    print_table(
+        ("check", "", "found", "key"), [(f.name, "good" if f.good else "BAD", f.found, f.key) for f in findings]
+    )
+    if drawing is not None:
+        print(f"drawn in {drawing}")
+    return 0 if good else 2
+
+
+def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
+    """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises ConfigurationError if the
+    folder does not exist, StorageError if the file cannot be written."""
+    import cv2
+
+    if not folder.is_dir():
+        raise ConfigurationError(
+            f"{folder}: there is no such folder", "create it, or give another one with --draw"
+        )
+    done, png = cv2.imencode(".png", picture[:, :, ::-1])
+    if not done:
+        raise AssertionError("a drawing could not be encoded")
+    path = folder / f"{name}.png"
+    write_whole(path, png.tobytes())
+    return str(path)

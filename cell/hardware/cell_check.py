@@ -1,0 +1,135 @@
+"""Check before anything moves that the parts of a cell fit each other: table, parked arms, camera and reach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.config.cell_settings import CellSettings
+from cell.hardware.camera import camera_calibration, camera_mount
+from cell.hardware.robot_check import PLACES_X, PLACES_Y, reached_places, view_margins
+from robots.camera_mount import CameraMount
+from robots.errors import ConfigurationError
+from robots.model import RobotModel
+from robots.registry import find_robot
+from robots.robot import Robot
+from skills.motion.validation.collision import CollisionChecker
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import Table
+
+__all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "work_area_seen"]
+
+LEAST_VIEW_MARGIN = 0.01
+"""Distance by which the parked arms have to be out of the camera's picture [m]."""
+LEAST_REACHED = 0.9
+"""Share of the places where garments lie that each arm has to reach."""
+AREA_X, AREA_Y = (float(PLACES_X[0]), float(PLACES_X[-1])), (-float(PLACES_Y[-1]), float(PLACES_Y[-1]))
+"""Where garments lie, in the table frame [m]."""
+LEAST_COVERED = 0.4
+"""Share of this area's length and width that the table has to cover."""
+LEAST_SEEN = 0.8
+"""Share of the table in this area that the camera has to see."""
+HEIGHT_STEP, LOWEST_HEIGHT = 0.01, -0.6
+"""Table heights are tried in these steps down to the lowest allowed one [m]."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that was checked. key: the key of `cell.yaml` to change; empty if it is the robot's model."""
+
+    name: str
+    good: bool
+    found: str
+    key: str = ""
+
+
+def robot_findings(robot: Robot, mount: CameraMount, table: Table) -> Iterator[Finding]:
+    """Check a robot's model at a table, with a camera."""
+    model = robot.load_model()
+    inside = (model.q_park >= model.planning.lower) & (model.q_park <= model.planning.upper)
+    outside = [name for name, good in zip(model.joint_names, inside, strict=True) if not good]
+    yield Finding("model", True, f"{len(model.joint_names) // 2} joints an arm, {robot.model_file()}")
+    yield Finding(
+        "parked joints", not outside, f"outside their limits: {', '.join(outside)}" if outside else "within limits"
+    )
+    yield _parked_arms(model, table)
+    margins = view_margins(model, mount, model.q_park)
+    shape, margin = min(margins.items(), key=lambda item: item[1])
+    where = "out of the picture" if margin >= 0.0 else "inside the picture, where it hides the table"
+    found = f"{shape} is {abs(1000 * margin):.0f} mm {where}"
+    yield Finding("parked arms in the picture", margin >= LEAST_VIEW_MARGIN, found, "camera.position")
+    for side, places in reached_places(model, table).items():
+        missed = [f"({x:.2f}, {y:.2f})" for x, y, reached in places if not reached]
+        share = 1.0 - len(missed) / len(places)
+        found = f"{share:.0%} of {len(places)} places" + (f", not {', '.join(missed[:4])}" if missed else "")
+        yield Finding(f"{side} arm's reach", share >= LEAST_REACHED, found, "table.height")
+
+
+def cell_findings(settings: CellSettings) -> Iterator[Finding]:
+    """Check the cell that the settings describe: the robot's model, and what the camera sees of the table."""
+    area = f"{AREA_X[0]:.2f} to {AREA_X[1]:.2f} m before the robot, {AREA_Y[1]:.2f} m to both sides"
+    covered = {
+        f"table.{axis}": max(_overlap(span, wanted), 0.0) / (wanted[1] - wanted[0])
+        for axis, span, wanted in (("x", settings.table.x, AREA_X), ("y", settings.table.y, AREA_Y))
+    }
+    key, share = min(covered.items(), key=lambda item: item[1])
+    found = f"{share:.0%} of the length where garments lie ({area})"
+    yield Finding("table before the robot", share >= LEAST_COVERED, found, key)
+    seen = work_area_seen(settings)
+    found = f"{seen:.0%} of the table where garments lie ({area})"
+    stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
+    yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
+    yield from robot_findings(find_robot(settings.robot), camera_mount(settings), settings.table)
+
+
+def refuse_unfit_cell(settings: CellSettings) -> None:
+    """Raise ConfigurationError with the key and value of the first part of the cell that does not fit."""
+    for finding in cell_findings(settings):
+        if not finding.good and finding.key:
+            raise ConfigurationError(
+                f"{finding.key} = {_value(settings, finding.key)}: {finding.name}: {finding.found}",
+                "`foldcell cell check --cell FILE --draw .` shows what fits and what does not",
+            )
+
+
+def work_area_seen(settings: CellSettings) -> float:
+    """Return the share (0..1) of the table where garments lie that is in the camera's picture; 0 if there is no
+    table there."""
+    table = settings.table
+    if min(_overlap(table.x, AREA_X), _overlap(table.y, AREA_Y)) <= 0.0:
+        return 0.0
+    view = TableView(camera_calibration(settings), table, pixel=0.01)
+    low, high = view.to_pixel(np.array([[AREA_X[0], AREA_Y[0]], [AREA_X[1], AREA_Y[1]]]))
+    rows = slice(max(round(high[1]), 0), max(round(low[1]), 0) + 1)
+    columns = slice(max(round(high[0]), 0), max(round(low[0]), 0) + 1)
+    return float(np.mean(view.valid[rows, columns]))
+
+
+def _overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return min(a[1], b[1]) - max(a[0], b[0])
+
+
+def _parked_arms(model: RobotModel, table: Table) -> Finding:
+    contact = CollisionChecker(model, table).contact(model.q_park)
+    if contact is None:
+        return Finding("parked arms", True, "touch nothing", "table.height")
+    free = next((z for z in _lower(table.height) if _is_free(model, table, z)), None)
+    below = f"; heights up to {free:.2f} are free" if free is not None else ""
+    return Finding("parked arms", False, f"{contact} are too near to each other{below}", "table.height")
+
+
+def _lower(height: float) -> Iterator[float]:
+    steps = int((height - LOWEST_HEIGHT) / HEIGHT_STEP)
+    return (round(height - HEIGHT_STEP * (k + 1), 2) for k in range(steps))
+
+
+def _is_free(model: RobotModel, table: Table, height: float) -> bool:
+    return CollisionChecker(model, Table(height, table.x, table.y)).contact(model.q_park) is None
+
+
+def _value(settings: CellSettings, key: str) -> str:
+    group, name = key.split(".")
+    value = settings.model_dump(mode="json", by_alias=True)[group][name]
+    return "null (the robot's own)" if value is None else str(value)

@@ -1,0 +1,152 @@
+"""Find out before anything moves whether a garment fits on the cell's table, in the camera's picture and in the
+reach of the arms, and which pose or size would."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cell.config.cell_settings import CellSettings
+from cell.hardware.camera import camera_calibration
+from robots.errors import ConfigurationError
+from robots.model import RobotModel
+from robots.ports import Array
+from skills.garments.garment import Garment
+from skills.motion.moves.fold import plan_fold_motion
+from skills.motion.validation.collision import CollisionChecker
+from skills.perception.perceive import PerceptionSettings
+from skills.perception.rectification.table_view import TableView
+from skills.planning.plan import plan_folds
+from skills.trajectory.plain_arc import plain_paths
+
+__all__ = ["PlacedFold", "Pose", "fitting_pose", "placed_folds", "pose_that_folds", "refuse_too_large"]
+
+Pose = tuple[float, float, float]
+"""x, y [m] and angle [rad] of a garment in the table frame."""
+
+TURNS = (0.0, np.pi / 2)
+SHIFTS = tuple(float(s) for s in np.arange(-0.15, 0.151, 0.03))
+TRIES = 10
+"""Number of poses at which the folds are planned in search of one that works."""
+
+
+@dataclass(frozen=True)
+class PlacedFold:
+    """One fold at one pose. variant: the first variant for which the arms have a path; empty if none has. why: the
+    reason why the preferred variant has none."""
+
+    name: str
+    variant: str
+    why: str
+
+
+def refuse_too_large(garment: Garment, settings: CellSettings) -> None:
+    """Raise ConfigurationError for a garment that nowhere lies wholly on the table and in the camera's picture."""
+    if fitting_pose(garment, settings) is not None:
+        return
+    scale = _fitting_scale(garment, settings)
+    size = "{:.2f} x {:.2f} m".format(*garment.size_m)
+    fits = f"a garment of this shape fits at {scale:.0%} of this size" if scale else "no size of this shape fits"
+    raise ConfigurationError(
+        f"garment {garment.name}, {size}: lies nowhere wholly on the table and in the camera's picture",
+        f"{fits}; correct `keypoints` in its file, or `table` and `camera` in cell.yaml",
+    )
+
+
+def fitting_pose(garment: Garment, settings: CellSettings, scale: float = 1.0) -> Pose | None:
+    """Return the pose nearest to the garment's own at which it lies on the table and in the picture, or None."""
+    outline = scale * np.asarray(garment.template, dtype=float)
+    seen = _Seen(settings)
+    return next((pose for pose in _poses(garment, settings) if seen.wholly(_at(outline, pose))), None)
+
+
+def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, pose: Pose) -> list[PlacedFold]:
+    """Plan each fold of the garment at a pose along its plain arc, with the first variant for which the arms have
+    a path. The variants that are found are those of the folds that follow."""
+    checker = CollisionChecker(model, settings.table)
+    chosen: dict[str, str] = {}
+    placed: list[PlacedFold] = []
+    for index, planned in enumerate(garment.plan):
+        why, found = "", ""
+        for variant in planned.variants:
+            chosen[planned.name] = variant.name
+            steps = plan_folds(garment.flat_state(*pose), garment, {**_first_variants(garment), **chosen})
+            if steps.failure is not None:
+                why = why or steps.failure.what
+                continue
+            step = steps.unwrap()[index]
+            motion = plan_fold_motion(
+                model, checker, settings.table, step, plain_paths(step, garment), model.q_park,
+                limits=model.limits(settings.motion.accelerations, settings.motion.velocity_scale),
+                tool_speed=min(garment.max_tool_speed, settings.motion.tool_speed),
+                approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
+            )  # fmt: skip
+            if motion.failure is None:
+                found = variant.name
+                break
+            why = why or motion.failure.what
+        placed.append(PlacedFold(planned.name, found, why))
+    return placed
+
+
+def pose_that_folds(garment: Garment, settings: CellSettings, model: RobotModel) -> Pose | None:
+    """Return a pose in the picture at which the arms have a path for every fold, or None. It is sought near the
+    garment's own pose first."""
+    outline, seen, tries = np.asarray(garment.template, dtype=float), _Seen(settings), 0
+    for pose in _poses(garment, settings):
+        if not seen.wholly(_at(outline, pose)):
+            continue
+        if all(fold.variant for fold in placed_folds(garment, settings, model, pose)):
+            return pose
+        tries += 1
+        if tries >= TRIES:
+            break
+    return None
+
+
+def _first_variants(garment: Garment) -> dict[str, str]:
+    return {step.name: step.variants[0].name for step in garment.plan}
+
+
+def _poses(garment: Garment, settings: CellSettings) -> Iterator[Pose]:
+    """Yield poses on the table: the garment's own, then others by their distance from it."""
+    x, y, angle = garment.poses.middle
+    yield x, y, angle
+    table = settings.table
+    middle = 0.5 * (table.x[0] + table.x[1]), 0.5 * (table.y[0] + table.y[1])
+    for turn in TURNS:
+        for centre in ((x, y), middle):
+            shifts = sorted(((a, b) for a in SHIFTS for b in SHIFTS), key=lambda s: (np.hypot(*s), s))
+            yield from ((centre[0] + a, centre[1] + b, angle + turn) for a, b in shifts)
+
+
+def _at(outline: Array, pose: Pose) -> Array:
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return outline @ np.array([[c, s], [-s, c]]) + pose[:2]
+
+
+class _Seen:
+    """What the camera sees of the table, without the border that a garment must not touch."""
+
+    def __init__(self, settings: CellSettings) -> None:
+        self._view = TableView(camera_calibration(settings), settings.table, pixel=0.004)
+        self._margin = PerceptionSettings().border + 0.01
+
+    def wholly(self, outline: Array) -> bool:
+        """Whether an outline (n, 2) [m] and a border around it are on the table and in the picture."""
+        middle = outline.mean(axis=0)
+        away = outline - middle
+        wider = outline + self._margin * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        at = np.round(self._view.to_pixel(wider)).astype(int)
+        rows, columns = self._view.valid.shape
+        if (at < 0).any() or (at >= (columns, rows)).any():
+            return False
+        return bool(self._view.valid[at[:, 1], at[:, 0]].all())
+
+
+def _fitting_scale(garment: Garment, settings: CellSettings) -> float:
+    """Return the largest scale of the garment that fits in steps of 5 %, or 0."""
+    scales = np.arange(0.95, 0.04, -0.05)
+    return next((float(s) for s in scales if fitting_pose(garment, settings, float(s)) is not None), 0.0)
