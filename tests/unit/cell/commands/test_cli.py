@@ -666,7 +666,7 @@ def test_perceive_reports_a_picture_without_a_garment(tmp_path: Path, capsys: py
     empty = picture(tmp_path / "empty.png", False)
     assert main(["perceive", str(empty), "--reference", str(empty), "--json"]) == 2
     assert last_json(capsys.readouterr().out)["recognised"] is False
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty-perceived.png", "empty.png"], "what was seen is drawn"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty-perceived.png", "empty.png"]
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no picture", b"\x89PNG\r\n\x1a\n broken"])
