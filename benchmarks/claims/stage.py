@@ -20,7 +20,8 @@ import numpy as np
 from cell.config.cell_settings import CellSettings, ComputingConfig, load_settings
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.inspecting import judge_fold, next_step
-from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.assembly import assemble
+from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.recording.rerun import Recorder
 from cell.simulation.ports import ports_of

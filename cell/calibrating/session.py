@@ -21,9 +21,10 @@ from cell.calibrating.calibration_prompts import CalibrationPrompts
 from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
-from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_mount
 from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
+from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.operator.progress.compiling import report_compilation
 from cell.operator.terminal.attendant import PersonAttendant
@@ -267,6 +268,7 @@ def _simulated(request: CalibrationRequest) -> SimulationSettings:
         surface=settings.surface,
         table=settings.drawn_table,
         camera=camera_mount(settings),
+        q_start=tuple(load_robot(settings).q_park.tolist()),
         realtime=request.realtime,
         as_built=True,
     )

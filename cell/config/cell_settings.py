@@ -75,6 +75,19 @@ def _place(shape: str, about: str) -> Any:
     return Field(description=about, json_schema_extra={"unit": "m", "shape": f"a place is {shape}"})
 
 
+def _angles(arm: str) -> Any:
+    """Make a field for the parked joints of an arm, or null."""
+    return Field(
+        description=f"joint angles of {arm} when it is parked, from the shoulder on; null: the robot's own",
+        json_schema_extra={
+            "unit": "rad",
+            "range": [-6.3, 6.3],
+            "shape": "allowed is an angle for each joint within",
+        },
+    )
+
+
+_Angle = Annotated[float, Field(ge=-6.3, le=6.3, strict=True, allow_inf_nan=False)]
 _Edge = Annotated[float, Field(ge=-2.0, le=2.0, strict=True, allow_inf_nan=False)]
 _Height = Annotated[float, Field(ge=0.2, le=3.0, strict=True, allow_inf_nan=False)]
 
@@ -157,6 +170,13 @@ class CameraConfig(_Group):
             missing = "height" if self.height is None else "width"
             raise ValueError(f"camera.{missing} is missing: width and height are stated together")
         return self
+
+
+class ParkConfig(_Group):
+    """The parked arms. An arm that is null parks as its robot's model states."""
+
+    left: tuple[_Angle, ...] | None = _angles("the left arm")
+    right: tuple[_Angle, ...] | None = _angles("the right arm")
 
 
 class PerceptionConfig(_Group):
@@ -368,6 +388,7 @@ class CellSettings(_Group):
     )
     table_: TableConfig = Field(alias="table")
     camera: CameraConfig
+    park: ParkConfig
     perception: PerceptionConfig
     motion: MotionConfig
     grasp: GraspConfig

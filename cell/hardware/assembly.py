@@ -21,23 +21,17 @@ from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from robots.model import RobotModel
 from robots.ports import Ports
-from robots.registry import find_robot
 from skills.garments.garment import Garment
 from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
 from skills.trajectory.library import Library
 from skills.vocabulary import FoldStep, GraspTrajectory
 
-__all__ = ["assemble", "load_robot"]
+__all__ = ["assemble"]
 
 
 SLACK = 0.002
 """Amount by which the collision margins during execution are smaller than those in planning [m]. It allows for
 small deviations of the arms from the plan."""
-
-
-def load_robot(settings: CellSettings) -> RobotModel:
-    """Return the model of the robot that the settings name."""
-    return find_robot(settings.robot).load_model()
 
 
 def assemble(

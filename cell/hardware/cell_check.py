@@ -10,9 +10,11 @@ import numpy as np
 from cell.config.cell_settings import CellSettings
 from cell.hardware.camera import camera_calibration, camera_mount
 from cell.hardware.robot_check import PLACES_X, PLACES_Y, reached_places, view_margins
+from cell.hardware.robot_model import load_robot
 from robots.camera_mount import CameraMount
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
+from robots.ports import Side
 from robots.registry import find_robot
 from robots.robot import Robot
 from skills.motion.validation.collision import CollisionChecker
@@ -45,21 +47,27 @@ class Finding:
     key: str = ""
 
 
-def robot_findings(robot: Robot, mount: CameraMount, table: Table) -> Iterator[Finding]:
-    """Check a robot's model at a table, with a camera."""
-    model = robot.load_model()
+def robot_findings(
+    robot: Robot, model: RobotModel, mount: CameraMount, table: Table, stated: tuple[Side, ...] = ()
+) -> Iterator[Finding]:
+    """Check a robot's model at a table, with a camera. stated: the arms whose parked posture the settings state;
+    what is wrong with such a posture is put down to its key."""
     inside = (model.q_park >= model.planning.lower) & (model.q_park <= model.planning.upper)
     outside = [name for name, good in zip(model.joint_names, inside, strict=True) if not good]
     yield Finding("model", True, f"{len(model.joint_names) // 2} joints an arm, {robot.model_file()}")
-    yield Finding(
-        "parked joints", not outside, f"outside their limits: {', '.join(outside)}" if outside else "within limits"
-    )
-    yield _parked_arms(model, table)
+    found = f"outside their limits: {', '.join(outside)}" if outside else "within limits"
+    yield Finding("parked joints", not outside, found, _park_key(stated, outside[0]) if outside else "")
+    yield _parked_arms(model, table, stated)
     margins = view_margins(model, mount, model.q_park)
     shape, margin = min(margins.items(), key=lambda item: item[1])
     where = "out of the picture" if margin >= 0.0 else "inside the picture, where it hides the table"
     found = f"{shape} is {abs(1000 * margin):.0f} mm {where}"
-    yield Finding("parked arms in the picture", margin >= LEAST_VIEW_MARGIN, found, "camera.position")
+    yield Finding(
+        "parked arms in the picture",
+        margin >= LEAST_VIEW_MARGIN,
+        found,
+        _park_key(stated, shape, "camera.position"),
+    )
     for side, places in reached_places(model, table).items():
         missed = [f"({x:.2f}, {y:.2f})" for x, y, reached in places if not reached]
         share = 1.0 - len(missed) / len(places)
@@ -81,7 +89,9 @@ def cell_findings(settings: CellSettings) -> Iterator[Finding]:
     found = f"{seen:.0%} of the table where garments lie ({area})"
     stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
     yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
-    yield from robot_findings(find_robot(settings.robot), camera_mount(settings), settings.table)
+    parked = tuple(side for side in Side if getattr(settings.park, side.value) is not None)
+    robot, model = find_robot(settings.robot), load_robot(settings)
+    yield from robot_findings(robot, model, camera_mount(settings), settings.table, parked)
 
 
 def refuse_unfit_cell(settings: CellSettings) -> None:
@@ -111,10 +121,18 @@ def _overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
     return min(a[1], b[1]) - max(a[0], b[0])
 
 
-def _parked_arms(model: RobotModel, table: Table) -> Finding:
+def _park_key(stated: tuple[Side, ...], part: str, otherwise: str = "") -> str:
+    """Return the key of the stated posture of the arm that a joint or shape belongs to by its name."""
+    return next((f"park.{side.value}" for side in stated if part.startswith(side.value)), otherwise)
+
+
+def _parked_arms(model: RobotModel, table: Table, stated: tuple[Side, ...]) -> Finding:
     contact = CollisionChecker(model, table).contact(model.q_park)
     if contact is None:
         return Finding("parked arms", True, "touch nothing", "table.height")
+    key = _park_key(stated, str(contact))
+    if key:
+        return Finding("parked arms", False, f"{contact} are too near to each other", key)
     free = next((z for z in _lower(table.height) if _is_free(model, table, z)), None)
     below = f"; heights up to {free:.2f} are free" if free is not None else ""
     return Finding("parked arms", False, f"{contact} are too near to each other{below}", "table.height")

@@ -20,7 +20,8 @@ from typing import Any, Self
 
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
-from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.assembly import assemble
+from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import Entry, Journal, RunRecord
 from cell.recording.rerun import Recorder

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
-from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_calibration, camera_mount
 from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
 from cell.hardware.placement import refuse_too_large
+from cell.hardware.robot_model import load_robot
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.compiling import report_compilation
 from cell.operator.progress.lines import ProgressLines
@@ -291,6 +292,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
         surface=settings.surface,
         table=settings.drawn_table,
         camera=camera_mount(settings),
+        q_start=tuple(load_robot(settings).q_park.tolist()),
         realtime=request.realtime,
         world=request.world,
         as_built=settings.calibrated,

@@ -13,8 +13,8 @@ from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
 from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import load_garment
-from cell.hardware.assembly import load_robot
 from cell.hardware.driver import is_simulated
+from cell.hardware.robot_model import load_robot
 from cell.states.fold_request import FoldRequest, FoldResult
 from cell.states.transition_table import State
 from robots.errors import CellError, ConfigurationError

@@ -98,7 +98,7 @@ def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
     from cell.campaigns.hil.director import Director
     from cell.campaigns.hil.script import Script
     from cell.config.cell_settings import CellSettings
-    from cell.hardware.assembly import load_robot
+    from cell.hardware.robot_model import load_robot
     from cell.runs.fold_run import FoldRequest, fold_once
     from cell.states.transition_table import TERMINAL
 

@@ -13,9 +13,9 @@ from cell.commands.output import print_json, print_table
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.hardware.cell_check import cell_findings
+from cell.hardware.robot_model import load_robot
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
-from robots.registry import find_robot
 
 __all__ = ["add_options", "write_drawing"]
 
@@ -39,7 +39,7 @@ def _run(options: argparse.Namespace) -> int:
 
         words = [f"{'good' if f.good else 'BAD '}  {f.name}: {f.found}" for f in findings if f.name != "model"]
         pose = None if garment is None else garment.poses.middle
-        picture = draw_cell(settings, find_robot(settings.robot).load_model(), garment, pose, words)
+        picture = draw_cell(settings, load_robot(settings), garment, pose, words)
         drawing = write_drawing(options.draw, "cell", picture)
     if options.json:
         print_json({"good": good, "findings": [vars(f) for f in findings], "drawing": drawing})

@@ -22,8 +22,8 @@ from cell.hardware.placement import (
     pose_that_folds,
     refuse_too_large,
 )
+from cell.hardware.robot_model import load_robot
 from robots.errors import ConfigurationError
-from robots.registry import find_robot
 from skills.garments.garment import Garment
 
 __all__ = ["add_options"]
@@ -74,7 +74,7 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
         return None
     from cell.hardware.cell_drawing import draw_cell
 
-    picture = draw_cell(settings, find_robot(settings.robot).load_model(), garment, garment.poses.middle)
+    picture = draw_cell(settings, load_robot(settings), garment, garment.poses.middle)
     return write_drawing(folder, f"{garment.name}-on-table", picture)
 
 
@@ -82,7 +82,7 @@ def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list
     """Return how the arms make each fold at the garment's own pose. Raises ConfigurationError if the garment is
     too large, or if a fold cannot be made there."""
     refuse_too_large(garment, settings)
-    model, pose = find_robot(settings.robot).load_model(), garment.poses.middle
+    model, pose = load_robot(settings), garment.poses.middle
     if fitting_pose(garment, settings) != pose:
         raise _not_there(name, "the garment is not wholly on the table and in the picture", garment, settings)
     folds = placed_folds(garment, settings, model, pose)
@@ -95,7 +95,7 @@ def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list
 def _not_there(name: str, why: str, garment: Garment, settings: CellSettings) -> ConfigurationError:
     x, y, angle = garment.poses.middle
     at = f"poses, in their middle (x {x:.2f}, y {y:.2f}, angle_deg {np.rad2deg(angle):.0f})"
-    pose = pose_that_folds(garment, settings, find_robot(settings.robot).load_model())
+    pose = pose_that_folds(garment, settings, load_robot(settings))
     hint = "no other pose on this table was found; make the garment smaller, or add a variant of the fold"
     if pose is not None:
         hint = f"it can be folded at x {pose[0]:.2f}, y {pose[1]:.2f}, angle_deg {np.rad2deg(pose[2]):.0f}"

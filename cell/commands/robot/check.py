@@ -23,7 +23,7 @@ def add_options(actions: Commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Returns 0 if the model fits, 2 if not. Raises ConfigurationError for a robot that cannot be loaded."""
     robot = find_robot(options.robot)
-    findings = list(robot_findings(robot, robot.camera, load_settings(options.cell).table))
+    findings = list(robot_findings(robot, robot.load_model(), robot.camera, load_settings(options.cell).table))
     good = all(finding.good for finding in findings)
     if options.json:
         print_json({"robot": options.robot, "good": good, "findings": [vars(finding) for finding in findings]})

@@ -12,8 +12,8 @@ from types import ModuleType
 import pytest
 
 from cell.config.cell_settings import load_settings
-from cell.hardware.assembly import load_robot
 from cell.hardware.driver import check_cell, stop_circuit
+from cell.hardware.robot_model import load_robot
 from cell.simulation import SimulationSettings
 from robots import registry
 from robots.baxter.robot import ROBOT

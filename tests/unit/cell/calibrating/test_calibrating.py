@@ -26,8 +26,9 @@ from cell.config.calibration_file import (
 )
 from cell.config.cell_settings import load_settings
 from cell.control.ticks import TICK_S
-from cell.hardware.assembly import assemble, load_robot
+from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_calibration
+from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.recording.journal import Journal, RunJournal
 from cell.support.files.paths import journal_path

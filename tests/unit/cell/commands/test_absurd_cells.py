@@ -56,6 +56,9 @@ def write(path: Path, values: Mapping[str, Any]) -> None:
         ({"camera": {"width": 10, "height": 10}}, ["camera.width = 10"]),
         ({"camera": {"width": 640}}, ["camera.height is missing"]),
         ({"camera": {"fov": 60}}, ["camera.fov", "view_deg"]),
+        ({"park": {"left": [0.1, 0.2]}}, ["park.left = [0.1, 0.2]", "2 angles", "7 joints"]),
+        ({"park": {"right": [9.0] * 7}}, ["park.right", "9", "6.3"]),
+        ({"park": {"left": [0.0] * 7}}, ["park.left = [0.0, 0.0", "parked"]),
         ({"robot": "r2d2"}, ["robot", "r2d2", "baxter"]),
     ],
 )  # fmt: skip
