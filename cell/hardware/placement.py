@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from cell.hardware.camera import camera_calibration
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
 from robots.ports import Array
-from skills.garments.garment import Garment
+from skills.garments.garment import Garment, PoseRange
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.perceive import PerceptionSettings
@@ -21,7 +22,9 @@ from skills.perception.rectification.table_view import TableView
 from skills.planning.plan import plan_folds
 from skills.trajectory.plain_arc import plain_paths
 
-__all__ = ["PlacedFold", "Pose", "fitting_pose", "placed_folds", "pose_that_folds", "refuse_too_large"]
+__all__ = [
+    "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",
+]  # fmt: skip
 
 Pose = tuple[float, float, float]
 """x, y [m] and angle [rad] of a garment in the table frame."""
@@ -104,6 +107,24 @@ def pose_that_folds(garment: Garment, settings: CellSettings, model: RobotModel)
         if tries >= TRIES:
             break
     return None
+
+
+def fitting_poses(garment: Garment, settings: CellSettings, model: RobotModel) -> PoseRange | None:
+    """Return the garment's range of poses, moved to where the arms have a path for every fold, and narrow enough
+    to keep the garment in the picture. None if there is no such place."""
+    pose = pose_that_folds(garment, settings, model)
+    if pose is None:
+        return None
+    own, outline, seen = garment.poses, np.asarray(garment.template, dtype=float), _Seen(settings)
+    for part in (1.0, 0.5):
+        x, y, angle = (
+            (middle - 0.5 * part * (high - low), middle + 0.5 * part * (high - low))
+            for middle, (low, high) in zip(pose, (own.x, own.y, own.angle), strict=True)
+        )
+        if all(seen.wholly(_at(outline, at)) for at in product(x, y, angle)):
+            return PoseRange(x, y, angle)
+    x, y, angle = ((middle, middle) for middle in pose)
+    return PoseRange(x, y, angle)
 
 
 def _first_variants(garment: Garment) -> dict[str, str]:

@@ -17,6 +17,8 @@ from cell.commands.skill.perceive import look_at, write_overlay, write_refused
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import new_garment_text
+from cell.hardware.placement import fitting_poses
+from cell.hardware.robot_model import load_robot
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from skills.garments.fitted import fitted_template
@@ -54,7 +56,8 @@ def run(options: argparse.Namespace) -> int:
 
     Raises ConfigurationError for wrong arguments, StorageError if a file cannot be written.
     """
-    surface = load_settings(options.cell).surface
+    settings = load_settings(options.cell)
+    surface = settings.surface
     like = load_garment(options.like, surface)
     pair = _measured(options, like)
     output = options.output or Path(f"{_name(options.image.stem)}.yaml")
@@ -81,7 +84,11 @@ def run(options: argparse.Namespace) -> int:
     title = options.title or output.stem.replace("_", " ").capitalize()
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
     origin = f"Outline from {options.image.name} ({_scaled(options, like, pair)}), {made}"
-    text = new_garment_text(options.like, output.stem, title, template, origin, surface)
+    model = load_robot(settings)
+    text = new_garment_text(
+        options.like, output.stem, title, template, origin, surface,
+        lambda garment: fitting_poses(garment, settings, model),
+    )  # fmt: skip
     write_whole(output, text)
     write_overlay(overlay, perception, look.frame)
     size = np.ptp(template, axis=0)

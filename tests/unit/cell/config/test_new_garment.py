@@ -48,6 +48,7 @@ def test_a_new_shirt_is_made_from_a_photograph(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cell.commands.garment.new.fitting_poses", lambda *_: None)  # planning a shirt takes long
     hem = ["--between", "hem_right,hem_left", "--length", "0.44"]
     line = ["garment", "new", str(shirt), "--like", "t_shirt", *hem]
     assert main([*line, "--json"]) == 0
@@ -59,10 +60,26 @@ def test_a_new_shirt_is_made_from_a_photograph(
     assert own.plan == like.plan and own.title == "My shirt"
     assert own.material.stretch_fraction == pytest.approx(like.material.stretch_fraction, rel=1e-3)
     assert set(own.material.assumed) == set(like.material.assumed)
+    assert own.poses == like.poses
     capsys.readouterr()
-    assert main(["garment", "check", "my_shirt.yaml"]) == 0
     assert main(line) == 64 and "exists" in capsys.readouterr().err, "an existing file is not overwritten"
-    assert main([*line, "--replace"]) == 0 and "next" in capsys.readouterr().out
+
+
+def test_a_new_towel_lies_where_this_cell_folds_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table ends where the towel after --like would lie."""
+    monkeypatch.chdir(tmp_path)
+    width, depth = 0.34, 0.26
+    corners = 0.5 * np.array([[-depth, -width], [depth, -width], [depth, width], [-depth, width]])
+    photograph(tmp_path / "cloth.png", corners, 0.1)
+    (tmp_path / "cell.yaml").write_text("table: {x: [0.20, 0.66]}", encoding="utf-8")
+    line = ["garment", "new", "cloth.png", "--like", "small_towel", "--length", str(float(np.hypot(width, depth)))]
+    assert main([*line, "--cell", "cell.yaml"]) == 0 and "next" in capsys.readouterr().out
+    poses = load_garment(tmp_path / "cloth.yaml").poses
+    assert poses.x[1] + depth / 2 < 0.66 and poses != load_garment("small_towel").poses
+    assert main(["garment", "check", "cloth.yaml", "--cell", "cell.yaml"]) == 0
+    assert main([*line, "--replace"]) == 0
 
 
 @pytest.mark.parametrize(
