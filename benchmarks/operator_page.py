@@ -207,12 +207,10 @@ def _pressed(options: argparse.Namespace, logs: Path) -> dict[str, Any]:
         tab = browser.open(run.address)
         _ready(tab)
         tab.evaluate(WATCH)
-        done = 0
-        while done < options.presses:
+        while tab.evaluate("watched.acks.length") < options.presses:
             name = tab.evaluate('["pause", "resume", "approve"].find((name) => !at(name).disabled) ?? null')
             if name is not None:
-                tab.press(*tab.evaluate(MIDDLE % name))
-                done += 1
+                tab.press(*tab.evaluate(MIDDLE % name))  # it may have been disabled just before
             elif tab.evaluate("runStatus?.end != null"):
                 break
             time.sleep(0.1)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from cell.simulation.faults import TRAITS, Fault, FaultKind, Place
 from cell.simulation.settings import SimulationSettings
-from cell.simulation.simulated_cell import SimulatedCell, check_settings, open_simulated_cell
+from cell.simulation.simulated_cell import Display, SimulatedCell, check_settings, open_simulated_cell
 from cell.simulation.truth import Truth
 
 __all__ = [
     "TRAITS",
+    "Display",
     "Fault",
     "FaultKind",
     "Place",

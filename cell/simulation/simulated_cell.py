@@ -16,7 +16,15 @@ from cell.simulation.settings import SimulationSettings
 from cell.simulation.truth import Truth
 from robots.ports import CameraFrame, Ports
 
-__all__ = ["Checkpoint", "Faults", "SimulatedCell", "TruthSource", "check_settings", "open_simulated_cell"]
+__all__ = [
+    "Checkpoint",
+    "Display",
+    "Faults",
+    "SimulatedCell",
+    "TruthSource",
+    "check_settings",
+    "open_simulated_cell",
+]
 
 
 class _World(Protocol):
@@ -70,18 +78,32 @@ class Checkpoint:
         self._world.restore(saved)
 
 
+@dataclass(frozen=True)
+class Display:
+    """Pictures of a simulated cell for a person. They change nothing in the world, and no decision may depend on
+    them.
+
+    take: takes the present state; the returned function draws it, on any thread. progress: a number that grows
+    when the world advances, until when a picture shows the present; None if it is not known. on_advance: calls a
+    function with each advance of the world, 60 times a second of cell time, and with True before the world stands
+    still for a while. A cell in another process makes no calls.
+    """
+
+    take: Callable[[], Callable[[], CameraFrame | None]]
+    progress: Callable[[], int | None]
+    on_advance: Callable[[Callable[[bool], None]], None]
+
+
 @dataclass(frozen=True, eq=False)
 class SimulatedCell:
     ports: Ports
     truth: TruthSource
     faults: Faults
     checkpoint: Checkpoint
-    display: Callable[[], Callable[[], CameraFrame | None]]
-    """Takes the present state for a picture that a person sees. The returned function draws it, on any thread. It
-    changes nothing in the world, and no decision may depend on it."""
+    display: Display
 
     @classmethod
-    def of(cls, ports: Ports, world: _World, display: Callable[[], Callable[[], CameraFrame | None]]) -> Self:
+    def of(cls, ports: Ports, world: _World, display: Display) -> Self:
         return cls(ports, TruthSource(world), world.faults, Checkpoint(world), display)
 
 
@@ -113,7 +135,7 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
 
     world = World(settings, seed)
     try:
-        yield SimulatedCell.of(ports_of(world), world, world.display)
+        yield SimulatedCell.of(ports_of(world), world, Display(world.display, world.steps, world.on_advance))
     finally:
         unbind(world)
         world.close()

@@ -114,6 +114,7 @@ class World:
         self._lifted = False
         self._pace: tuple[float, float] | None = None
         self._watcher: Callable[[Truth], None] | None = None
+        self._on_advance: Callable[[bool], None] | None = None
         self._client = pb.connect(pb.DIRECT)
         pb.setTimeStep(1.0 / STEP_RATE, physicsClientId=self._client)
         pb.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
@@ -243,6 +244,8 @@ class World:
             hand.gripper.step(t, dt)
         if self._steps % STEPS_A_FRAME == 0:
             self._frame(t)
+            if self._on_advance is not None:
+                self._on_advance(False)
         if self._watcher is not None and self._steps % (STEP_RATE // WATCH_RATE) == 0:
             self._watcher(replace(self.truth(), stamp=t))
 
@@ -387,6 +390,7 @@ class World:
     def lay_garment(self) -> None:
         """Let the attendant lay the garment, which takes cell time."""
         if not self.garment.laid and self.faults.take(FaultKind.NO_GARMENT, self._time, self._fold) is None:
+            self._rest()
             self.garment.lay()
         self.sleep_until(self._time + self._noise.attendant.lay_time)
 
@@ -418,9 +422,23 @@ class World:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
         return self._camera.display(self._seen_slabs)
 
+    def steps(self) -> int:
+        """Return how many steps the world has made. Any thread may ask."""
+        return self._steps
+
+    def on_advance(self, tell: Callable[[bool], None]) -> None:
+        """Call `tell` after each frame of the cloth, and with True before a computation during which the world
+        stands still. It must change nothing in the world."""
+        self._on_advance = tell
+
+    def _rest(self) -> None:
+        if self._on_advance is not None:
+            self._on_advance(True)
+
     def _picture(self, exposures: int) -> CameraFrame:
         if self._camera_faults is None:
             raise DriverError(FailureKind.CAMERA_FAULT, "this cell has no camera", "open it with render=True")
+        self._rest()
         slabs = self._world_faults.slabs(self._time, self._fold, self.settings.table, self._fabric)
         self._seen_slabs = slabs
         return self._camera_faults.take(self._time, self._fold, exposures, slabs)

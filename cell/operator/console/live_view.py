@@ -1,9 +1,10 @@
 """The operator's picture: the camera's latest picture with the plan, or with what is expected, drawn on it.
 
 The picture is drawn by the cell, because a 3-D viewer on a computer without a graphics card is always behind. The
-view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. A
-simulated camera only takes the state of the world then, and its picture is rendered on the view's thread, so that
-the executive does not wait. The view also remembers the last grip of each hand. It draws only if a page is open.
+view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. In a
+simulated cell it also does so when the world advances, and takes only the state of the world: the picture is drawn
+on the view's thread, so that the executive does not wait. Only the newest picture waits to be drawn. The view also
+remembers the last grip of each hand.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from cell.recording.camera_pictures.live_picture import draw_live
 from cell.recording.camera_pictures.projected_drawing import jpeg_file
 from cell.recording.camera_pictures.question_picture import QUESTIONS
 from cell.recording.rerun.bounded_worker import BoundedWorker
+from cell.simulation import Display
 from cell.states.observers import Step
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
@@ -31,24 +33,25 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
 
-PERIOD_S = 0.4
+PERIOD_S = 0.3
 """Shortest time between two display pictures [s]."""
-LARGEST_SHARE = 0.2
-"""Share of the executive's time that display pictures may take."""
-Take = Callable[[], Callable[[], CameraFrame | None]]
-"""Takes a display picture. The returned function gives it, on any thread; None: the camera has none."""
 Work = Callable[[], None]
 CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """What a picture is drawn from. number: grows with every change. taken: when the frame was taken [s,
-    monotonic]. progress: share of the arc that is done (0..1), None when nothing is carried."""
+    """What a picture is drawn from.
+
+    number: grows with every change. taken: when the frame was taken, or when the cell last looked as in the frame
+    [s, monotonic]. advance: `Display.progress` at that time. progress: share of the arc that is done (0..1), None
+    when nothing is carried.
+    """
 
     number: int = 0
     frame: CameraFrame | None = None
     taken: float = 0.0
+    advance: int | None = None
     state: State = State.IDLE
     context: RunContext = field(default_factory=RunContext)
     progress: float | None = None
@@ -67,10 +70,12 @@ class LiveView:
         self._worker = BoundedWorker[Work]("operators-picture", lambda work: work(), _ignore, 1.0)
         self._offer = offer or self._worker.offer
         self._nominal, self._clock = calibration, clock
-        self._lock = threading.Lock()
+        self._lock, self._drawing = threading.Lock(), threading.Lock()
         self._moment = _Moment()
+        self._display: Display | None = None
         self._due = 0.0
         self._busy = False
+        self._next: Work | None = None
         self._fold_began = 0.0
         self._grips: dict[Side, float] = {}
         self._drawn: tuple[int, bytes] | None = None
@@ -81,12 +86,9 @@ class LiveView:
         with self._lock:
             if step.target is State.FOLDING:
                 self._fold_began = t
-            frame, taken = self._moment.frame, self._moment.taken
-            if (
-                frame is None and step.target in QUESTIONS
-            ):  # else the latest picture: the arms rest out of the view
-                frame, taken = self._moment.context.sight.frame, self._clock()
-            self._change(frame=frame, taken=taken, state=step.target, progress=None)
+            if self._moment.frame is None and step.target in QUESTIONS:
+                self._change(frame=self._moment.context.sight.frame, taken=self._clock())
+            self._change(state=step.target, progress=None)
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         with self._lock:
@@ -94,56 +96,85 @@ class LiveView:
 
     # at the ports
 
-    def between(self, ports: Ports, display: Take | None = None) -> Ports:
+    def between(self, ports: Ports, display: Display | None = None) -> Ports:
         """Return ports that do the same, and tell this view of grips and of every poll of the stop.
 
-        display: takes a picture for the view; None: by the camera's `glimpse`. How many pictures are taken
+        display: of a simulated cell; None: pictures come from the camera's `glimpse`. How many pictures are taken
         depends on the computer's speed, so in a simulated cell they must not change the world.
         """
-        take = display or partial(_glimpsed, ports)
+        self._display = display = display or _glimpses(ports)
+        poll = partial(self._poll, ports.clock, display)
+        display.on_advance(poll)
         tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
-        return replace(ports, stop=_PolledStop(ports.stop, lambda: self._poll(ports.clock, take)), tactile=tactile)
+        return replace(ports, stop=_PolledStop(ports.stop, poll), tactile=tactile)
 
-    def _poll(self, cell_clock: Clock, take: Take) -> None:
+    def _poll(self, cell_clock: Clock, display: Display, rests: bool = False) -> None:
+        """Take a picture if one is due. rests: the cell stands still for a while now: take one in any case."""
         now = self._clock()
-        if now < self._due or self._busy:
+        if (not rests and (now < self._due or self._busy)) or self._still():
             return
+        advance = display.progress()
+        self._due = now + PERIOD_S
         try:
-            picture = take()
+            picture = display.take()
         except DriverError:  # the picture ages, and the page says so
             return
-        finally:
-            ended = self._clock()
-            self._due = max(now + PERIOD_S, ended + (ended - now) / LARGEST_SHARE)
-        self._busy = True
-        if not self._offer(partial(self._show, picture, now, cell_clock.now(), self._moment.state)):
+        show = partial(self._show, picture, advance, now, cell_clock.now(), self._moment.state)
+        with self._lock:
+            self._next = show  # it replaces an older one that has not been drawn
+            if self._busy:
+                return
+            self._busy = True
+        if not self._offer(self._show_next):
             self._busy = False
 
-    def _show(self, picture: Callable[[], CameraFrame | None], taken: float, t: float, state: State) -> None:
-        """Show a display picture that was taken at `taken` [s, monotonic], `t` [s, cell] and in `state`."""
+    def _show_next(self) -> None:
+        """Show the pictures that were taken, the last one included."""
+        while True:
+            with self._lock:
+                show, self._next = self._next, None
+                if show is None:
+                    self._busy = False
+                    return
+            show()
+
+    def _still(self) -> bool:
+        """Whether the simulated cell has not advanced since the present picture was taken."""
+        display, advance = self._display, self._moment.advance
+        return display is not None and advance is not None and display.progress() == advance
+
+    def _show(
+        self, picture: Callable[[], CameraFrame | None], advance: int | None, taken: float, t: float, state: State
+    ) -> None:
+        """Show a display picture that was taken at `advance`, `taken` [s, monotonic], `t` [s, cell] and in
+        `state`."""
         try:
             frame = picture()
             if frame is None:  # it was requested and has not arrived
                 self._due = 0.0
-            else:
-                taken -= max(t - frame.stamp, 0.0)
-                with self._lock:
-                    progress = self._progress(t) if self._moment.state is state else None
-                    self._change(frame=frame, taken=taken, progress=progress)
-                if self._drawn is not None:  # a page is open: it will ask for this picture at once
-                    self.jpeg()
-        except (DriverError, OSError):  # the cell may be closed meanwhile
+                return
+            taken -= max(t - frame.stamp, 0.0)
+            with self._lock:
+                before = self._moment
+            progress = self._progress(before, t) if before.state is state else None
+            shown = replace(before, number=before.number + 1, frame=frame, progress=progress)
+            drawn = self._draw(shown) if self._drawn is not None else None  # not before a page is open
+            with self._lock:
+                if self._moment.number == before.number:
+                    self._change(frame=frame, taken=taken, advance=advance, progress=progress)
+                    self._drawn = drawn
+                else:  # another state was entered meanwhile, in which something else is drawn
+                    self._change(frame=frame, taken=taken, advance=advance)
+        except Exception:  # the cell may be closed meanwhile; a missing picture shows by the age of the last one
             return
-        finally:
-            self._busy = False
 
     def close(self) -> None:
-        """End the view's thread. A picture that is being rendered is waited for, for a short time."""
+        """End the view's thread. A picture that is being drawn is waited for, for a short time."""
         self._worker.close(CLOSE_S)
 
-    def _progress(self, t: float) -> float | None:
-        attempt = self._moment.context.fold.attempt
-        if self._moment.state is not State.FOLDING or attempt is None:
+    def _progress(self, moment: _Moment, t: float) -> float | None:
+        attempt = moment.context.fold.attempt
+        if moment.state is not State.FOLDING or attempt is None:
             return None
         return min((t - self._fold_began) / max(attempt.motion.fold.duration, 1e-3), 1.0)
 
@@ -156,6 +187,8 @@ class LiveView:
         """Return the number of the present picture, its age [s], whether it belongs to a question, the progress of
         the arc and the grips [N]; None before the first picture."""
         with self._lock:
+            if self._still():
+                self._moment = replace(self._moment, taken=self._clock())
             moment, grips = self._moment, dict(self._grips)
         if moment.frame is None:
             return None
@@ -182,27 +215,39 @@ class LiveView:
         return plan_edit(change, context.sight.calibration(self._nominal), by)
 
     def jpeg(self) -> tuple[int, bytes] | None:
-        """Draw the present picture. Returns its number and the file's content; None before the first picture."""
-        with self._lock:
-            moment = self._moment
-            if self._drawn is not None and self._drawn[0] == moment.number:
-                return self._drawn
-        if moment.frame is None:
-            return None
+        """Return the number of the present picture and its file's content; None before the first picture. Each
+        picture is drawn once, usually before a page asks for it."""
+        with self._drawing:
+            with self._lock:
+                moment = self._moment
+                if self._drawn is not None and self._drawn[0] == moment.number:
+                    return self._drawn
+            if moment.frame is None:
+                return None
+            drawn = self._draw(moment)
+            with self._lock:
+                self._drawn = drawn
+            return drawn
+
+    def _draw(self, moment: _Moment) -> tuple[int, bytes]:
+        """Return the number and the file's content of the picture of a moment that has a frame."""
+        assert moment.frame is not None
         calibration = moment.context.sight.calibration(self._nominal)
         if moment.state in QUESTIONS:
             picture = QUESTIONS[moment.state](moment.frame, calibration, moment.context)
         else:
             picture = draw_live(moment.frame, calibration, moment.context.fold.attempt, moment.progress)
-        drawn = moment.number, jpeg_file(picture)
-        with self._lock:
-            self._drawn = drawn
-        return drawn
+        return moment.number, jpeg_file(picture)
 
 
-def _glimpsed(ports: Ports) -> Callable[[], CameraFrame | None]:
-    frame = ports.camera.glimpse()
-    return lambda: frame
+def _glimpses(ports: Ports) -> Display:
+    """Return the pictures of a camera, which gives its latest one."""
+
+    def take() -> Callable[[], CameraFrame | None]:
+        frame = ports.camera.glimpse()
+        return lambda: frame
+
+    return Display(take, lambda: None, lambda tell: None)
 
 
 def _ignore(error: BaseException) -> None:

@@ -55,7 +55,7 @@ HEADERS = {
     " img-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; form-action 'none'",
 }
 START_S = 10.0
-LOOK_S, ALIVE_S = 0.05, 1.0
+LOOK_S, ALIVE_S = 0.05, 0.3
 """LOOK_S: period at which the status is checked for changes. ALIVE_S: longest time between two messages [s]."""
 LAST_WORD_S = 0.5
 """The page is served for this time after the run's end, so that the browser receives the last status [s]."""

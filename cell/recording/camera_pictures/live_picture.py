@@ -11,6 +11,10 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["draw_live"]
 
+SCALE = 1.5
+"""The camera's picture is enlarged by this factor. A larger one is sharper, but the browser then decodes more
+pixels, several times a second."""
+
 
 def draw_live(
     frame: CameraFrame, calibration: CameraCalibration, attempt: Attempt | None, progress: float | None
@@ -20,7 +24,7 @@ def draw_live(
     attempt: the fold that is being made, or None; progress: the share of its arc that is done (0..1), or None when
     the hands do not carry the garment now.
     """
-    drawing = ProjectedDrawing(frame, calibration)
+    drawing = ProjectedDrawing(frame, calibration, SCALE)
     if attempt is None or progress is None:
         return drawing.picture
     for contour in outline(_expected(attempt, progress), attempt.predicted.triangles):

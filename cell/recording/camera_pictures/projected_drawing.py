@@ -16,8 +16,8 @@ __all__ = ["Colour", "Picture", "ProjectedDrawing", "jpeg_file"]
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-SCALE = 2
-"""The camera's picture is enlarged by this factor, so that lines and words are legible from two metres."""
+SCALE = 2.0
+"""Pictures that stay are enlarged by this factor, so that lines and words are legible from two metres."""
 NEAREST = 0.05
 """Points nearer to the camera than this are not drawn [m]."""
 JPEG_QUALITY = 88
@@ -30,11 +30,13 @@ _FRACTION = 4
 class ProjectedDrawing:
     """One picture that is drawn on. Points are in the table frame, (n, 2) on the table or (n, 3) [m]."""
 
-    def __init__(self, frame: CameraFrame, calibration: CameraCalibration) -> None:
+    def __init__(self, frame: CameraFrame, calibration: CameraCalibration, scale: float = SCALE) -> None:
+        """scale: the camera's picture is enlarged by this factor."""
         k, (height, width) = calibration.intrinsics, frame.rgb.shape[:2]
-        self._size = width, height
+        size = round(scale * width), round(scale * height)
+        self._scale = scale
         self.picture: Picture = np.asarray(
-            cv2.resize(frame.rgb, (SCALE * width, SCALE * height), interpolation=cv2.INTER_CUBIC), dtype=np.uint8
+            cv2.resize(frame.rgb, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8
         )
         self._camera = np.linalg.inv(calibration.T_table_camera)
         self._focal, self._centre = np.array([k.fx, k.fy]), np.array([k.cx, k.cy])
@@ -46,15 +48,11 @@ class ProjectedDrawing:
             p = np.column_stack([p, np.zeros(len(p))])
         seen = p @ self._camera[:3, :3].T + self._camera[:3, 3]
         z = np.where(seen[:, 2:] > NEAREST, seen[:, 2:], np.nan)
-        return SCALE * (self._focal * seen[:, :2] / z + self._centre)
+        return self._scale * (self._focal * seen[:, :2] / z + self._centre)
 
     def line(self, points: Array, colour: Colour, width: int = 3, closed: bool = False) -> None:
         """Draw a line with a dark border, so that it shows on every cloth."""
-        run = self._fixed(points)
-        if len(run) < 2:
-            return
-        for ink, thickness in ((DARK, width + 2), (colour, width)):
-            cv2.polylines(self.picture, [run], closed, ink, thickness, cv2.LINE_AA, _FRACTION)
+        self._lines([points], colour, width, closed)
 
     def dashes(
         self, points: Array, colour: Colour, width: int = 3, dash: float = 0.012, closed: bool = False
@@ -65,9 +63,9 @@ class ProjectedDrawing:
             points = np.vstack([points, points[:1]])
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
         s = np.concatenate([[0.0], np.cumsum(step)])
-        for start in np.arange(0.0, s[-1], 2.0 * dash):
-            at = np.unique(np.clip([start, *s[(s > start) & (s < start + dash)], start + dash], 0.0, s[-1]))
-            self.line(np.column_stack([np.interp(at, s, c) for c in points.T]), colour, width)
+        starts = np.arange(0.0, s[-1], 2.0 * dash)
+        at = [np.unique(np.clip([a, *s[(s > a) & (s < a + dash)], a + dash], 0.0, s[-1])) for a in starts]
+        self._lines([np.column_stack([np.interp(a, s, c) for c in points.T]) for a in at], colour, width, False)
 
     def dot(self, point: Array, colour: Colour, radius: int = 9) -> None:
         p = self.pixels(point)[0]
@@ -107,6 +105,13 @@ class ProjectedDrawing:
                 cv2.line(self.picture, (x + left, y - 6), (x + right, y - 6), colour, 4, cv2.LINE_AA)
             cv2.putText(self.picture, words, (x + 38, y), _FONT, 0.58, WHITE, 1, cv2.LINE_AA)
             x += 38 + cv2.getTextSize(words, _FONT, 0.58, 1)[0][0] + 26
+
+    def _lines(self, lines: Sequence[Array], colour: Colour, width: int, closed: bool) -> None:
+        """Draw lines with a dark border. All at once: a drawing thread waits after each call of OpenCV for the
+        interpreter, while another thread computes."""
+        runs = [run for run in map(self._fixed, lines) if len(run) >= 2]
+        for ink, thickness in ((DARK, width + 2), (colour, width)):
+            cv2.polylines(self.picture, runs, closed, ink, thickness, cv2.LINE_AA, _FRACTION)
 
     def _fixed(self, points: Array) -> NDArray[np.int32]:
         p = self.pixels(points)

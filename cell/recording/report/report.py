@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -71,19 +72,12 @@ def report(
     notes = context.notes()
     drawing = run_drawing(request.settings.table, context, frames, calibration)
     drawn = draw_attempts(notes, frames, triangles, drawing)
-    steps = [
-        _step(notes[s["name"]], s, drawn.get(s["name"]), drawing)
-        if s["name"] in notes
-        else StepRecord(
-            name=s["name"],
-            attempts=s["attempts"],
-            recoveries=tuple(s["recoveries"]),
-            accepted=s["accepted"],
-            done=s["done"],
-        )
-        for s in result.steps
-    ]
-    film = film_of_run(context, result.state, notes, drawn, drawing)
+    with ThreadPoolExecutor(1) as encoder:  # the film takes as long as all other pictures of the report
+        film = encoder.submit(film_of_run, context, result.state, notes, drawn, drawing)
+        steps = _steps(notes, result, drawn, drawing)
+        _write_strip(folder / "fold.png", steps)
+        _write_pressing(folder / "pressing.png", list(notes.values()))
+    film_content = film.result()
     score = result.score if context.done or context.fold.carried else None  # nothing was folded: nothing to score
     changed, shipped = changed_settings(request.settings, load_settings())
     failure = result.failure or {}
@@ -108,7 +102,7 @@ def report(
         score=tuple(_score(score)),
         verdicts={name: score.get(name) for name in ("shape", "flat")} if score else {},
         invalid_ideal=str(((score or {}).get("ideal") or {}).get("reason") or ""),
-        film=film,
+        film=film_content,
         film_name=FILM,
         film_note=film_note(drawn),
         pictures=(*_pictures(context, drawing), *_questions(folder)),
@@ -121,13 +115,29 @@ def report(
         recording="run.rrd",
         recording_note="; ".join(f"not kept: {loss}" for loss in recording_losses(result.recording)),
     )
-    _write_strip(folder / "fold.png", steps)
-    _write_pressing(folder / "pressing.png", list(notes.values()))
     if context.sight.frame is not None:
         cv2.imwrite(str(folder / "last.jpg"), context.sight.frame.rgb[..., ::-1])
-    if film:
-        write_whole(folder / FILM, film)
+    if film_content:
+        write_whole(folder / FILM, film_content)
     return write_report(folder / "report.html", record)
+
+
+def _steps(
+    notes: Mapping[str, StepNote], result: FoldResult, drawn: Mapping[str, DrawnHold], drawing: RunDrawing
+) -> list[StepRecord]:
+    """Return the folds of the plan. Those that were not begun have no pictures."""
+    return [
+        _step(notes[s["name"]], s, drawn.get(s["name"]), drawing)
+        if s["name"] in notes
+        else StepRecord(
+            name=s["name"],
+            attempts=s["attempts"],
+            recoveries=tuple(s["recoveries"]),
+            accepted=s["accepted"],
+            done=s["done"],
+        )
+        for s in result.steps
+    ]
 
 
 def _claim(claim: Mapping[str, Any] | None) -> str:

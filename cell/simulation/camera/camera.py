@@ -7,9 +7,8 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.simulation.camera.display_drawing import DisplayDrawing
 from cell.simulation.camera.render_server import Picture, Scene, Shot
 from cell.simulation.camera.slabs import Slab, with_slabs
 from cell.simulation.noise import CameraNoise
@@ -34,9 +34,6 @@ but on a busy machine a picture can take half a minute."""
 PICTURES_A_PROCESS = 400
 """After this number of pictures the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2
-SLOW_S, FAST_S = 0.3, 0.08
-"""Display pictures are made with half the resolution after one that took longer than SLOW_S, and with the full one
-again after one that took less than FAST_S [s, wall]. A full one takes three times as long as a half one."""
 
 
 class Renderer:
@@ -123,6 +120,11 @@ class _Look:
     vignette: NDArray[np.float32]
     grain: Array
 
+    def tint(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the picture (h, w, 3) with these errors of colour."""
+        factor = self.vignette[..., None] * self.gain.astype(np.float32)
+        return np.asarray(cv2.multiply(rgb, factor, dtype=cv2.CV_8U), dtype=np.uint8)
+
 
 class SimulatedCamera:
     """Pictures with the errors of the sensor. The noise of a picture depends only on the seed and its sequence
@@ -144,9 +146,9 @@ class SimulatedCamera:
         self._ideal = ideal
         self._renderer, self._intrinsics, self._noise, self._seed = renderer, intrinsics, noise, seed
         self._shot, self._now = shot, now
-        self._sequence = self._displayed = 0
+        self._sequence = 0
         self._last: CameraFrame | None = None
-        self._quick = 1
+        self._drawing: DisplayDrawing | None = None
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
         """Faults: the camera repeats its last picture, takes black pictures, or does not answer."""
@@ -178,22 +180,20 @@ class SimulatedCamera:
 
     def display(self, slabs: Sequence[Slab] = ()) -> Callable[[], CameraFrame]:
         """Take the present state for a picture that a person sees, who may look at any time: it changes nothing
-        that `capture` returns. The returned function draws the picture, on any thread, without the errors of
-        depth. Raises DriverError like `capture`."""
+        that `capture` returns. The returned function draws the picture, on one thread at a time, without shadows,
+        noise and the calibration board. Raises DriverError like `capture`."""
         last = self._last
         if self.frozen and last is not None and not self.silent:
             return lambda: last
         self._answers()
-        self._displayed += 1
-        rng = np.random.default_rng((self._seed, 3, self._displayed))
-        now, sequence, black = self._now(), self._sequence, self.black
-        shot = replace(self._shot(), quick=self._quick)
+        now, sequence, black, shot = self._now(), self._sequence, self.black, self._shot()
 
         def draw() -> CameraFrame:
-            began = time.monotonic()
-            picture = self._rendered(shot, slabs)
-            self._quick = _quick(shot.quick, time.monotonic() - began)
-            rgb = np.zeros_like(picture.rgb) if black else self._sense_colour(picture.rgb, rng)
+            self._drawing = self._drawing or DisplayDrawing(self._renderer.scene)
+            picture = self._drawing.picture(shot)
+            if slabs:
+                picture = self._with_slabs(picture, slabs, shot)
+            rgb = np.zeros_like(picture.rgb) if black else self._look.tint(picture.rgb)
             return CameraFrame(now, sequence, frozen(rgb), frozen(picture.depth), self._intrinsics)
 
         return draw
@@ -217,8 +217,9 @@ class SimulatedCamera:
 
     def _rendered(self, shot: Shot, slabs: Sequence[Slab]) -> Picture:
         picture = self._renderer.picture(shot)
-        if not slabs:
-            return picture
+        return self._with_slabs(picture, slabs, shot) if slabs else picture
+
+    def _with_slabs(self, picture: Picture, slabs: Sequence[Slab], shot: Shot) -> Picture:
         scene = self._renderer.scene
         return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
 
@@ -256,11 +257,6 @@ class SimulatedCamera:
         lost = edge & (rng.random(z.shape) < noise.edge_loss) | (rng.random(z.shape) < noise.pixel_loss)
         measured[~hit | lost] = np.nan
         return measured.astype(np.float32)
-
-
-def _quick(quick: int, took: float) -> int:
-    """Return how quickly the next display picture is made (`Shot.quick`). took: wall time of the last one [s]."""
-    return 2 if took > SLOW_S else 1 if took < FAST_S else quick
 
 
 def _edges(z: Array, jump: float) -> NDArray[np.bool_]:

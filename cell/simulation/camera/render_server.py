@@ -38,8 +38,6 @@ FLOOR_RGB = (112, 114, 118)
 FINE = 2
 """Samples along each side of a pixel in pictures with the board. One sample would not be enough, because the
 board's corners are located to a tenth of a pixel."""
-COARSE = 0.5
-"""The same in quick pictures for a person."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +74,6 @@ class Shot:
     vertices: Array | None
     T_base_camera: Array
     T_base_board: Array | None = None
-    quick: int = 0
-    """0: for the cell. 1: for a person, without shadows, which takes half the time; 2: also with half the pixels
-    along each side, which takes a sixth of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,28 +189,22 @@ class _Stage:
         self._place_board(shot.T_base_board)
         pb.resetMeshData(self._puppet, vertices.tolist(), physicsClientId=self._client)
         pb.stepSimulation(physicsClientId=self._client)
-        n = COARSE if shot.quick > 1 else 1 if shot.quick or shot.T_base_board is None else FINE
-        shape = (round(n * scene.height), round(n * scene.width))
+        n = 1 if shot.T_base_board is None else FINE
+        shape = (n * scene.height, n * scene.width)
         _, _, rgba, buffer, _ = pb.getCameraImage(  # discard the segmentation: no skill may use it
             shape[1], shape[0], _view(shot.T_base_camera), self._projection(n), renderer=pb.ER_TINY_RENDERER,
-            shadow=int(not shot.quick), lightDirection=scene.light, lightColor=(1.0, 1.0, 1.0),
-            lightAmbientCoeff=scene.ambient, lightDiffuseCoeff=scene.diffuse, lightSpecularCoeff=0.0,
-            physicsClientId=self._client,
+            shadow=1, lightDirection=scene.light, lightColor=(1.0, 1.0, 1.0), lightAmbientCoeff=scene.ambient,
+            lightDiffuseCoeff=scene.diffuse, lightSpecularCoeff=0.0, physicsClientId=self._client,
         )  # fmt: skip
         rgb = np.asarray(rgba, np.uint8).reshape(*shape, 4)[..., :3].copy()
-        z = np.asarray(buffer, np.float64).reshape(shape)
-        if n != 1:
-            way = cv2.INTER_AREA if n > 1 else cv2.INTER_CUBIC
-            rgb = np.asarray(cv2.resize(rgb, (scene.width, scene.height), interpolation=way), np.uint8)
-            rows, columns = (
-                np.floor((np.arange(size) + 0.5) * n).astype(int) for size in (scene.height, scene.width)
-            )
-            z = z[np.ix_(rows, columns)]
+        if n > 1:
+            rgb = np.asarray(cv2.resize(rgb, (scene.width, scene.height), interpolation=cv2.INTER_AREA), np.uint8)
+        z = np.asarray(buffer, np.float64).reshape(shape)[n // 2 :: n, n // 2 :: n]
         depth = FAR * NEAR / (FAR - (FAR - NEAR) * z)
         depth[z >= 1.0] = np.nan
         return Picture(rgb, depth.astype(np.float32))
 
-    def _projection(self, n: float) -> tuple[float, ...]:
+    def _projection(self, n: int) -> tuple[float, ...]:
         """Return the projection matrix, shifted by half a pixel. The shift is needed because TinyRenderer samples
         a pixel at its lower left corner, but everywhere else integer coordinates mean pixel centres. n: samples
         along each side of a pixel."""

@@ -23,7 +23,7 @@ from typing import Any
 from cell.simulation.faults import Fault
 from cell.simulation.port_worlds import bind, unbind, world_behind
 from cell.simulation.settings import SimulationSettings
-from cell.simulation.simulated_cell import SimulatedCell
+from cell.simulation.simulated_cell import Display, SimulatedCell
 from cell.simulation.truth import Truth
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
@@ -67,7 +67,7 @@ def emulated_cell(
             frame = ports.camera.glimpse()
             return lambda: frame
 
-        yield SimulatedCell.of(ports, world, display)
+        yield SimulatedCell.of(ports, world, Display(display, lambda: None, lambda tell: None))
 
 
 class _Attendant:

@@ -8,6 +8,7 @@ the same picture on every machine.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import cv2
@@ -44,6 +45,8 @@ SHADOW = 0.38
 SUPERSAMPLE = 2
 SLIVER = 3
 """See `raster_cloth` [px of the picture]."""
+WORKERS = 4
+"""Pictures that are drawn at the same time."""
 DASH = 0.012
 """Length of a dash, and of a gap, of an outline that cloth hides [m]."""
 TOOL_LENGTH = 0.09
@@ -160,7 +163,8 @@ def fold_strip(
     view = view or motion_view(frames, scenery.arcs, size)
     background = _background(view.scaled(SUPERSAMPLE), scenery)
     dashes = [] if scenery.tape is None else _dashes(scenery.tape)
-    return [_draw(f, triangles, view, scenery, background, dashes) for f in frames]
+    with ThreadPoolExecutor(WORKERS) as workers:
+        return list(workers.map(lambda f: _draw(f, triangles, view, scenery, background, dashes), frames))
 
 
 def join(pictures: Sequence[Picture], captions: Sequence[str] = (), gap: int = 6) -> Picture:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 import pytest
 
 from cell.operator.console.live_view import PERIOD_S, LiveView
+from cell.simulation import Display
 from cell.states.observers import Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event, State
@@ -31,6 +33,13 @@ class Watch:
 def at_once(work: Callable[[], None]) -> bool:
     work()
     return True
+
+
+def display(
+    take: Callable[[], Callable[[], CameraFrame | None]], progress: Callable[[], int] | None = None
+) -> Display:
+    """Pictures of a simulated cell. By default it advances with every question about its progress."""
+    return Display(take, progress or count().__next__, lambda tell: None)
 
 
 def enter(view: LiveView, state: State, t: float = 1.0) -> None:
@@ -73,7 +82,7 @@ def test_a_camera_that_fails_only_ages_the_picture() -> None:
         frame = answers.pop()
         return lambda: frame
 
-    ports = view.between(cell.ports(), take)
+    ports = view.between(cell.ports(), display(take))
     ports.stop.state()
     watch.t += 5.0
     assert not ports.stop.state().stopped
@@ -128,7 +137,7 @@ def test_a_simulated_cell_gives_its_own_pictures_for_display() -> None:
     """Taking them must not count at the camera that the executive uses."""
     cell, frame = FakeCell(), render(Scene(), camera())
     view, inner, taken = LiveView(camera(), offer=at_once), cell.ports(), []
-    view.between(inner, lambda: taken.append(1) or (lambda: frame)).stop.state()
+    view.between(inner, display(lambda: taken.append(1) or (lambda: frame))).stop.state()
     assert taken == [1] and view.about() is not None
 
 
@@ -136,7 +145,7 @@ def test_the_executive_does_not_wait_for_a_picture_that_is_being_rendered() -> N
     """Its age counts from the moment at which it was taken, and no other picture is taken meanwhile."""
     watch, frame, works = Watch(), render(Scene(), camera()), []
     view, taken = LiveView(camera(), watch, lambda work: works.append(work) or True), []
-    ports = view.between(FakeCell().ports(), lambda: taken.append(watch.t) or (lambda: frame))
+    ports = view.between(FakeCell().ports(), display(lambda: taken.append(watch.t) or (lambda: frame)))
     for _ in range(3):
         ports.stop.state()
         watch.t += 2.0 * PERIOD_S
@@ -158,3 +167,82 @@ def test_a_picture_of_an_earlier_state_has_no_progress() -> None:
     enter(view, State.RELEASING, t=12.0)
     works.pop()()
     assert view.about()["progress"] is None  # type: ignore[index]
+
+
+def test_a_picture_shows_the_present_as_long_as_the_simulated_cell_stands_still() -> None:
+    """While the computer computes, the time of a simulated cell stands still: no picture is needed."""
+    watch, frame, taken, steps = Watch(), render(Scene(), camera()), [], [0]
+    view = LiveView(camera(), watch, at_once)
+    pictures = display(lambda: taken.append(watch.t) or (lambda: frame), lambda: steps[0])
+    ports = view.between(FakeCell().ports(), pictures)
+    ports.stop.state()
+    watch.t += 4.0
+    ports.stop.state()
+    assert len(taken) == 1 and view.about()["age_s"] == 0.0  # type: ignore[index]
+    steps[0] += 1
+    watch.t += 0.5
+    assert view.about()["age_s"] == pytest.approx(0.5)  # type: ignore[index]
+    ports.stop.state()
+    assert len(taken) == 2
+
+
+def test_pictures_are_also_taken_while_the_simulated_cell_advances_without_a_poll() -> None:
+    frame = render(Scene(), camera())
+    told: list[Callable[[bool], None]] = []
+    view = LiveView(camera(), offer=at_once)
+    view.between(FakeCell().ports(), Display(lambda: lambda: frame, count().__next__, told.append))
+    assert view.about() is None
+    told[0](False)
+    assert view.about() is not None
+
+
+def test_a_picture_is_drawn_once_before_the_page_hears_of_it() -> None:
+    cell, watch = FakeCell(), Watch()
+    view = LiveView(camera(), watch, at_once)
+    ports = view.between(cell.ports())
+    ports.stop.state()
+    view.jpeg()  # a page is open
+    watch.t += 2.0 * PERIOD_S
+    ports.stop.state()
+    first = view.jpeg()
+    assert first is not None and first[0] == view.about()["number"]  # type: ignore[index]
+    assert view.jpeg() is first
+
+
+def test_a_picture_that_was_taken_before_a_question_does_not_hide_its_plan() -> None:
+    """The question was entered while the picture was being drawn: what is shown is drawn for the question."""
+    works: list[Callable[[], None]] = []
+    view = LiveView(camera(), offer=lambda work: works.append(work) or True)  # type: ignore[func-returns-value]
+    frame = render(Scene(), camera())
+    perform(view, context_with(frame=frame))
+    entered = iter([lambda: enter(view, State.AWAITING_APPROVAL)])
+
+    def draw() -> CameraFrame:
+        next(entered)()
+        return frame
+
+    ports = view.between(FakeCell().ports(), display(lambda: draw))
+    ports.stop.state()
+    works.pop()()
+    assert view.about()["question"]  # type: ignore[index]
+
+
+def test_the_last_picture_before_the_simulated_cell_stands_still_is_not_lost() -> None:
+    """Neither because one was taken just before, nor because that one is still being drawn."""
+    works: list[Callable[[], None]] = []
+    told: list[Callable[[bool], None]] = []
+    frames = iter(render(Scene(), camera()) for _ in range(4))
+    view = LiveView(camera(), Watch(), lambda work: works.append(work) or True)  # type: ignore[func-returns-value]
+    taken: list[CameraFrame] = []
+
+    def take() -> Callable[[], CameraFrame]:
+        taken.append(next(frames))
+        frame = taken[-1]
+        return lambda: frame
+
+    view.between(FakeCell().ports(), Display(take, count().__next__, told.append))
+    for rests in (False, False, True, True):
+        told[0](rests)
+    assert len(taken) == 3 and len(works) == 1
+    works.pop()()
+    assert view._moment.frame is taken[-1]

@@ -1,0 +1,157 @@
+"""Makes the pictures of the operator's page for docs/operating.md: `python -m benchmarks.page_pictures [NAME...]`.
+
+Chromium (without a window) opens the page of two supervised runs of a simulated towel. In the first one the left
+hand misses its grasp until the cell asks, then the run is stopped. The second one is approved, paused, watched by
+a second browser, and ends. Without a NAME all pictures are renewed.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.operator.chromium import Chromium, Tab
+from cell.config.cell_settings import load_settings
+from cell.hardware.driver import OpenCell
+from cell.runs import fold_run
+from cell.runs.fold_run import FoldRequest, fold_once
+from cell.simulation import Fault, FaultKind
+from cell.states.commands import CommandQueue
+from robots.ports import Side
+
+FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+GARMENT, SEED = "small_towel", 5
+QUALITY = 82
+LONGEST_S = 900.0
+MISSES = 4
+"""Grasps that miss, until the recovery table has nothing left to try."""
+
+
+def main() -> int:
+    wanted = set(sys.argv[1:])
+
+    def keep(name: str, tab: Tab) -> None:
+        if not wanted or name in wanted:
+            picture = cv2.imdecode(np.frombuffer(tab.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+            assert picture is not None
+            cv2.imwrite(str(FOLDER / f"{name}.webp"), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+            print(name, flush=True)
+
+    with tempfile.TemporaryDirectory() as logs:
+        with Chromium() as browser, _run(Path(logs, "failed"), _misses) as address:
+            _failed(browser.open(address()), keep)
+        with Chromium() as browser, Chromium() as other, _run(Path(logs, "folded")) as address:
+            _folded(browser.open(address()), lambda: other.open(address()), keep)
+    return 0
+
+
+def _failed(tab: Tab, keep: Callable[[str, Tab], None]) -> None:
+    while _state(tab, "awaiting_approval", "asking") != "asking":
+        _press(tab, "approve")
+    keep("page_failure", tab)
+    _press(tab, "retry")
+    _state(tab, "awaiting_approval")
+    _press(tab, "approve")
+    _state(tab, "lifting", "folding", "asking")
+    _press(tab, "stop")
+    _until(tab, "runStatus.end !== null")
+    time.sleep(0.3)
+    keep("page_stopped", tab)
+
+
+def _folded(tab: Tab, other: Callable[[], Tab], keep: Callable[[str, Tab], None]) -> None:
+    _state(tab, "awaiting_approval")
+    keep("operators_page", tab)
+    tab.evaluate('document.querySelector("[data-key=m]").click()')
+    time.sleep(0.5)
+    keep("page_change_points", tab)
+    _press(tab, "approve")
+    _state(tab, "folding")
+    _until(tab, "(picture?.progress ?? 0) > 0.4")
+    keep("page_moving", tab)
+    _press(tab, "pause")
+    _until(tab, 'at("banner").className === "paused"')
+    time.sleep(1.5)
+    keep("page_paused", tab)
+    second = other()
+    _until(second, "shownTaken !== null")
+    keep("page_watching", second)
+    _press(tab, "resume")
+    while _state(tab, "awaiting_approval", "folded", "not_folded") == "awaiting_approval":
+        _press(tab, "approve")
+    _until(tab, "runStatus.end !== null")
+    keep("page_done", tab)
+
+
+@contextmanager
+def _run(
+    logs: Path, on_open: Callable[[OpenCell, CommandQueue], None] | None = None
+) -> Iterator[Callable[[], str]]:
+    """Perform a supervised run on a thread. Yields a function that waits for the page's address."""
+    addresses: list[str] = []
+    served = threading.Event()
+
+    def say(text: str) -> None:
+        if text.startswith("operator's page: "):
+            addresses.append(text.split(": ", 1)[1])
+            served.set()
+
+    def address() -> str:
+        if not served.wait(LONGEST_S):
+            raise TimeoutError("the run serves no page")
+        return addresses[0]
+
+    request = FoldRequest(
+        GARMENT, SEED, "sim", load_settings(), None, logs, approve=True, terminal=False, page=True, realtime=True,
+        quiet=True,
+    )  # fmt: skip
+    said = fold_run.say
+    fold_run.say = say
+    run = threading.Thread(target=fold_once, args=(request, on_open))
+    run.start()
+    try:
+        yield address
+    finally:
+        run.join()
+        fold_run.say = said
+
+
+def _misses(opened: OpenCell, _: CommandQueue) -> None:
+    assert opened.simulated is not None
+    for k in range(MISSES):
+        opened.simulated.faults.add(Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=k + 1))
+
+
+def _state(tab: Tab, *states: str) -> str:
+    """Wait for one of these states, in which a picture can be approved if it is a question. Returns it."""
+    _until(tab, f"{list(states)}.includes(runStatus?.state) && !unseen()")
+    time.sleep(0.5)  # the buttons follow the state
+    return str(tab.evaluate("runStatus.state"))
+
+
+def _press(tab: Tab, button: str) -> None:
+    number = tab.evaluate("runStatus.question?.number ?? null")
+    _until(tab, f'!at("{button}").disabled')
+    tab.evaluate(f'at("{button}").click()')
+    if number is not None:
+        _until(tab, f"runStatus.question?.number !== {number}")
+
+
+def _until(tab: Tab, condition: str) -> None:
+    deadline = time.monotonic() + LONGEST_S
+    while not tab.evaluate(f"typeof runStatus !== 'undefined' && runStatus !== null && ({condition})"):
+        if time.monotonic() > deadline:
+            raise TimeoutError(condition)
+        time.sleep(0.05)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
