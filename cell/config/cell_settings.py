@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from skills.grasping.settings import GraspSettings
     from skills.perception.inspection.claim_settings import ClaimSettings
     from skills.perception.inspection.inspect import InspectionSettings
-    from skills.perception.perceive import PerceptionSettings
+    from skills.perception.settings import PerceptionSettings
 
 __all__ = [
     "CameraConfig",
@@ -180,7 +180,7 @@ class ParkConfig(_Group):
 
 
 class PerceptionConfig(_Group):
-    """Thresholds for accepting a recognised garment (skills.perception.perceive)."""
+    """Thresholds for accepting a recognised garment (skills.perception.settings)."""
 
     method: Literal["reference", "plain", "grabcut", "watershed"] = Field(
         description="segmentation: reference (picture of the empty table), plain (table colour), grabcut (table "
@@ -193,7 +193,7 @@ class PerceptionConfig(_Group):
 
     def settings(self) -> PerceptionSettings:
         """The skill's settings. Thresholds without a key keep the skill's defaults."""
-        from skills.perception.perceive import PerceptionSettings
+        from skills.perception.settings import PerceptionSettings
 
         return PerceptionSettings(**self.model_dump())
 

@@ -17,8 +17,8 @@ from robots.ports import Array
 from skills.garments.garment import Garment, PoseRange
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
-from skills.perception.perceive import PerceptionSettings
 from skills.perception.rectification.table_view import TableView
+from skills.perception.settings import PerceptionSettings
 from skills.planning.plan import plan_folds
 from skills.trajectory.plain_arc import plain_paths
 

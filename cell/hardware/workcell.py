@@ -24,7 +24,7 @@ from skills.garments.garment import Garment
 from skills.grasping.settings import GraspSettings
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.inspection.inspect import InspectionSettings
-from skills.perception.perceive import PerceptionSettings
+from skills.perception.settings import PerceptionSettings
 from skills.planning.ideal_heights import IdealFoldHeights
 from skills.trajectory.library import Library
 from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import frozen
+from skills.perception.garment_height import height_above, smooth_height
 from skills.perception.inspection.diagnosis import diagnose
 from skills.perception.inspection.fold_heights import (
     extra_height,
@@ -23,10 +24,10 @@ from skills.perception.inspection.predicted_view import draw_shape, move_view, o
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
 from skills.perception.monitoring.silhouette import find_silhouette, open_views
-from skills.perception.perceive import PerceptionSettings, height_above, smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Segmentation
+from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import (
     CameraCalibration,
     CameraFrame,

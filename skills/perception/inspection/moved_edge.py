@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from robots.ports import Array
-from skills.perception.perceive import smooth_height
+from skills.perception.garment_height import smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.planning.folding import fold_xy
 from skills.vocabulary import FoldStep, PredictedShape

@@ -12,8 +12,8 @@ from robots.ports import Array
 from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.target_view import TargetView
-from skills.perception.perceive import PerceptionSettings
 from skills.perception.rectification.table_view import TableView
+from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import FailureKind
 
 __all__ = ["Inspection", "InspectionSettings"]

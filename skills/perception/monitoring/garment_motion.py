@@ -10,11 +10,11 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.monitoring.silhouette import Views, find_silhouette
-from skills.perception.perceive import PerceptionSettings
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.covered import mean_height
 from skills.perception.segmentation.mask import Mask
 from skills.perception.segmentation.segment import segment
+from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import Outcome
 
 __all__ = ["GarmentMotion", "displaced_boundary", "measure_motion"]

@@ -6,11 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.perceive import PerceptionSettings, camera_fault, height_above, table_unseen, touches_border
+from skills.perception.camera_fault import camera_fault, table_unseen
+from skills.perception.garment_height import height_above
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstructed, obstruction_failure
 from skills.perception.segmentation.segment import methods, segment
+from skills.perception.settings import PerceptionSettings
+from skills.perception.usable_region import touches_border
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 
 __all__ = ["Silhouette", "Views", "find_silhouette", "open_views"]

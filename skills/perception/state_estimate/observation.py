@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.monitoring.silhouette import find_silhouette, open_views
-from skills.perception.perceive import PerceptionSettings
 from skills.perception.rectification.table_view import TableView
+from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
 __all__ = ["Observation", "observe"]

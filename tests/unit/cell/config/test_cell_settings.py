@@ -17,7 +17,7 @@ from robots.errors import ConfigurationError
 from robots.ros.settings import CameraTopics, RosSettings
 from skills.grasping.settings import GraspSettings
 from skills.perception.inspection.inspect import InspectionSettings
-from skills.perception.perceive import PerceptionSettings
+from skills.perception.settings import PerceptionSettings
 
 
 def refusal(tmp_path: Path, text: str) -> ConfigurationError:

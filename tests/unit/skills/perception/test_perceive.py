@@ -7,7 +7,8 @@ from robots.errors import FailureKind
 from robots.ports import CameraFrame
 from skills.perception.classify import Match
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
-from skills.perception.perceive import PerceptionSettings, perceive
+from skills.perception.perceive import perceive
+from skills.perception.settings import PerceptionSettings
 from skills.perception.template import polygon_area
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.perceive import height_above
+from skills.perception.garment_height import height_above
 from skills.perception.rectification.table_height import table_height
 from skills.perception.rectification.table_view import RectifiedView
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from cell.hardware.photograph import photographed
-from skills.perception.perceive import height_above
+from skills.perception.garment_height import height_above
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.boundary import refine_boundary, smooth_closed
 from skills.perception.segmentation.colour_model import log_colour

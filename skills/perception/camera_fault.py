@@ -1,0 +1,83 @@
+"""Tells pictures that no working camera makes: black, white, frozen, without depth, of the wrong size or place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skills.perception.rectification.table_view import TableView
+from skills.perception.settings import PerceptionSettings
+from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
+
+__all__ = ["camera_fault", "same_picture", "table_unseen"]
+
+
+def camera_fault(
+    frame: CameraFrame,
+    calibration: CameraCalibration,
+    previous: CameraFrame | None = None,
+    settings: PerceptionSettings | None = None,
+) -> Failure | None:
+    """Return CAMERA_FAULT for a picture that has the wrong size, is black, is white, has no depth or equals
+    `previous`; else None."""
+    settings = settings or PerceptionSettings()
+    expected_shape = (calibration.intrinsics.height, calibration.intrinsics.width)
+    hint = "check the camera's cable, exposure and driver, then look again"
+    if frame.rgb.shape != (*expected_shape, 3) or frame.depth.shape != expected_shape:
+        return Failure(
+            FailureKind.CAMERA_FAULT,
+            f"the camera is calibrated for {expected_shape[1]} x {expected_shape[0]} pixels, the picture has "
+            f"{frame.rgb.shape[1]} x {frame.rgb.shape[0]}, its depth {frame.depth.shape[1]} x "
+            f"{frame.depth.shape[0]}",
+            "set the camera's resolution back, or calibrate it anew",
+        )
+    level = float(frame.rgb[::4, ::4].mean())
+    if level < settings.dark_level:
+        return Failure(FailureKind.CAMERA_FAULT, "the picture is black", hint, {"mean_level": level})
+    if level > settings.white_level:
+        return Failure(FailureKind.CAMERA_FAULT, "the picture is white", hint, {"mean_level": level})
+    holes = float(np.mean(~np.isfinite(frame.depth)))
+    if holes > settings.depth_holes:
+        return Failure(
+            FailureKind.CAMERA_FAULT, f"{holes:.0%} of the depth is missing", hint, {"depth_holes": holes}
+        )
+    if previous is not None and _frozen_camera(frame, previous):
+        return Failure(
+            FailureKind.CAMERA_FAULT,
+            "the camera repeats its last picture",
+            hint,
+            {"sequence": frame.sequence, "stamp_s": frame.stamp},
+        )
+    return None
+
+
+def table_unseen(view: TableView, settings: PerceptionSettings | None = None) -> Failure | None:
+    """Return CAMERA_FAULT when the visible area of the table is smaller than a garment, else None."""
+    settings = settings or PerceptionSettings()
+    if np.count_nonzero(view.valid) >= settings.segmentation.smallest_area:
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT,
+        "by its calibration the camera does not look at the table",
+        "calibrate its pose (calibrate hand-eye), or correct the table's place in cell.yaml",
+        {"seen_m2": float(np.count_nonzero(view.valid)) * view.pixel**2},
+    )
+
+
+def same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
+    """Return CAMERA_FAULT if the picture equals that of the empty table, else None. Real pictures differ by
+    noise."""
+    if not np.array_equal(frame.rgb, reference.rgb):
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT, "the picture is identical to that of the empty table",
+        "the camera is frozen, or one file was given twice: take a new picture",
+    )  # fmt: skip
+
+
+def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
+    """Whether the camera repeats a picture; noise makes pictures of a still scene differ."""
+    if frame is previous or frame.stamp == previous.stamp:
+        return False
+    return frame.sequence == previous.sequence or (
+        np.array_equal(frame.rgb, previous.rgb) and np.array_equal(frame.depth, previous.depth, equal_nan=True)
+    )

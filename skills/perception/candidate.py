@@ -1,0 +1,132 @@
+"""Chooses the garment whose template fits an outline, and judges how well it fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robots.ports import Array
+from skills.perception.classify import Match, polygon_iou
+from skills.perception.registration.energy import segment_lengths
+from skills.perception.registration.register import Registration
+from skills.perception.segmentation.mask import Segmentation
+from skills.perception.settings import PerceptionSettings
+from skills.perception.template import GarmentOutline
+from skills.vocabulary import Failure, FailureKind
+
+__all__ = ["choose_garment", "fit_confidence", "misfit", "wanted_garment"]
+
+
+_MAX_CONFIDENCE = 0.97
+"""Confidence of a perfect fit: the measured share of such fits in which every key point is within 10 mm (`bench
+perception`)."""
+
+
+def wanted_garment(garments: Sequence[GarmentOutline], expected: str | None) -> GarmentOutline | None:
+    if expected is None:
+        return None
+    for garment in garments:
+        if garment.name == expected:
+            return garment
+    raise ValueError(f"{expected!r} is none of {[g.name for g in garments]}")
+
+
+def choose_garment(
+    matches: tuple[Match, ...], wanted: GarmentOutline | None, settings: PerceptionSettings
+) -> tuple[Match | None, Failure | None]:
+    if not matches:
+        return None, None
+    best = max(matches, key=lambda m: m.iou)
+    values = {"best": best.name, "best_iou": best.iou, "scale": best.scale}
+    if best.iou < settings.min_template_iou:
+        return None, Failure(
+            FailureKind.UNKNOWN_GARMENT,
+            f"the silhouette matches no known garment (nearest {best.name}, overlap {best.iou:.2f})",
+            "spread the garment flat, or make a template with `foldcell garment new`",
+            values,
+        )
+    if wanted is None:
+        return _match_of_size(matches, best, settings)
+    match = next(m for m in matches if m.name == wanted.name)
+    if best.category != wanted.category and match.iou < best.iou - settings.category_margin:
+        return None, Failure(
+            FailureKind.CATEGORY_MISMATCH,
+            f"expected {wanted.name}, but the silhouette is of category {best.category}",
+            "put the expected garment on the table, or name the right one",
+            {**values, "expected": wanted.name, "expected_iou": match.iou},
+        )
+    if not _fits_in_size(match, settings):
+        return None, Failure(
+            FailureKind.CATEGORY_MISMATCH,
+            f"expected {wanted.name}, but the garment is {match.scale:.2f} times its size",
+            "put the expected garment on the table, or name the right one",
+            {**values, "expected": wanted.name, "scale": match.scale},
+        )
+    return match, None
+
+
+def _match_of_size(
+    matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
+) -> tuple[Match | None, Failure | None]:
+    """Return the first match whose size fits, among those whose IoU is within `category_margin` of the best;
+    otherwise a failure.
+
+    `choose_garment` applies the same size limit to an expected garment. Therefore a garment chosen here is not
+    refused for its size by a later perception that expects it.
+    """
+    near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
+    for match in near:
+        if _fits_in_size(match, settings):
+            return match, None
+    nearest = near[0]
+    return None, Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"no known garment has this shape and size (nearest {nearest.name}, "
+        f"but {nearest.scale:.2f} times its size)",
+        "put a known garment on the table, or make a template with `foldcell garment new`",
+        {"best": nearest.name, "best_iou": nearest.iou, "scale": nearest.scale},
+    )
+
+
+def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
+    return bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
+
+
+def misfit(
+    registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
+) -> Failure | None:
+    """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
+
+    The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
+    This polygon is therefore compared with the silhouette. LOW_CONFIDENCE: a key point that should be a sharp
+    corner lies where the outline has none.
+    """
+    polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
+    overlap = polygon_iou(polygon, contour)
+    ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
+    distortion = float(ratio.std())
+    if overlap >= settings.polygon_iou and distortion <= settings.proportions:
+        if registration.least_turn >= settings.least_turn:
+            return None
+        return Failure(
+            FailureKind.LOW_CONFIDENCE,
+            f"the outline has no corner where one of {garment.name} should be",
+            "straighten the garment, especially its ends, or make a template with `foldcell garment new`",
+            {"least_turn": registration.least_turn},
+        )
+    return Failure(
+        FailureKind.UNKNOWN_GARMENT,
+        f"the silhouette is not that of {garment.name} (polygon of the key points overlaps by {overlap:.2f}, "
+        f"proportions differ by {distortion:.0%})",
+        "spread the garment flat, or make a template with `foldcell garment new`",
+        {"polygon_iou": overlap, "distortion": distortion},
+    )
+
+
+def fit_confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
+    """Compute the confidence: `_MAX_CONFIDENCE` times three factors, which are the confidence of the segmentation,
+    the overlap with the template (0.85..0.97 -> 0..1) and the residual of the registration (8..2 mm -> 0..1)."""
+    overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
+    fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
+    return _MAX_CONFIDENCE * segmentation.confidence * overlap * fit

@@ -1,0 +1,55 @@
+"""Thresholds of the recognition of a garment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from skills.perception.registration.register import RegistrationSettings
+from skills.perception.segmentation.mask import SegmentationSettings
+
+__all__ = ["PerceptionSettings"]
+
+
+@dataclass(frozen=True)
+class PerceptionSettings:
+    """Thresholds of recognition. Lengths [m]; shares and overlaps 0..1.
+
+    method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table,
+    'reference' means 'plain', if that finds no garment 'grabcut', and last the proposals of `propose_garments`.
+    """
+
+    pixel: float = 0.002
+    method: str = "reference"
+    segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    lowest_segmentation: float = 0.5
+    litter: float = 0.08
+    """Maximum area of other objects on the table, relative to the area of the garment."""
+    intruder: float = 0.02
+    """Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
+    min_template_iou: float = 0.80
+    """Minimum overlap of a silhouette with the best template; below it the garment is unknown."""
+    polygon_iou: float = 0.91
+    """Minimum overlap of a silhouette with the polygon of its key points."""
+    proposed_polygon_iou: float = 0.86
+    """The same for a proposal, whose limbs may be bent as well as swung."""
+    sure: float = 0.8
+    """A proposal with this confidence is accepted before the others are tried."""
+    proportions: float = 0.20
+    """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
+    logarithm of observed over template length."""
+    least_turn: float = 0.35
+    """Minimum turn of the outline at the place of a sharp corner, relative to the turn of this corner in the
+    template."""
+    category_margin: float = 0.03
+    """The expected category is accepted unless another category has an overlap that is larger by more than
+    this."""
+    size_tolerance: float = 0.20
+    """Maximum relative difference of the observed size from a garment's nominal size."""
+    flat_height: float = 0.025
+    """Maximum height of a flat garment (95th percentile over the garment)."""
+    border: float = 0.006
+    min_confidence: float = 0.6
+    dark_level: float = 6.0
+    white_level: float = 254.0
+    depth_holes: float = 0.5
