@@ -34,6 +34,8 @@ class DisplayDrawing:
         self._robot: _Robot | None = None
         self._bare: tuple[Array, Canvas] | None = None
         height, width = scene.garment_texture.shape[:2]
+        # copies, because numba compiles once more for arrays that are read-only
+        self._triangles, self._texture = np.array(scene.garment_triangles), np.array(scene.garment_texture)
         self._texels = (scene.garment_uv * [1.0, -1.0] + [0.0, 1.0]) * [width - 1, height - 1]
         self._light = np.asarray(scene.light) / np.linalg.norm(scene.light)
         self._lens = Lens(scene.focal, scene.centre, NEAR, scene.ambient, scene.diffuse)
@@ -50,10 +52,8 @@ class DisplayDrawing:
         return Picture(canvas.rgb, np.float32(1.0) / canvas.nearest)
 
     def _garment(self, vertices: Array) -> Mesh:
-        triangles = self._scene.garment_triangles
-        body = np.zeros(len(vertices), np.int32)
-        texture = self._scene.garment_texture
-        return Mesh(vertices, vertex_normals(vertices, triangles), body, triangles, self._texels, texture)
+        normals, body = vertex_normals(vertices, self._triangles), np.zeros(len(vertices), np.int32)
+        return Mesh(np.array(vertices), normals, body, self._triangles, self._texels, self._texture)
 
     def _table(self, T_base_camera: Array) -> Canvas:
         if self._bare is None or np.abs(self._bare[0] - T_base_camera).max() > SAME_POSE:
