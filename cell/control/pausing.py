@@ -75,7 +75,7 @@ class Interruptions:
         control.waited_s += TICK_S
         if self._asked is not None:
             control.note("paused", {"asked_s": self._asked, "path_s": following.path_s})
-            control.tell("paused during a motion: resume or abort")
+            control.tell("paused during a motion: resume, or end the run")
             self._asked = None
         command = control.answer()
         if command is Event.RESUME:

@@ -11,7 +11,10 @@ from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event, State
 from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
-__all__ = ["consequences", "plan_facts"]
+__all__ = ["RECOGNISED", "consequences", "plan_facts"]
+
+RECOGNISED = "Recognised"
+"""Label of the fact that is also shown after the end of the run."""
 
 HANDS_S = 6.0
 """Typical time of a fold's descents, grasps and releases, which is not known beforehand [s]."""
@@ -29,10 +32,13 @@ def plan_facts(context: RunContext) -> list[tuple[str, str]]:
     facts = [("Now", _step(plan, fold.index))]
     following = fold.index + 1
     facts.append(
-        ("Next", _step(plan, following) if following < len(plan.steps) else "the fold is judged; then the end")
+        (
+            "Next",
+            _step(plan, following) if following < len(plan.steps) else "the fold is inspected; then the run ends",
+        )
     )
     if context.recognition is not None:
-        facts.append(("Recognised", context.recognition.in_words()))
+        facts.append((RECOGNISED, context.recognition.in_words()))
     if fold.attempt is not None:
         facts += _attempt_facts(context, plan, fold.attempt)
     return facts
@@ -44,22 +50,22 @@ def consequences(state: State, planned: bool) -> Mapping[str, str]:
     if state is State.AWAITING_APPROVAL:
         return {
             Event.APPROVE: "the arms go to the garment and make this fold",
-            Event.RETRY: "the cell looks again and plans this fold anew",
-            Event.SKIP: "this fold is left out; the run goes on and ends as not folded",
+            Event.RETRY: "the cell looks and plans this fold again",
+            Event.SKIP: "this fold is not made; the run goes on and ends as not folded",
             Event.ABORT: end,
         }
     if state is State.AWAITING_PRESSING:
         return {
             Event.APPROVE: "the hands press the crease",
-            Event.RETRY: "the cell looks again and judges the fold anew",
-            Event.SKIP: "the fold stays as it is and is judged so",
+            Event.RETRY: "the cell looks and inspects the fold again",
+            Event.SKIP: "the fold stays as it is and is inspected",
             Event.ABORT: end,
         }
     if state is State.ASKING:
-        again = "the cell looks again and makes this fold anew: first lay the garment as it was before this fold"
+        again = "the cell looks and makes this fold again: first lay the garment as it was before this fold"
         return {
-            Event.RETRY: again if planned else "the cell looks again",
-            Event.SKIP: "this fold is left out; the run goes on and ends as not folded",
+            Event.RETRY: again if planned else "the cell looks at the table again",
+            Event.SKIP: "this fold is not made; the run goes on and ends as not folded",
             Event.ABORT: end,
         }
     return {}

@@ -4,7 +4,7 @@ The picture is drawn by the cell, because a 3-D viewer on a computer without a g
 view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. In a
 simulated cell it also does so when the world advances, and takes only the state of the world: the picture is drawn
 on the view's thread, so that the executive does not wait. Only the newest picture waits to be drawn. The view also
-remembers the last grip of each hand.
+remembers the last grip of each hand and the last set-point of the arms.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from cell.operator.console.messages import PlanChange
 from cell.operator.console.plan_changes import offered_changes, plan_edit
@@ -28,7 +30,20 @@ from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
 from robots.errors import DriverError
-from robots.ports import CameraFrame, Clock, Ports, Side, Stop, StopState, Tactile, TactileReading
+from robots.ports import (
+    Arms,
+    Array,
+    CameraFrame,
+    Clock,
+    JointSetpoint,
+    JointState,
+    Ports,
+    Side,
+    Stop,
+    StopState,
+    Tactile,
+    TactileReading,
+)
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
@@ -76,7 +91,7 @@ class LiveView:
         self._due = 0.0
         self._busy = False
         self._next: Work | None = None
-        self._fold_began = 0.0
+        self._commanded: list[Array] = []
         self._grips: dict[Side, float] = {}
         self._drawn: tuple[int, bytes] | None = None
 
@@ -84,8 +99,6 @@ class LiveView:
 
     def entered(self, t: float, step: Step) -> None:
         with self._lock:
-            if step.target is State.FOLDING:
-                self._fold_began = t
             if self._moment.frame is None and step.target in QUESTIONS:
                 self._change(frame=self._moment.context.sight.frame, taken=self._clock())
             self._change(state=step.target, progress=None)
@@ -106,7 +119,8 @@ class LiveView:
         poll = partial(self._poll, ports.clock, display)
         display.on_advance(poll)
         tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
-        return replace(ports, stop=_PolledStop(ports.stop, poll), tactile=tactile)
+        arms = _CommandedArms(ports.arms, self._commanded)
+        return replace(ports, stop=_PolledStop(ports.stop, poll), arms=arms, tactile=tactile)
 
     def _poll(self, cell_clock: Clock, display: Display, rests: bool = False) -> None:
         """Take a picture if one is due. rests: the cell stands still for a while now: take one in any case."""
@@ -119,7 +133,8 @@ class LiveView:
             picture = display.take()
         except DriverError:  # the picture ages, and the page says so
             return
-        show = partial(self._show, picture, advance, now, cell_clock.now(), self._moment.state)
+        q = self._commanded[-1] if self._commanded else None
+        show = partial(self._show, picture, advance, now, cell_clock.now(), self._moment.state, q)
         with self._lock:
             self._next = show  # it replaces an older one that has not been drawn
             if self._busy:
@@ -144,10 +159,16 @@ class LiveView:
         return display is not None and advance is not None and display.progress() == advance
 
     def _show(
-        self, picture: Callable[[], CameraFrame | None], advance: int | None, taken: float, t: float, state: State
+        self,
+        picture: Callable[[], CameraFrame | None],
+        advance: int | None,
+        taken: float,
+        t: float,
+        state: State,
+        q: Array | None,
     ) -> None:
-        """Show a display picture that was taken at `advance`, `taken` [s, monotonic], `t` [s, cell] and in
-        `state`."""
+        """Show a display picture. advance, taken [s, monotonic], t [s, cell], state, q: of the moment when it was
+        taken; q is the last set-point."""
         try:
             frame = picture()
             if frame is None:  # it was requested and has not arrived
@@ -156,7 +177,7 @@ class LiveView:
             taken -= max(t - frame.stamp, 0.0)
             with self._lock:
                 before = self._moment
-            progress = self._progress(before, t) if before.state is state else None
+            progress = self._progress(before, q) if before.state is state else None
             shown = replace(before, number=before.number + 1, frame=frame, progress=progress)
             drawn = self._draw(shown) if self._drawn is not None else None  # not before a page is open
             with self._lock:
@@ -172,11 +193,14 @@ class LiveView:
         """End the view's thread. A picture that is being drawn is waited for, for a short time."""
         self._worker.close(CLOSE_S)
 
-    def _progress(self, moment: _Moment, t: float) -> float | None:
+    def _progress(self, moment: _Moment, q: Array | None) -> float | None:
+        """Return the share of the arc that is done (0..1) at the set-point `q`. Time does not tell it: a motion
+        may pause or go slower than planned."""
         attempt = moment.context.fold.attempt
-        if moment.state is not State.FOLDING or attempt is None:
+        if moment.state is not State.FOLDING or attempt is None or q is None:
             return None
-        return min((t - self._fold_began) / max(attempt.motion.fold.duration, 1e-3), 1.0)
+        planned = attempt.motion.fold
+        return float(planned.t[np.argmin(np.abs(planned.q - q).max(axis=1))] / max(planned.duration, 1e-3))
 
     def _change(self, **changes: object) -> None:
         self._moment = replace(self._moment, number=self._moment.number + 1, **changes)  # type: ignore[arg-type]
@@ -271,6 +295,24 @@ class _PolledStop:
 
     def reset(self) -> None:
         self._stop.reset()
+
+
+class _CommandedArms:
+    """Arms whose last set-point is written to `commanded`, a list of one."""
+
+    def __init__(self, arms: Arms, commanded: list[Array]) -> None:
+        self._arms, self._commanded = arms, commanded
+        self.command_timeout = arms.command_timeout
+
+    def state(self) -> JointState:
+        return self._arms.state()
+
+    def enable(self) -> None:
+        self._arms.enable()
+
+    def command(self, q: Array, qd: Array) -> JointSetpoint:
+        self._commanded[:] = [np.array(q)]
+        return self._arms.command(q, qd)
 
 
 class _FeltTactile:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from cell.executive.machine import complete_table
-from cell.operator.console.facts import consequences, plan_facts
+from cell.operator.console.facts import RECOGNISED, consequences, plan_facts
 from cell.recording.checkpoint.checkpoint_file import has_checkpoint
 from cell.recording.report.run_events import RunEvents
-from cell.states.commands import ANSWERS, OPERATOR_EVENTS
+from cell.states.commands import ANSWERS, COMMAND_WORDS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import TERMINAL, Event, State
@@ -130,9 +130,11 @@ class RunStatus:
                 "version": self.version,
                 "state": self._state.value,
                 "allowed": [event.value for event in ORDER if event in allowed],
-                "labels": {"retry": "Try again"} if self._state is State.ASKING else {},
+                "labels": {event.value: words.capitalize() for event, words in COMMAND_WORDS.items()},
                 "question": self._asked_now(),
-                "facts": plan_facts(self._context),
+                "facts": [
+                    fact for fact in plan_facts(self._context) if self._end is None or fact[0] == RECOGNISED
+                ],
                 "steps": self._steps(),
                 "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
                 "progress": self._progress,
@@ -171,7 +173,9 @@ class RunStatus:
             return f"Please {self._wanted}. Then approve."
         if self._state is State.ASKING:
             failure = context.failure
-            lay_again = "to try again, first lay the garment as it was before this fold" if context.steps else ""
+            lay_again = (
+                "before the cell looks again, lay the garment as it was before this fold" if context.steps else ""
+            )
             why = f"the cell asks because {context.asking}" if context.asking else ""
             if failure is None:
                 return "How should the run continue?"
@@ -208,10 +212,9 @@ class RunStatus:
 
 
 def _claimed(claim: Claim | None) -> str:
-    return f"{claim.says} (reliability {100 * claim.reliability:.0f} %)" if claim else ""
+    return f"{claim.says}, reliability {100 * claim.reliability:.0f} %" if claim else ""
 
 
 def _sentences(*parts: str) -> str:
-    """Join the non-empty parts as sentences. All parts except the first get a capital letter."""
-    first, *more = [part for part in parts if part]
-    return " ".join(f"{part}." for part in (first, *(part[0].upper() + part[1:] for part in more)))
+    """Join the non-empty parts as sentences."""
+    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)

@@ -13,9 +13,8 @@ __all__ = ["ProgressLines"]
 
 _HINTS = {
     State.AWAITING_APPROVAL: "approve the fold (a), look again (r), skip it (s) or end the run (q)",
-    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), leave it as it is (s)"
-    " or end the run (q)",
-    State.ASKING: "lay the garment as it was before this fold and try again (r), skip this fold (s)"
+    State.AWAITING_PRESSING: "approve pressing it flat (a), look again (r), skip it (s) or end the run (q)",
+    State.ASKING: "lay the garment as it was before this fold and look again (r), skip this fold (s)"
     " or end the run (q)",
     State.PAUSED: "resume (c) or end the run (q)",
 }

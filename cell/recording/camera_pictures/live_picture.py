@@ -1,4 +1,4 @@
-"""Draws the expected garment and the hands' ways over a live picture, while the arms move."""
+"""Draws the expected garment and the hands' arcs over a live picture, while the arms move."""
 
 from __future__ import annotations
 

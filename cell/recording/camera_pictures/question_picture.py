@@ -25,6 +25,8 @@ POINT: Colour = (255, 90, 80)
 ARCS: dict[Side, Colour] = {Side.LEFT: (90, 190, 255), Side.RIGHT: (240, 120, 255)}
 EXTRA = 0.04
 """The fold line is drawn this much longer than the garment at both ends [m]."""
+BELOW = 12, 22
+"""Place of a name beside its point [px]: below it, because the name of a key point is above."""
 TOO_SHORT = 0.03
 """Contours whose extent is smaller are noise and are not drawn [m]."""
 
@@ -57,7 +59,7 @@ def draw_plan(frame: CameraFrame, calibration: CameraCalibration, context: RunCo
 
 
 def draw_pressing(frame: CameraFrame, calibration: CameraCalibration, context: RunContext) -> Picture:
-    """Draw the planned pressing: the outline of the fold and the ways of the pressing hands. Returns (h, w, 3)."""
+    """Draw the planned pressing: the outline of the fold, the paths of the pressing hands. Returns (h, w, 3)."""
     drawing, attempt = ProjectedDrawing(frame, calibration), context.fold.attempt
     if context.plan is None or attempt is None or attempt.press_plan is None:
         return drawing.picture
@@ -117,7 +119,7 @@ def _arcs(drawing: ProjectedDrawing, attempt: Attempt) -> list[tuple[str, Colour
         drawing.line(path, ARCS[side])
         drawing.dot(path[0], ARCS[side])
         drawing.dot(path[-1], ARCS[side], radius=6)
-        drawing.name("grasp", path[0], ARCS[side])
+        drawing.name("grasp", path[0], ARCS[side], BELOW)
         entries.append((f"{side.value} hand", ARCS[side], False))
     return entries
 

@@ -14,6 +14,7 @@ from cell.recording.camera_pictures.projected_drawing import ProjectedDrawing
 from cell.recording.camera_pictures.question_picture import OUTLINE, draw_failure, draw_plan
 from cell.recording.outline import outline
 from cell.recording.report.recovery_words import laying_in_words, recovery_in_words
+from cell.states.commands import COMMAND_WORDS
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
@@ -136,7 +137,9 @@ class FailureStories:
             picture = draw_plan(frame, self._calibration, self._context)
             story.done.append(Scene(t, _planned(self._context), _small(picture)))
         elif "command" in result.record:
-            story.done.append(Scene(t, f"the operator answered: {result.record['command']}"))
+            story.done.append(
+                Scene(t, f"the operator answered: {COMMAND_WORDS[Event(str(result.record['command']))]}")
+            )
 
     def _estimated(self, t: float, story: _Open, before: RunContext) -> bool:
         """Add the estimate that was just made. Returns whether one was made."""

@@ -43,7 +43,7 @@ def words(name: str) -> str:
 
 
 FIGURES = {
-    "iou": "Overlap of the silhouettes (IoU)",
+    "iou": "Overlap of the outlines (IoU)",
     "correspondence_m": "Mean distance of corresponding points",
     "edges_m": "Largest distance of edges that belong together",
     "keypoints_m": "Largest distance of a key point from its place",

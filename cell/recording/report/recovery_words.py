@@ -13,9 +13,9 @@ _EVENTS: Mapping[Event, str] = {
     Event.START_OVER: "photographed the empty table again",
     Event.LOOK_AGAIN: "looked again",
     Event.LOOK_AFTER: "looked at the fold again",
-    Event.PLAN_AGAIN: "planned the fold anew",
-    Event.OPTIMISE_AGAIN: "chose another way of the hands",
-    Event.GRASP_AGAIN: "planned the motion anew, to grasp again",
+    Event.PLAN_AGAIN: "planned the fold again",
+    Event.OPTIMISE_AGAIN: "chose another arc",
+    Event.GRASP_AGAIN: "planned the motion again, to grasp again",
     Event.UNDO: "planned to carry the moved cloth back",
     Event.CARRY_ON: "went on: the next fold can build on it",
     Event.ASK: "asked the operator",
@@ -27,8 +27,8 @@ _CHANGES: Mapping[Adjustment, str] = {
     Adjustment.STRONGER: "with a firmer grip",
     Adjustment.OPTIMISE: "optimised for this fold",
     Adjustment.PLAIN_ARC: "a plain arc",
-    Adjustment.OTHER_SEARCH: "by another way of the arms",
-    Adjustment.OTHER_VARIANT: "in another way that the garment file allows",
+    Adjustment.OTHER_SEARCH: "by another motion of the arms",
+    Adjustment.OTHER_VARIANT: "by another fold variant of the garment file",
 }
 _LAYINGS: Mapping[Laying, str] = {
     Laying.BACK: "laid the cloth down where it was taken",

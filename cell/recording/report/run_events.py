@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cell.states.commands import COMMAND_WORDS
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
@@ -46,6 +47,10 @@ class RunEvents:
         elif step.effect is Effect.ESTIMATE:
             self.list.append(RunEvent(t, "estimate", "state of the garment", str(result.record.get("says", ""))))
         elif "command" in result.record:
-            self.list.append(RunEvent(t, "command", str(result.record["command"]), f"while {where}"))
+            self.list.append(RunEvent(t, "command", _words(result.record["command"]), f"while {where}"))
         elif result.event is Event.PAUSE:
             self.list.append(RunEvent(t, "command", "pause", f"before {where}"))
+
+
+def _words(command: object) -> str:
+    return COMMAND_WORDS[Event(str(command))]

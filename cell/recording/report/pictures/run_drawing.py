@@ -33,7 +33,7 @@ class RunDrawing:
         return outlined(frame, self.calibration, self.look.outline)
 
     def along(self, note: StepNote | None) -> Scenery:
-        """Return the scenery with the planned ways of one fold."""
+        """Return the scenery with the planned arcs of one fold."""
         return self.scenery if note is None else replace(self.scenery, arcs=_arcs(note.trajectory))
 
 

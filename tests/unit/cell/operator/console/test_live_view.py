@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ import pytest
 from cell.operator.console.live_view import PERIOD_S, LiveView
 from cell.simulation import Display
 from cell.states.observers import Step
-from cell.states.run_context import Result
+from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, FailureKind
-from robots.ports import CameraFrame, Side
+from robots.ports import ArmTrajectory, CameraFrame, Side
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import Scene, camera, render
@@ -119,17 +120,28 @@ def test_a_question_shows_the_picture_that_the_plan_was_made_from() -> None:
     assert drawn is not None and drawn[0] == about["number"]
 
 
+def folding(seen: CameraFrame) -> RunContext:
+    """A context with an arc that bends all joints by 1 rad in 2 s."""
+    t = np.linspace(0.0, 2.0, 201)
+    q = np.outer(t / 2.0, np.ones(14))
+    motion = SimpleNamespace(fold=ArmTrajectory(t, q, q, q), tool_paths={}, postures={}, duration=12.0)
+    return context_with(frame=seen, plan_frames=np.zeros((5, 3, 3)), motion=motion)
+
+
 def test_progress_is_the_share_of_the_arc_that_is_done() -> None:
-    cell, watch = FakeCell(), Watch()
+    """A pause does not count as progress: the arms are at the same place after it."""
+    cell, watch = FakeCell(np.full(14, 0.75)), Watch()
     view = LiveView(camera(), watch, at_once)
-    frames = np.zeros((5, 3, 3))
-    perform(view, context_with(frame=render(Scene(), camera()), plan_frames=frames))  # the arc takes 2 s
+    perform(view, folding(render(Scene(), camera())))
     ports = view.between(cell.ports())
     enter(view, State.FOLDING, t=10.0)
-    cell.now = 11.5
-    ports.stop.state()
-    assert view.about()["progress"] == pytest.approx(0.75)  # type: ignore[index]
-    enter(view, State.RELEASING, t=12.0)
+    ports.arms.command(np.full(14, 0.75), np.zeros(14))
+    for pause in (1.5, 8.0):
+        cell.now += pause
+        watch.t += pause
+        ports.stop.state()
+        assert view.about()["progress"] == pytest.approx(0.75)  # type: ignore[index]
+    enter(view, State.RELEASING, t=22.0)
     assert view.about()["progress"] is None  # type: ignore[index]
 
 
@@ -157,12 +169,12 @@ def test_the_executive_does_not_wait_for_a_picture_that_is_being_rendered() -> N
 
 
 def test_a_picture_of_an_earlier_state_has_no_progress() -> None:
-    cell, works = FakeCell(), []
-    view = LiveView(camera(), offer=lambda work: works.append(work) or True)
-    frames = np.zeros((5, 3, 3))
-    perform(view, context_with(frame=render(Scene(), camera()), plan_frames=frames))
-    ports = view.between(cell.ports())
+    works: list[Callable[[], None]] = []
+    view = LiveView(camera(), offer=lambda work: works.append(work) or True)  # type: ignore[func-returns-value]
+    perform(view, folding(render(Scene(), camera())))
+    ports = view.between(FakeCell().ports())
     enter(view, State.FOLDING, t=10.0)
+    ports.arms.command(np.zeros(14), np.zeros(14))
     ports.stop.state()
     enter(view, State.RELEASING, t=12.0)
     works.pop()()

@@ -44,7 +44,7 @@ const middle = (r) => [r.x + r.width / 2, r.y + r.height / 2];
 setInterval(() => {
   if (runStatus === null || runStatus.state === told) return;
   told = runStatus.state;
-  const all = [...Object.keys(WORDS), "stop"];
+  const all = [...Object.keys(KEYS), "stop"];
   say(Object.fromEntries(all.map((id) => [id, middle(at(id).getBoundingClientRect())])));
 }, 50);
 </script>
