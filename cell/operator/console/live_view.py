@@ -48,7 +48,7 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
 
-PERIOD_S = 0.3
+PERIOD_S = 0.4
 """Shortest time between two display pictures [s]."""
 Work = Callable[[], None]
 CLOSE_S = 2.0

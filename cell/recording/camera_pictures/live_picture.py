@@ -11,7 +11,7 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["draw_live"]
 
-SCALE = 1.5
+SCALE = 1.25
 """The camera's picture is enlarged by this factor. A larger one is sharper, but the browser then decodes more
 pixels, several times a second."""
 
