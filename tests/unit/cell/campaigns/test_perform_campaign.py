@@ -43,15 +43,15 @@ def finished(folder: Path) -> Counter[str]:
     return Counter(log.read_text().split()) if log.exists() else Counter()
 
 
-def test_a_campaign_killed_three_times_makes_every_run_once(tmp_path: Path) -> None:
+def test_a_campaign_killed_twice_makes_every_run_once(tmp_path: Path) -> None:
     """kill -9 of the client and its workers at random moments; finished runs are never made again."""
-    seeds = range(20)
+    seeds = range(14)
     CampaignFolder.create(tmp_path, trials_campaign(seeds), tmp_path / "logs")
     script = tmp_path / "continue.py"
     script.write_text(CONTINUE)
     generator = random.Random(20_261_125)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for kill in (True, True, True, False):
+    for kill in (True, True, False):
         client = subprocess.Popen(
             [sys.executable, script, tmp_path], stdout=subprocess.PIPE, text=True, env=environment,
             start_new_session=True,
@@ -66,7 +66,7 @@ def test_a_campaign_killed_three_times_makes_every_run_once(tmp_path: Path) -> N
     assert client.returncode == 0
     # a run that was killed between its last line and its result may be made twice; none was finished twice
     assert set(finished(tmp_path)) == {str(seed) for seed in seeds}
-    assert sum(finished(tmp_path).values()) <= len(seeds) + 3 * 2
+    assert sum(finished(tmp_path).values()) <= len(seeds) + 2 * 2
     results = json.loads((tmp_path / "trials.json").read_text())
     assert [run["seed"] for run in results["runs"]] == list(seeds) and results["not_performed"] == []
     assert [run["figures"]["robot_time_s"] for run in results["runs"]] == [30.0 + seed for seed in seeds]
