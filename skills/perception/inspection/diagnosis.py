@@ -112,8 +112,9 @@ def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[
 
 
 def _edge_limits(edge: MovedEdge, settings: InspectionSettings) -> tuple[float, float]:
-    """Limits for the lag of a corner and of the middle of this edge [m]: thin layers are measured less exactly."""
-    share = max(1.0, settings.edge_rise / max(edge.rise, 1e-6))
+    """Limits for the lag of a corner and of the middle of this edge [m]: thin layers and short edges are measured
+    less exactly."""
+    share = edge.noise * max(1.0, settings.edge_rise / max(edge.rise, 1e-6))
     corner, sag = (
         min(limit * share, settings.edge_lag_thin) for limit in (settings.edge_corner, settings.edge_sag)
     )

@@ -24,6 +24,8 @@ from skills.vocabulary import FoldStep, PredictedShape
 __all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]
 
 
+SHORTEST = 0.08
+"""Edges that are shorter are not judged [m]."""
 _TOLERANCE = 0.010
 """Huber threshold: in the fit of an edge, strips whose lag differs from the fit by more than this count
 less [m]."""
@@ -65,11 +67,13 @@ class MovedEdge:
     """The place of the moved edge. lag: (n,) distance of the edge behind its predicted place in n strips from one
     end to the other [m], NaN where unknown. rise: height of the moved layers [m]. on_crease: whether the first and
     the last strip lie on the loop of an earlier crease. The step is several layers high there, and such a strip is
-    not misplaced by noise."""
+    not misplaced by noise. noise: of the lag of a strip, relative to a strip that is as wide as its layers demand
+    (1 or more); an edge may be too short for such strips."""
 
     lag: Array
     rise: float
     on_crease: tuple[bool, bool] = (False, False)
+    noise: float = 1.0
 
     @property
     def corner(self) -> float:
@@ -175,8 +179,12 @@ def moved_edge(
     count = max(settings.strips, round(len(rise) * settings.sample / width))
     edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), settings.min_rise))
     parts = [np.array_split(values, count) for values in (rise, raised, crossing)]
-    lag = [_step_place(_mean(r), _mean(above), depth, edge) for r, above, _ in zip(*parts, strict=True)]
-    return MovedEdge(np.array(lag), layer, (bool(parts[2][0].all()), bool(parts[2][-1].all())))
+    behind = [_step_place(_mean(r), _mean(above), depth, edge) for r, above, _ in zip(*parts, strict=True)]
+    # where the edge is oblique, its distance is shorter than that across the fold line
+    slope = [float(np.mean(part)) for part in np.array_split(np.gradient(reach, settings.sample), count)]
+    lag, on_crease = np.array(behind) / np.hypot(1.0, slope), (bool(parts[2][0].all()), bool(parts[2][-1].all()))
+    noise = max(1.0, (width / (len(rise) * settings.sample / count)) ** 0.5)
+    return MovedEdge(lag, layer, on_crease, noise)
 
 
 def _crossing_creases(
@@ -224,22 +232,29 @@ def _expected_edge(
     moved = step.line.signed_distance(fold_xy(step.earlier, predicted.material)) > 0
     if np.count_nonzero(moved) < 10:
         return None
-    xy = predicted.vertices[moved, :2]
+    xy = predicted.vertices[:, :2]
     along, reach = (xy - step.line.point) @ step.line.direction, -step.line.signed_distance(xy)
-    if not reach.max() > 0.0:  # no cloth is predicted beyond the line
+    if not reach[moved].max() > 0.0:  # no cloth is predicted beyond the line
         return None
-    outermost = reach > 0.6 * reach.max()
-    low, high = along[outermost].min() + settings.rim, along[outermost].max() - settings.rim
-    if high - low < 0.08:
+    triangles = predicted.triangles[moved[predicted.triangles].all(axis=1)]
+    sides = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    places = np.arange(along[moved].min(), along[moved].max(), settings.sample)
+    farthest = _farthest(along[sides], reach[sides], places)
+    outermost = places[farthest > 0.6 * farthest.max(initial=0.0)]
+    if not len(outermost) or np.ptp(outermost) < SHORTEST + 2.0 * settings.rim:
         return None
-    places = np.arange(low, high, settings.sample)
-    # The mesh is coarser than the samples. The distance is therefore that of the farthest vertex near each of a
-    # few knots, with linear interpolation between the knots.
-    knots = np.linspace(low, high, max(round((high - low) / 0.03), 2))
-    half = 0.6 * (knots[1] - knots[0])
-    farthest = np.array([reach[np.abs(along - k) <= half].max(initial=-np.inf) for k in knots])
-    valid = np.isfinite(farthest)
-    return (places, np.interp(places, knots[valid], farthest[valid])) if valid.any() else None
+    inner = (places >= outermost[0] + settings.rim) & (places <= outermost[-1] - settings.rim)
+    return places[inner], farthest[inner]
+
+
+def _farthest(along: Array, reach: Array, places: Array) -> Array:
+    """Return how far line segments reach at places (n,) along the fold line [m]. along, reach: (m, 2) of the
+    segments' ends. -inf where there is none."""
+    order = np.argsort(along, axis=1)
+    (start, end), (first, last) = (np.take_along_axis(values, order, axis=1).T for values in (along, reach))
+    share = (places[:, None] - start) / np.maximum(end - start, 1e-9)
+    crosses = (share >= 0.0) & (share <= 1.0)
+    return np.asarray(np.where(crosses, first + share * (last - first), -np.inf).max(axis=1, initial=-np.inf))
 
 
 def _sampled(image: NDArray[np.float32], view: TableView, xy: Array) -> Array:

@@ -60,7 +60,8 @@ class InspectionSettings:
     edge_rise: float = 0.0022
     edge_lag_thin: float = 0.030
     """For layers that raise the surface by less than `edge_rise`, the two limits grow in inverse proportion to the
-    rise, up to `edge_lag_thin`: wrinkles of a millimetre then hide the edge."""
+    rise, and for an edge that is too short for wide strips with the noise of its strips, up to `edge_lag_thin`:
+    wrinkles of a millimetre then hide the edge."""
     perception: PerceptionSettings = field(default_factory=PerceptionSettings)
     claim: ClaimSettings = field(default_factory=ClaimSettings)
 

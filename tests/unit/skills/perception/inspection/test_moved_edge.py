@@ -31,10 +31,14 @@ def folded_mesh():
     material = np.stack([x.ravel(), y.ravel()], axis=1)
     up = material[:, 1] > 0
     vertices = np.column_stack([material[:, 0], -np.abs(material[:, 1]), np.where(up, 1.5, 0.5) * LAYER])
-    i = np.arange(x.size).reshape(x.shape)
+    return PredictedShape(vertices, triangles_of(x.shape), material)
+
+
+def triangles_of(shape):
+    """Triangles (m, 3) of a mesh whose vertices lie on a grid of this shape."""
+    i = np.arange(np.prod(shape)).reshape(shape)
     a, b, c, d = (k.ravel() for k in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
-    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
-    return PredictedShape(vertices, triangles, material)
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
 
 
 def heights(lag, seed=0, creases=0.004, loop=0.0, flank=None):
@@ -175,15 +179,17 @@ def test_rounding_does_not_change_the_verdict_on_a_corner(behind):
     assert beyond == {behind > 19}
 
 
-def folded(reach=0.3, width=0.4, layer=LAYER):
-    """The prediction of a fold. reach: length of the moved part beyond the line [m]. width: of the towel [m]."""
+def folded(reach=0.3, width=0.4, layer=LAYER, slope=0.0):
+    """The prediction of a fold. reach: length of the moved part beyond the line, in its middle [m]. width: of the
+    towel [m]. slope: by which the moved part gets shorter from its middle to both ends."""
     x, y = np.meshgrid(
         np.linspace(0.6 - width / 2, 0.6 + width / 2, 17), np.linspace(-0.3, reach, 41), indexing="ij"
     )
+    y = np.where(y > 0, y * (1.0 - slope * np.abs(x - 0.6) / reach), y)
     material = np.stack([x.ravel(), y.ravel()], axis=1)
     up = material[:, 1] > 0
     vertices = np.column_stack([material[:, 0], -np.abs(material[:, 1]), np.where(up, 1.5, 0.5) * layer])
-    return PredictedShape(vertices, np.zeros((0, 3), np.int32), material)
+    return PredictedShape(vertices, triangles_of(x.shape), material)
 
 
 def turned(degrees, x=0.0, y=0.0):
@@ -293,6 +299,25 @@ def test_an_edge_of_thick_cloth_is_found(layer):
 def test_a_layer_thinner_than_a_millimetre_is_not_seen():
     assert looked_at(*towel(layer=0.0007), layer=0.0007) is None
     assert looked_at(*towel(layer=0.0014), layer=0.0014) is not None
+
+
+@pytest.mark.parametrize("behind", [0.0, 0.03])
+def test_an_oblique_edge_is_measured_across_itself(behind):
+    """A cuff that is folded onto a body is a wedge: its edge runs at up to 45 degrees to the fold line."""
+    slope, width = 1.0, 0.2
+    lag = behind * np.hypot(1.0, slope)
+    seen = looked_at(
+        *towel(lambda t: lag + slope * width * np.abs(t - 0.5), width=width), width=width, slope=slope
+    )
+    flanks = np.r_[seen.lag[1:4], seen.lag[-4:-1]]
+    assert np.abs(flanks - behind).max() < 0.006
+
+
+def test_the_strips_of_a_short_edge_are_noisier_than_their_layers_demand():
+    wide = looked_at(*towel(width=0.4, layer=0.004), width=0.4, layer=0.004)
+    assert wide.noise == pytest.approx(1.0, abs=0.05)
+    long, short = (looked_at(*towel(width=width), width=width) for width in (0.4, 0.14))
+    assert short.noise == pytest.approx(long.noise * ((0.4 - 0.02) / (0.14 - 0.02)) ** 0.5, rel=0.1)
 
 
 def test_a_short_edge_is_not_judged():
