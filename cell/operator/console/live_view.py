@@ -48,7 +48,7 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
 
-PERIOD_S = 0.4
+PERIOD_S = 0.3
 """Shortest time between two display pictures [s]."""
 Work = Callable[[], None]
 CLOSE_S = 2.0
@@ -58,9 +58,9 @@ CLOSE_S = 2.0
 class _Moment:
     """What a picture is drawn from.
 
-    number: grows with every change. taken: when the frame was taken, or when the cell last looked as in the frame
-    [s, monotonic]. advance: `Display.progress` at that time. progress: share of the arc that is done (0..1), None
-    when nothing is carried.
+    number: grows with every change of what is shown. taken: when the frame was taken, or when the cell last looked
+    as in the frame [s, monotonic]. advance: `Display.progress` at that time. progress: share of the arc that is
+    done (0..1), None when nothing is carried.
     """
 
     number: int = 0
@@ -178,6 +178,10 @@ class LiveView:
             with self._lock:
                 before = self._moment
             progress = self._progress(before, q) if before.state is state else None
+            if before.state is state and progress == before.progress and _same(before.frame, frame):
+                with self._lock:  # nothing is drawn and sent again
+                    self._moment = replace(self._moment, taken=taken, advance=advance)
+                return
             shown = replace(before, number=before.number + 1, frame=frame, progress=progress)
             drawn = self._draw(shown) if self._drawn is not None else None  # not before a page is open
             with self._lock:
@@ -262,6 +266,11 @@ class LiveView:
         else:
             picture = draw_live(moment.frame, calibration, moment.context.fold.attempt, moment.progress)
         return moment.number, jpeg_file(picture)
+
+
+def _same(frame: CameraFrame | None, other: CameraFrame) -> bool:
+    """Whether two frames show the same, as those of a simulated cell at rest do."""
+    return frame is not None and np.array_equal(frame.rgb, other.rgb)
 
 
 def _glimpses(ports: Ports) -> Display:

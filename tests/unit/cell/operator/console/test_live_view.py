@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 from types import SimpleNamespace
 
@@ -71,6 +72,30 @@ def test_the_age_counts_from_the_moment_of_the_picture() -> None:
     view.between(cell.ports()).stop.state()
     watch.t += 3.0
     assert view.about()["age_s"] == pytest.approx(3.0)  # type: ignore[index]
+
+
+def frame_of(brightness: int) -> CameraFrame:
+    seen = render(Scene(), camera())
+    return replace(seen, rgb=np.full_like(seen.rgb, brightness))
+
+
+def test_the_same_picture_becomes_younger_and_is_not_sent_again() -> None:
+    watch = Watch()
+    view, shown = LiveView(camera(), watch, at_once), iter([10, 10, 20])
+
+    def take() -> Callable[[], CameraFrame]:
+        frame = frame_of(next(shown))
+        return lambda: frame
+
+    ports = view.between(FakeCell().ports(), display(take))
+    seen = []
+    for _ in range(3):
+        ports.stop.state()
+        seen.append(view.about())
+        watch.t += 2.0 * PERIOD_S
+    assert [about["age_s"] for about in seen] == [0.0, 0.0, 0.0]  # type: ignore[index]
+    numbers = [about["number"] for about in seen]  # type: ignore[index]
+    assert numbers[0] == numbers[1] < numbers[2]
 
 
 def test_a_camera_that_fails_only_ages_the_picture() -> None:
