@@ -286,7 +286,11 @@ The supervised run ended as {figures["result"]}. Samples before the first pictur
 
 
 METHODS = (
-    ("age", "ten times a second the page's own record: when the cell took the picture that is on the screen"),
+    (
+        "age",
+        "ten times a second the page's own record: when the cell took the picture that is on the screen, or when"
+        " it last looked the same; the time of a simulated cell stands still while the computer computes",
+    ),
     ("press", "from the input event of the browser to the frame in which the button shows that it was pressed"),
     (
         "plan",
