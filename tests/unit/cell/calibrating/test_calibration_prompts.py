@@ -26,4 +26,4 @@ def test_a_pause_is_refused_during_a_calibration() -> None:
     terminal.take("pause")
     assert "not possible now" in answers.getvalue() and "accepted" not in answers.getvalue()
     terminal.take("abort")
-    assert answers.getvalue().endswith("abort: accepted\n")
+    assert answers.getvalue().endswith("end run: accepted\n")
