@@ -9,7 +9,9 @@ raises no error: the result holds it as `failure`.
 
 from typing import TYPE_CHECKING, Any
 
+from foldcell.exporting import export
 from foldcell.folding import fold
+from foldcell.garments import new_garment
 from foldcell.optimising import OptimisedFold, optimise
 from foldcell.perceiving import PerceivedGarment, perceive
 from foldcell.runs import Run, load_run
@@ -29,8 +31,10 @@ __all__ = [
     "Run",
     "SetPoints",
     "StorageError",
+    "export",
     "fold",
     "load_run",
+    "new_garment",
     "optimise",
     "perceive",
 ]

@@ -23,18 +23,23 @@ class OptimisedFold:
 
     step: number of the fold in the plan, from 1. control_points: 'left' and 'right' (only one of them for a fold
     with one hand) -> (k, 3) Bezier control points of the tool centre point [m], table frame (x forward, y left, z
-    = 0 on the table), read-only. The arc follows a straight lift by lift_m [m]. duration_s: duration from grasp to
+    = 0 on the table), read-only. The arc follows a straight lift by lift_m [m]. tool_poses: the same keys ->
+    (n, 8) poses over time from the grasp to the release: time [s], position [m], quaternion (scalar last) of the
+    tool frame in the table frame; `foldcell.export` writes them into a file. duration_s: duration from grasp to
     release, without the lift [s]. dissimilarity_initial_m, dissimilarity_m: mean distance between the predicted
     and the ideal fold [m], with the paper's initial arcs and with these arcs. simulations: number of cloth
     simulations; failed_simulations: number of those that failed.
 
-    failure: the reason why there are no arcs. In that case control_points is empty and duration_s is None.
+    failure: the reason why there are no arcs. In that case control_points and tool_poses are empty and duration_s
+    is None.
     """
 
+    garment: str
     name: str
     step: int
     method: str
     control_points: Mapping[str, Array]
+    tool_poses: Mapping[str, Array]
     duration_s: float | None
     lift_m: float
     dissimilarity_initial_m: float
@@ -69,16 +74,20 @@ def optimise(
     checked = cell_settings(settings)
     loaded = load_garment(garment, checked.surface)
     lift = checked.grasp.lift_height
-    return tuple(_plain(fold, lift) for fold in optimise_plan(loaded, checked, step, method, budget))
+    return tuple(_plain(loaded.name, fold, lift) for fold in optimise_plan(loaded, checked, step, method, budget))
 
 
-def _plain(fold: StepOptimisation, lift: float) -> OptimisedFold:
+def _plain(garment: str, fold: StepOptimisation, lift: float) -> OptimisedFold:
+    from skills.trajectory.export.tool_poses import pose_rows
+
     found, notes = fold.outcome.value, fold.outcome.notes
     return OptimisedFold(
+        garment=garment,
         name=fold.step.name,
         step=fold.step.index + 1,
         method=str(notes["method"]),
         control_points={i.value: points for i, points in found.control_points.items()} if found else {},
+        tool_poses={i.value: pose_rows(path) for i, path in fold.paths.items()},
         duration_s=found.duration if found else None,
         lift_m=lift,
         dissimilarity_initial_m=float(notes["dissimilarity_initial_m"]),

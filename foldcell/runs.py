@@ -71,6 +71,21 @@ class Run:
         path = self.folder / TRANSCRIPT
         return read_set_points(Transcript(path)) if path.is_file() else None
 
+    def joint_trajectory(self) -> dict[str, Any] | None:
+        """The set-points of the arms in the layout of a trajectory_msgs/JointTrajectory of ROS, with the joint
+        names of the run's robot; None for a run without set-points. Raises as `set_points`, and
+        ConfigurationError if the run's robot is no longer installed."""
+        from cell.config.cell_settings import load_settings
+        from cell.hardware.robot_model import load_robot
+        from cell.runs.request_file import SETTINGS
+        from skills.trajectory.export.ros_messages import joint_trajectory
+
+        sent = self.set_points()
+        if sent is None or not len(sent.t):
+            return None
+        names = load_robot(load_settings(self.folder / SETTINGS)).joint_names
+        return joint_trajectory(names, sent.t, sent.q, sent.qd)
+
 
 def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     """Read a finished run. run: its id, the beginning of its id, its folder, or 'last'. logs: folder of the

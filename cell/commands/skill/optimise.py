@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +15,12 @@ from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
 from cell.operator.progress.compiling import report_compilation
 from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
 from robots.errors import ConfigurationError
-from skills.vocabulary import FoldStep, ToolPath
+from robots.ports import Array
+from skills.trajectory.export.tool_poses import SUFFIXES, pose_rows, tool_poses_text
+from skills.vocabulary import FoldStep
 
-__all__ = ["add_options", "export_text", "run"]
+__all__ = ["add_options", "run"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +33,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="method of the optimiser (of the settings)",
     )
     parser.add_argument("--budget", type=count, metavar="N", help="simulations of one fold (of the settings)")
-    parser.add_argument("--export", type=Path, metavar="FILE", help="tool poses and times, as .csv or .json")
+    parser.add_argument(
+        "--export", type=Path, metavar="FILE", help="tool poses and times, as .csv, .json or .yaml (ROS)"
+    )
     cell_option(parser)
     json_option(parser)
 
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
     bar = ProgressBar(out)
     results: list[dict[str, Any]] = []
-    paths: dict[str, dict[str, ToolPath]] = {}
+    poses: dict[str, dict[str, Array]] = {}
     with report_compilation(bar.line):
         for fold in optimise_plan(
             garment, settings, options.step, method, options.budget, bar.restart, partial(_show, bar)
@@ -60,10 +60,10 @@ def run(options: argparse.Namespace) -> int:
             results.append(_figures(fold, settings.grasp.lift_height))
             bar.line(_line(results[-1]))
             if fold.paths:
-                paths[fold.step.name] = {i.value: path for i, path in fold.paths.items()}
+                poses[fold.step.name] = {i.value: pose_rows(path) for i, path in fold.paths.items()}
     bar.clear()
     if options.export is not None:
-        write_whole(options.export, export_text(garment.name, paths, options.export.suffix).encode())
+        write_whole(options.export, tool_poses_text(garment.name, poses, options.export.suffix).encode())
         print(f"tool poses and times  {options.export}", file=out)
     if options.json:
         export = str(options.export) if options.export else None
@@ -78,8 +78,8 @@ def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float)
 def _check_export(path: Path | None) -> None:
     if path is None:
         return
-    if path.suffix not in (".csv", ".json"):
-        raise ConfigurationError(f"--export {path}: a file ending in .csv or .json is expected")
+    if path.suffix not in SUFFIXES:
+        raise ConfigurationError(f"--export {path}: a file ending in {', '.join(SUFFIXES)} is expected")
     if not path.absolute().parent.is_dir():
         raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
 
@@ -107,39 +107,3 @@ def _line(figures: dict[str, Any]) -> str:
         f"{name}D {first:.1f} -> {best:.1f} mm (predicted)"
         f" in {figures['simulations']} simulations, {figures['wall_time_s']:.1f} s"
     )
-
-
-COLUMNS = ("fold", "arm", "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-
-
-def export_text(garment: str, paths: dict[str, dict[str, ToolPath]], suffix: str) -> str:
-    """Return the tool poses over time as CSV or JSON text, from the grasp through the straight lift to the
-    release.
-
-    Each row has the time [s], the position of the tool centre point [m] and the orientation of the tool frame
-    (quaternion, scalar last), both in the table frame (robots/ports.py). paths: fold -> grasp -> path. suffix:
-    '.csv' or '.json'.
-    """
-    rows: list[tuple[Any, ...]] = [
-        (fold, arm, *(round(float(v), 6) for v in (t, *p, *q)))
-        for fold, arms in paths.items()
-        for arm, path in arms.items()
-        for t, p, q in zip(path.t, path.position, _quaternions(path), strict=True)
-    ]
-    if suffix == ".csv":
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(rows)
-        return text.getvalue()
-    folds: dict[str, dict[str, list]] = {}
-    for fold, arm, *numbers in rows:
-        folds.setdefault(fold, {}).setdefault(arm, []).append(numbers)
-    value = {"schema": 1, "garment": garment, "frame": "table", "columns": COLUMNS[2:], "folds": folds}
-    return json.dumps(to_json(value)) + "\n"
-
-
-def _quaternions(path: ToolPath) -> Any:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(path.rotation).as_quat()

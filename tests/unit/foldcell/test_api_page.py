@@ -6,7 +6,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from cell.config.garments.garment_file import load_garment
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "api.md"
 
@@ -28,6 +31,13 @@ def test_the_examples_of_the_api_page_run(
     assert names["run"].result == {"schema": 1, **names["result"].as_json()}
     assert names["sent"].q.shape == (len(names["sent"].t), 14)
     assert names["half"].simulations == 1
+    poses = names["half"].tool_poses["left"]
+    assert np.allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0) and np.all(np.diff(poses[:, 0]) > 0)
+    assert {p.suffix for p in tmp_path.glob("half.*")} == {".csv", ".json", ".yaml"}
+    message = names["message"]
+    assert len(message["points"]) == len(names["sent"].t) and len(set(message["joint_names"])) == 14
+    own = load_garment(names["file"])
+    assert np.ptp(own.template[:, 1]) == pytest.approx(0.40, abs=0.005) and names["first"].garment == "my_towel"
     assert names["seen"].category == "towel"
     assert "'best'" in capsys.readouterr().out
 
@@ -37,5 +47,5 @@ def test_the_api_page_describes_every_function() -> None:
 
     text = PAGE.read_text(encoding="utf-8")
     functions = [name for name in foldcell.__all__ if name.islower()]
-    assert functions == ["fold", "load_run", "optimise", "perceive"]
+    assert functions == ["export", "fold", "load_run", "new_garment", "optimise", "perceive"]
     assert all(f"foldcell.{name}(" in text for name in functions)

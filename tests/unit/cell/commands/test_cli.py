@@ -703,26 +703,6 @@ def test_depth_files_are_read_in_metres_and_other_arrays_are_refused(tmp_path: P
 # optimise's export
 
 
-def test_exported_poses_read_back_as_the_tool_paths() -> None:
-    import csv
-
-    from scipy.spatial.transform import Rotation
-
-    from cell.commands.skill.optimise import export_text
-    from skills.vocabulary import ToolPath
-
-    t = np.linspace(0, 1, 5)
-    angle = 0.3 * t
-    path = ToolPath(t, np.column_stack([t, 2 * t, 0 * t]), angle, 0.5 * angle, 0.2 * angle)
-    rows = list(csv.DictReader(export_text("g", {"half": {"left": path}}, ".csv").splitlines()))
-    assert [float(r["y_m"]) for r in rows] == pytest.approx(list(2 * t))
-    assert {(r["fold"], r["arm"]) for r in rows} == {("half", "left")}
-    read = Rotation.from_quat([[float(r[k]) for k in ("qx", "qy", "qz", "qw")] for r in rows])
-    assert np.allclose(read.as_matrix(), path.rotation, atol=1e-5)
-    value = json.loads(export_text("g", {"half": {"left": path}}, ".json"))
-    assert np.allclose(np.array(value["folds"]["half"]["left"])[:, 1:4], path.position)
-
-
 @pytest.mark.parametrize("line", ["--export out.txt", "--export none/out.csv", "--step 9"])
 def test_optimise_checks_its_arguments_first(
     line: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,0 +1,83 @@
+"""Make the file of a garment of one's own from a picture in which it was recognised."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from foldcell.settings import Settings, cell_settings
+
+if TYPE_CHECKING:
+    from foldcell.perceiving import PerceivedGarment
+
+__all__ = ["new_garment"]
+
+
+def new_garment(
+    seen: PerceivedGarment,
+    file: str | Path,
+    *,
+    like: str | Path,
+    length: float | None = None,
+    between: tuple[str, str] | None = None,
+    title: str | None = None,
+    settings: Settings = None,
+) -> Path:
+    """Write the file of a new garment, which `fold`, `optimise` and `perceive` take as their garment. Its poses
+    are such that the cell of the settings can fold it. Returns the file's path.
+
+    seen: the garment as `perceive(..., garment=like)` found it. like: name or file of a garment with the same
+    folds. length [m]: measured on the garment between the two key points `between`; None for a picture by the
+    cell's camera (unit 'm'), which measures sizes itself. title: None for the file's name in words.
+
+    Raises ConfigurationError if nothing was recognised, for a wrong argument, for a file that exists, and if the
+    folds cannot be planned on this outline; StorageError if the file cannot be written.
+    """
+    import numpy as np
+
+    from cell.config.garments.garment_file import load_garment
+    from cell.config.garments.new_garment import new_garment_text
+    from cell.hardware.placement import fitting_poses
+    from cell.hardware.robot_model import load_robot
+    from cell.support.files.whole_file import write_whole
+    from robots.errors import ConfigurationError
+    from skills.garments.fitted import fitted_template
+
+    cell, path = cell_settings(settings), Path(file)
+    known, model = load_garment(str(like), cell.surface), load_robot(cell)
+    if seen.failure is not None:
+        raise ConfigurationError(f"seen: no garment was recognised ({seen.failure.what})", seen.failure.hint)
+    if set(seen.keypoints) != set(known.keypoints):
+        raise ConfigurationError(
+            f"seen: has not the key points of {known.name}", f"call perceive with garment={str(like)!r}"
+        )
+    if path.suffix not in (".yaml", ".yml"):
+        raise ConfigurationError(f"file: {path}", "a garment file ends in .yaml")
+    if path.exists():
+        raise ConfigurationError(f"file: {path} exists", "give another name, or remove it first")
+    measured = None
+    if seen.unit == "px":
+        if length is None or between is None or not 0.05 <= length <= 3.0:
+            raise ConfigurationError(
+                f"length: {length}, between: {between}",
+                "a photograph shows no sizes: measure 0.05 to 3 m between two key points of the garment",
+            )
+        if len(set(between)) != 2 or not set(between) <= set(known.keypoints):
+            raise ConfigurationError(f"between: {between}", f"give two of {', '.join(known.keypoints)}")
+        measured = known.keypoints.index(between[0]), known.keypoints.index(between[1])
+    elif length is not None or between is not None:
+        raise ConfigurationError(
+            "length: the cell's camera knows the garment's size", "leave length and between out"
+        )
+    points = np.array([seen.keypoints[name] for name in known.keypoints])
+    if seen.unit == "px":
+        points = -points[:, ::-1]  # up in the picture is forward, left is left
+    template = fitted_template(points, known.template, measured, length)
+    origin = "Outline from a picture, made by foldcell.new_garment"
+    named = title or path.stem.replace("_", " ").capitalize()
+    text = new_garment_text(
+        str(like), path.stem, named, template, origin, cell.surface,
+        lambda garment: fitting_poses(garment, cell, model),
+    )  # fmt: skip
+    write_whole(path, text)
+    return path
