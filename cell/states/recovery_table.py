@@ -166,7 +166,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # the fold itself
     K.DRIFT: (Recovery(Event.CARRY_ON), *_SHAPE),  # the shape is right but displaced: the plan is moved to it
     K.OFF_TARGET: (*_GOOD_ENOUGH, *_undo(A.NONE), *_SHAPE),
-    K.PILING: (*_GOOD_ENOUGH, *_SHAPE),
+    K.PILING: (*_GOOD_ENOUGH, *_undo(A.OPTIMISE), *_SHAPE),
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_SHAPE),
     K.SAG: (*_GOOD_ENOUGH, *_undo(A.OPTIMISE), *_SHAPE),
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_undo(A.STRONGER), *_SHAPE),

@@ -103,10 +103,11 @@ def judge_fold(
 def _estimated(
     cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
 ) -> tuple[RunContext, str]:
-    """Estimate the state of a garment whose outline is not as predicted, once per fold. Returns the context with
-    the estimate, and the state in words for the failure; empty if the fold is made or nothing was estimated."""
+    """Estimate the state of a garment that is not as predicted, once per fold, so that the fold can be undone.
+    Returns the context with the estimate, and the state in words for the failure; empty if the fold is made or
+    nothing was estimated. After a drift nothing is undone."""
     seen = attempt.inspection
-    if context.fold.estimate is not None or seen is None or outline_matches(seen, cell.inspection):
+    if context.fold.estimate is not None or seen is None or seen.diagnosis is FailureKind.DRIFT:
         return context, ""
     outcome = note_estimate(cell, context, plan, attempt, frame)
     if outcome.failure:
