@@ -90,7 +90,9 @@ def judge_fold(
     """Inspect the fold in the picture, and make the claim about the last fold. Return the attempt with both, and
     the inspection."""
     step, target = plan.steps[context.fold.index], fold_target(plan, context.fold.index)
-    outcome = _compare(cell, context, frame, attempt.predicted, step, attempt.before, target)
+    outcome = _compare(
+        cell, context, frame, attempt.predicted, step, attempt.before, target, _earlier_look(attempt)
+    )
     if outcome.failure:
         return Outcome(failure=outcome.failure)
     inspection = outcome.unwrap()
@@ -98,6 +100,12 @@ def judge_fold(
         inspection = judged_as_before(attempt.pressed[0], inspection, step, cell.inspection)
     claim = make_claim(cell, context, plan, attempt, inspection)
     return Outcome((replace(attempt, inspection=inspection, claim=claim), inspection))
+
+
+def _earlier_look(attempt: Attempt) -> Inspection | None:
+    """Return the last inspection of this fold, if nothing has pressed on it since."""
+    seen = attempt.inspection
+    return None if attempt.pressed and attempt.pressed[-1] is seen else seen
 
 
 def _estimated(
@@ -219,16 +227,17 @@ def _compare(
     step: FoldStep | None,
     before: CameraFrame | None,
     target: FoldTarget | None = None,
+    earlier: Inspection | None = None,
 ) -> Outcome[Inspection]:
     """Compare the picture with a shape. step: the fold that was just made, or None; before: the picture taken
-    before that fold. target: the perfect fold, for the claim."""
+    before that fold. target: the perfect fold, for the claim. earlier: an earlier look at the same fold."""
     sight = context.sight
     flat_top = context.recognition.perception.top if context.recognition else None
     return cell.compute(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
-            step, cell.inspection, sight.previous, flat_top, before, target,
+            step, cell.inspection, sight.previous, flat_top, before, target, earlier,
         ),
     )  # fmt: skip
 

@@ -21,6 +21,7 @@ from skills.perception.inspection.fold_heights import (
 from skills.perception.inspection.left_behind import left_behind
 from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from skills.perception.inspection.repeated_look import averaged_height
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
 from skills.perception.monitoring.silhouette import find_silhouette, open_views
@@ -57,6 +58,7 @@ def inspect(
     flat_top: float | None = None,
     before: CameraFrame | None = None,
     target: FoldTarget | None = None,
+    earlier: Inspection | None = None,
 ) -> Outcome[Inspection]:
     """Compare one picture with the predicted mesh and diagnose the fold.
 
@@ -65,7 +67,8 @@ def inspect(
     a frozen camera. before: the picture before the fold (previous if None), to detect the cloth that the fold laid
     on top. flat_top: mean height of the flat garment as the camera saw it, `Perception.top` [m]. Creases and pile
     make it higher than the mesh's middle surface; the prediction is raised by the difference. target: the perfect
-    fold, with which the observation is compared as well.
+    fold, with which the observation is compared as well. earlier: an inspection of the same garment at rest;
+    heights are averaged over both looks.
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
     nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
@@ -80,6 +83,8 @@ def inspect(
         return Outcome(failure=silhouette.failure)
     view, seen, empty, height = views.view, views.seen, views.empty, views.height
     found = silhouette.unwrap()
+    if earlier is not None:
+        height = averaged_height(height, found.mask, earlier)
     expected = draw_shape(view, predicted)
     if flat_top is not None:
         expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))

@@ -70,6 +70,18 @@ def test_a_fold_as_predicted_leads_to_the_next_step(
     assert [note.name for note in result.context.done] == ["half", "quarter"][: index + 1]
 
 
+@pytest.mark.parametrize("pressed", [False, True])
+def test_a_second_look_is_averaged_with_the_first_unless_the_fold_was_pressed(
+    pressed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, given = seen(K.SAG), []
+    look(monkeypatch, seen())
+    monkeypatch.setattr(inspecting, "inspect", lambda *arguments: given.append(arguments[-1]) or Outcome(seen()))
+    context = made(inspection=first, pressed=(first,) if pressed else ())
+    inspect_fold(fake_workcell(FakeCell()), context)
+    assert given == [None if pressed else first]
+
+
 @pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER, K.OFF_TARGET])
 def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     kind: FailureKind, monkeypatch: pytest.MonkeyPatch
