@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import foldcell
+from benchmarks.photographs.canvas import footprint
 from benchmarks.photographs.lens import through
 from benchmarks.photographs.outline import Points
 from benchmarks.photographs.photograph import Photograph
@@ -60,7 +61,7 @@ class Judgement:
 def judge(photograph: Photograph) -> Judgement:
     """Show the photograph to the perception and compare what it says with the truth."""
     camera, garment = photograph.camera, photograph.garment
-    settings = {"camera": photograph.truth["camera"]} if photograph.known_camera else None
+    settings = cell(photograph) if photograph.known_camera else None
     begun = time.perf_counter()
     seen = foldcell.perceive(
         photograph.picture,
@@ -92,6 +93,14 @@ def judge(photograph: Photograph) -> Judgement:
         seconds=seconds,
         details={"garment": garment.template, **photograph.details},
     )
+
+
+def cell(photograph: Photograph) -> dict[str, Any]:
+    """What a user states of the cell: where its camera is, and that the table fills the whole picture."""
+    seen = footprint(photograph.camera)
+    near, right = (float(v) for v in seen.min(axis=0))
+    far, left = (float(v) for v in seen.max(axis=0))
+    return {"camera": photograph.truth["camera"], "table": {"x": [near, far], "y": [right, left]}}
 
 
 def figures(judgements: list[Judgement]) -> dict[str, float]:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from benchmarks.photographs.outline import Corner, Points, edge, trace
 
@@ -150,7 +151,14 @@ def vest(rng: np.random.Generator) -> Garment:
 
 
 def trousers(rng: np.random.Generator, template: str) -> Garment:
-    """Pants, jeans and shorts. waist_near is on the right side when the waist is up."""
+    """Pants, jeans and shorts whose legs lie beside each other. waist_near is on the left when the waist is up."""
+    while True:
+        garment = _trousers(rng, template)
+        if Polygon(garment.outline).is_valid:  # else one leg lies on the other
+            return garment
+
+
+def _trousers(rng: np.random.Generator, template: str) -> Garment:
     vary, size = _vary(rng), _size(rng)
     length, waist, opening, rise, apart = {
         "pants": (0.92, 0.19, 0.16, 0.28, 0.04),
