@@ -5,28 +5,37 @@ from __future__ import annotations
 import argparse
 import re
 import time
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.shear import clip_and_lowest
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json
 from cell.commands.skill.perceive import look_at, write_overlay, write_refused
-from cell.config.cell_settings import load_settings
+from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
+from cell.config.garments.key_points_file import read_key_points
 from cell.config.garments.new_garment import new_garment_text
 from cell.hardware.placement import fitting_poses
 from cell.hardware.robot_model import load_robot
+from cell.support.files.picture_file import read_picture
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
+from robots.ports import Array
 from skills.garments.fitted import fitted_template
 from skills.garments.garment import Garment
 
 __all__ = ["add_options", "run"]
 
-HINT = "lay it flat and straight on a plain ground, photograph it from above, or give another garment with --like"
+HINT = (
+    "lay it flat and straight on a plain ground, photograph it from above, give another garment with --like, or "
+    "give its key points in pixels with --key-points"
+)
 SHORTEST, LONGEST = 0.05, 3.0
 """Shortest and longest allowed --length [m]."""
 
@@ -37,6 +46,12 @@ def add_options(actions: Commands) -> None:
     new.add_argument("--like", required=True, metavar="GARMENT", help="name or file of one with the same folds")
     new.add_argument("--length", type=float, metavar="M", help="metres measured on it between two key points")
     new.add_argument("--between", metavar="A,B", help="these key points (the two farthest apart along the cloth)")
+    new.add_argument(
+        "--key-points",
+        type=Path,
+        metavar="FILE",
+        help="they are not recognised: YAML or JSON, name: [column, row]",
+    )
     new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
     new.add_argument("--replace", action="store_true", help="write over a file that exists")
@@ -57,14 +72,15 @@ def run(options: argparse.Namespace) -> int:
     Raises ConfigurationError for wrong arguments, StorageError if a file cannot be written.
     """
     settings = load_settings(options.cell)
-    surface = settings.surface
-    like = load_garment(options.like, surface)
+    like = load_garment(options.like, settings.surface)
     pair = _measured(options, like)
-    output = options.output or Path(f"{_name(options.image.stem)}.yaml")
+    output = _output(options)
     if output.exists() and not options.replace:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
+    if options.key_points is not None:
+        return _from_key_points(options, settings, like, pair, output)
     look = look_at(options, options.like)
     overlay = output.with_name(f"{output.stem}-perceived.png")
     if (failure := look.outcome.failure) is not None:
@@ -81,29 +97,85 @@ def run(options: argparse.Namespace) -> int:
     perception = look.outcome.unwrap()
     points = np.array([perception.state.keypoints[name] for name in like.keypoints])
     template = fitted_template(points, like.template, pair, options.length)
-    title = options.title or output.stem.replace("_", " ").capitalize()
+    write_overlay(overlay, perception, look.frame)
+    _write(
+        options, settings, like, template, f"Outline from {options.image.name} ({_scaled(options, like, pair)})"
+    )
+    found = {"recognised": True, "confidence": perception.state.confidence}
+    return _say(options, like, template, output, overlay, found)
+
+
+def _from_key_points(
+    options: argparse.Namespace, settings: CellSettings, like: Garment, pair: tuple[int, int] | None, output: Path
+) -> int:
+    """Make the file from key points that a person has read off the photograph, and draw them into it."""
+    if pair is None:
+        raise ConfigurationError("--key-points with --unit m", "key points are in pixels: give --length instead")
+    picture = read_picture(options.image)
+    points = read_key_points(options.key_points, like, picture.shape[1], picture.shape[0])
+    forward_left = -points[:, ::-1]  # up in the picture is forward
+    template = fitted_template(forward_left, like.template, pair, options.length)
+    overlay = output.with_name(f"{output.stem}-key-points.png")
+    _draw_key_points(overlay, picture, like.keypoints, points)
+    origin = f"Outline from {options.image.name}, key points by hand ({_scaled(options, like, pair)})"
+    _write(options, settings, like, template, origin)
+    return _say(options, like, template, output, overlay, {"recognised": False})
+
+
+def _draw_key_points(path: Path, picture: NDArray[np.uint8], names: Sequence[str], points: Array) -> None:
+    """Draw the outline and the names into the picture (H, W, 3) RGB, and write it as a PNG."""
+    import cv2
+
+    drawn, at = picture[:, :, ::-1].copy(), np.round(points).astype(np.int32)
+    thick = max(1, picture.shape[1] // 500)
+    cv2.polylines(drawn, [at], True, (0, 200, 255), thick, cv2.LINE_AA)
+    for name, place in zip(names, at.tolist(), strict=True):
+        cv2.circle(drawn, place, 4 * thick, (0, 0, 255), thick, cv2.LINE_AA)
+        cv2.putText(drawn, name, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, (0, 0, 255), thick, cv2.LINE_AA)
+    done, png = cv2.imencode(".png", drawn)
+    if not done:
+        raise AssertionError("a drawing could not be encoded")
+    write_whole(path, png.tobytes())
+
+
+def _write(
+    options: argparse.Namespace, settings: CellSettings, like: Garment, template: Array, origin: str
+) -> None:
+    """Write the garment's file. origin: of its outline."""
+    output = _output(options)
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
-    origin = f"Outline from {options.image.name} ({_scaled(options, like, pair)}), {made}"
     model = load_robot(settings)
     text = new_garment_text(
-        options.like, output.stem, title, template, origin, surface,
+        options.like, output.stem, _title(options), template, f"{origin}, {made}", settings.surface,
         lambda garment: fitting_poses(garment, settings, model),
     )  # fmt: skip
     write_whole(output, text)
-    write_overlay(overlay, perception, look.frame)
+
+
+def _say(
+    options: argparse.Namespace, like: Garment, template: Array, output: Path, overlay: Path, found: dict[str, Any]
+) -> int:
+    """Print what was made. found: what the recognition says, for the JSON object. Returns 0."""
     size = np.ptp(template, axis=0)
     if options.json:
         print_json({
-            "image": str(options.image), "recognised": True, "file": str(output), "overlay": str(overlay),
-            "size_m": size, "confidence": perception.state.confidence,
+            "image": str(options.image), **found, "file": str(output), "overlay": str(overlay), "size_m": size,
             "keypoints_m": dict(zip(like.keypoints, template.tolist(), strict=True)),
         })  # fmt: skip
         return 0
-    print(f"{title}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}")
+    print(f"{_title(options)}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}")
     print(f"file     {output}")
     print(f"overlay  {overlay}   (check the positions of the key points)")
     print(f"next     foldcell garment check {output} --draw .   then measure its fabric: foldcell calibrate")
     return 0
+
+
+def _output(options: argparse.Namespace) -> Path:
+    return options.output or Path(f"{_name(options.image.stem)}.yaml")
+
+
+def _title(options: argparse.Namespace) -> str:
+    return options.title or _output(options).stem.replace("_", " ").capitalize()
 
 
 def _measured(options: argparse.Namespace, like: Garment) -> tuple[int, int] | None:

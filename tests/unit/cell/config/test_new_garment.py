@@ -113,3 +113,56 @@ def test_a_photograph_of_another_garment_type_writes_no_file(
     assert not told["recognised"] and told["reason"] and "--like" in told["hint"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [shirt.name, "my_shirt-perceived.png"]
     assert told["overlay"] == "my_shirt-perceived.png", "the picture shows what was taken for the garment"
+
+
+def pixels(angle: float = 0.15) -> dict[str, list[float]]:
+    """Where `photograph` draws the key points of OWN."""
+    c, s = np.cos(angle), np.sin(angle)
+    xy = np.array(list(OWN.values())) @ np.array([[c, s], [-s, c]])
+    places = np.column_stack([640 - METRE * xy[:, 1], 480 - METRE * xy[:, 0]])
+    return {name: [round(float(v), 2) for v in p] for name, p in zip(OWN, places, strict=True)}
+
+
+HEM = ["--between", "hem_right,hem_left", "--length", "0.44"]
+BY_HAND = ["--like", "t_shirt", *HEM, "--key-points", "by_hand.yaml"]
+NEAR_THE_HEM = [pixels()["hem_left"][0], pixels()["hem_left"][1] - 8.0]
+
+
+def test_key_points_by_hand_make_a_garment_that_was_not_recognised(
+    shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cell.commands.garment.new.fitting_poses", lambda *_: None)
+    monkeypatch.setattr("cell.commands.garment.new.look_at", None)  # the picture is not interpreted
+    Path("by_hand.yaml").write_text(json.dumps(pixels()), encoding="utf-8")
+    assert main(["garment", "new", str(shirt), *BY_HAND, "--json"]) == 0
+    told = answer(capsys)
+    own = load_garment(tmp_path / told["file"])
+    true = np.array([OWN[name] for name in own.keypoints])
+    assert np.linalg.norm(own.template - true, axis=1).max() < 0.001
+    drawn, plain = cv2.imread(told["overlay"]), cv2.imread(str(shirt))
+    assert drawn is not None and plain is not None and drawn.shape == plain.shape and (drawn != plain).any()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"hem_left": None}, ["hem_left = None", "[column, row]"]),
+        ({"hem_left": [100, "a"]}, ["by_hand.yaml:", "hem_left", "[column, row]"]),
+        ({"hem_left": [100.0, 961.0]}, ["hem_left = [100.0, 961.0]", "960 rows"]),
+        ({"belly": [1.0, 1.0]}, ["belly", "hem_right, armpit_right"]),
+        ({"hem_left": pixels()["collar_left"], "collar_left": pixels()["hem_left"]}, ["crosses itself"]),
+        ({name: [1280 - p[0], p[1]] for name, p in pixels().items()}, ["clockwise", "left and right"]),
+        ({"armpit_left": NEAR_THE_HEM}, ["from armpit_left to hem_left", "as far"]),
+    ],
+)
+def test_implausible_key_points_are_refused_with_their_reason(
+    change: dict[str, Any], said: list[str], shirt: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path("by_hand.yaml").write_text(json.dumps(pixels() | change), encoding="utf-8")
+    assert main(["garment", "new", str(shirt), *BY_HAND]) == 64
+    message = capsys.readouterr().err
+    assert all(part in message for part in said), message
+    assert not (tmp_path / "my_shirt.yaml").exists()
