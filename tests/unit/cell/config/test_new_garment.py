@@ -63,6 +63,7 @@ def test_a_new_shirt_is_made_from_a_photograph(
     assert own.poses == like.poses
     capsys.readouterr()
     assert main(line) == 64 and "exists" in capsys.readouterr().err, "an existing file is not overwritten"
+    assert main([*line, "--replace"]) == 0 and "next" in capsys.readouterr().out
 
 
 def test_a_new_towel_lies_where_this_cell_folds_it(
@@ -79,7 +80,6 @@ def test_a_new_towel_lies_where_this_cell_folds_it(
     poses = load_garment(tmp_path / "cloth.yaml").poses
     assert poses.x[1] + depth / 2 < 0.66 and poses != load_garment("small_towel").poses
     assert main(["garment", "check", "cloth.yaml", "--cell", "cell.yaml"]) == 0
-    assert main([*line, "--replace"]) == 0
 
 
 @pytest.mark.parametrize(
