@@ -30,9 +30,12 @@ def read_key_points(path: Path, like: Garment, columns: int, rows: int) -> Array
     missing = [name for name in like.keypoints if name not in document.data]
     unknown = [name for name in document.data if name not in like.keypoints]
     if missing or unknown:
-        wrong = f"{', '.join(missing)} missing" if missing else f"{document.where((unknown[0],))}: {unknown[0]}"
+        wrong = [f"{name} is missing" for name in missing]
+        wrong += [f"{document.where((name,))}: {name} is unknown" for name in unknown]
         raise ConfigurationError(
-            f"{path}: {wrong}", f"the key points of {like.name} are {', '.join(like.keypoints)}", path=str(path)
+            f"{path}: {', '.join(wrong)}",
+            f"the key points of {like.name} are {', '.join(like.keypoints)}",
+            path=str(path),
         )
     points = np.array([_place(document, name, columns, rows) for name in like.keypoints])
     outline = shapely.Polygon(points)

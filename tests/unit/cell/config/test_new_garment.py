@@ -150,7 +150,7 @@ def test_key_points_by_hand_make_a_garment_that_was_not_recognised(
         ({"hem_left": None}, ["hem_left = None", "[column, row]"]),
         ({"hem_left": [100, "a"]}, ["by_hand.yaml:", "hem_left", "[column, row]"]),
         ({"hem_left": [100.0, 961.0]}, ["hem_left = [100.0, 961.0]", "960 rows"]),
-        ({"belly": [1.0, 1.0]}, ["belly", "hem_right, armpit_right"]),
+        ({"belly": [1.0, 1.0]}, ["by_hand.yaml:1: belly is unknown", "hem_right, armpit_right"]),
         ({"hem_left": pixels()["collar_left"], "collar_left": pixels()["hem_left"]}, ["crosses itself"]),
         ({name: [1280 - p[0], p[1]] for name, p in pixels().items()}, ["clockwise", "left and right"]),
         ({"armpit_left": NEAR_THE_HEM}, ["from armpit_left to hem_left", "as far"]),
