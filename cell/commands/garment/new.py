@@ -21,8 +21,6 @@ from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.key_points_file import read_key_points
 from cell.config.garments.new_garment import new_garment_text
-from cell.hardware.placement import fitting_poses
-from cell.hardware.robot_model import load_robot
 from cell.support.files.picture_file import read_picture
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
@@ -142,6 +140,10 @@ def _write(
     options: argparse.Namespace, settings: CellSettings, like: Garment, template: Array, origin: str
 ) -> None:
     """Write the garment's file. origin: of its outline."""
+    # loaded only now, because kinematics take seconds to load, and a picture is refused sooner
+    from cell.hardware.placement import fitting_poses
+    from cell.hardware.robot_model import load_robot
+
     output = _output(options)
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
     model = load_robot(settings)
