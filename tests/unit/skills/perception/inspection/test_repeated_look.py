@@ -33,3 +33,9 @@ def test_a_garment_that_has_moved_is_seen_anew() -> None:
     now = noisy(1)
     assert averaged_height(now, MASK, inspection(height=noisy(2), mask=np.roll(MASK, 3, axis=1))) is now
     assert averaged_height(now, MASK, inspection(height=noisy(2)[:, :50], mask=MASK[:, :50])) is now
+
+
+def test_a_pile_that_was_smoothed_within_the_outline_is_seen_anew() -> None:
+    piled, now = noisy(2), noisy(1)
+    piled[30:40, 30:45] += 0.02
+    assert averaged_height(now, MASK, inspection(height=piled, mask=MASK)) is now
