@@ -36,15 +36,11 @@ def new_garment(
     import numpy as np
 
     from cell.config.garments.garment_file import load_garment
-    from cell.config.garments.new_garment import new_garment_text
-    from cell.hardware.placement import fitting_poses
-    from cell.hardware.robot_model import load_robot
-    from cell.support.files.whole_file import write_whole
+    from cell.hardware.own_garment import as_laid, write_own_garment
     from robots.errors import ConfigurationError
-    from skills.garments.fitted import fitted_template
 
     cell, path = cell_settings(settings), Path(file)
-    known, model = load_garment(str(like), cell.surface), load_robot(cell)
+    known = load_garment(str(like), cell.surface)
     if seen.failure is not None:
         raise ConfigurationError(f"seen: no garment was recognised ({seen.failure.what})", seen.failure.hint)
     if set(seen.keypoints) != set(known.keypoints):
@@ -70,14 +66,9 @@ def new_garment(
             "length: the cell's camera knows the garment's size", "leave length and between out"
         )
     points = np.array([seen.keypoints[name] for name in known.keypoints])
-    if seen.unit == "px":
-        points = -points[:, ::-1]  # up in the picture is forward, left is left
-    template = fitted_template(points, known.template, measured, length)
-    origin = "Outline from a picture, made by foldcell.new_garment"
     named = title or path.stem.replace("_", " ").capitalize()
-    text = new_garment_text(
-        str(like), path.stem, named, template, origin, cell.surface,
-        lambda garment: fitting_poses(garment, cell, model),
+    write_own_garment(
+        path, str(like), named, as_laid(points) if seen.unit == "px" else points, measured, length,
+        "Outline from a picture, made by foldcell.new_garment", cell,
     )  # fmt: skip
-    write_whole(path, text)
     return path

@@ -5,28 +5,24 @@ from __future__ import annotations
 import argparse
 import re
 import time
-from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.shear import clip_and_lowest
 from cell.commands.options import Commands, add_command, cell_option, json_option
 from cell.commands.output import print_json
-from cell.commands.skill.perceive import look_at, write_overlay, write_refused
+from cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.key_points_file import read_key_points
-from cell.config.garments.new_garment import new_garment_text
 from cell.support.files.picture_file import read_picture
-from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from robots.ports import Array
-from skills.garments.fitted import fitted_template
 from skills.garments.garment import Garment
+from skills.perception.overlay import draw_overlay
 
 __all__ = ["add_options", "run"]
 
@@ -48,7 +44,7 @@ def add_options(actions: Commands) -> None:
         "--key-points",
         type=Path,
         metavar="FILE",
-        help="they are not recognised: YAML or JSON, name: [column, row]",
+        help="key points read off the IMAGE by hand: YAML or JSON, name: [column, row]",
     )
     new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
@@ -93,12 +89,9 @@ def run(options: argparse.Namespace) -> int:
             print(f"overlay  {overlay}   (what was taken for the garment)")
         return 2
     perception = look.outcome.unwrap()
-    points = np.array([perception.state.keypoints[name] for name in like.keypoints])
-    template = fitted_template(points, like.template, pair, options.length)
     write_overlay(overlay, perception, look.frame)
-    _write(
-        options, settings, like, template, f"Outline from {options.image.name} ({_scaled(options, like, pair)})"
-    )
+    points = np.array([perception.state.keypoints[name] for name in like.keypoints])
+    template = _write(options, settings, points, pair, f"({_scaled(options, like, pair)})")
     found = {"recognised": True, "confidence": perception.state.confidence}
     return _say(options, like, template, output, overlay, found)
 
@@ -107,51 +100,31 @@ def _from_key_points(
     options: argparse.Namespace, settings: CellSettings, like: Garment, pair: tuple[int, int] | None, output: Path
 ) -> int:
     """Make the file from key points that a person has read off the photograph, and draw them into it."""
+    from cell.hardware.own_garment import as_laid
+
     if pair is None:
         raise ConfigurationError("--key-points with --unit m", "key points are in pixels: give --length instead")
     picture = read_picture(options.image)
     points = read_key_points(options.key_points, like, picture.shape[1], picture.shape[0])
-    forward_left = -points[:, ::-1]  # up in the picture is forward
-    template = fitted_template(forward_left, like.template, pair, options.length)
     overlay = output.with_name(f"{output.stem}-key-points.png")
-    _draw_key_points(overlay, picture, like.keypoints, points)
-    origin = f"Outline from {options.image.name}, key points by hand ({_scaled(options, like, pair)})"
-    _write(options, settings, like, template, origin)
+    named = dict(zip(like.keypoints, points, strict=True))
+    write_picture(overlay, draw_overlay(picture, None, points, named, f"{_title(options)}, by hand"))
+    template = _write(options, settings, as_laid(points), pair, f"by hand ({_scaled(options, like, pair)})")
     return _say(options, like, template, output, overlay, {"recognised": False})
 
 
-def _draw_key_points(path: Path, picture: NDArray[np.uint8], names: Sequence[str], points: Array) -> None:
-    """Draw the outline and the names into the picture (H, W, 3) RGB, and write it as a PNG."""
-    import cv2
-
-    drawn, at = picture[:, :, ::-1].copy(), np.round(points).astype(np.int32)
-    thick = max(1, picture.shape[1] // 500)
-    cv2.polylines(drawn, [at], True, (0, 200, 255), thick, cv2.LINE_AA)
-    for name, place in zip(names, at.tolist(), strict=True):
-        cv2.circle(drawn, place, 4 * thick, (0, 0, 255), thick, cv2.LINE_AA)
-        cv2.putText(drawn, name, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5 * thick, (0, 0, 255), thick, cv2.LINE_AA)
-    done, png = cv2.imencode(".png", drawn)
-    if not done:
-        raise AssertionError("a drawing could not be encoded")
-    write_whole(path, png.tobytes())
-
-
 def _write(
-    options: argparse.Namespace, settings: CellSettings, like: Garment, template: Array, origin: str
-) -> None:
-    """Write the garment's file. origin: of its outline."""
+    options: argparse.Namespace, settings: CellSettings, points: Array, pair: tuple[int, int] | None, how: str
+) -> Array:
+    """Write the garment's file. points: as laid; how: they were found. Returns its template."""
     # loaded only now, because kinematics take seconds to load, and a picture is refused sooner
-    from cell.hardware.placement import fitting_poses
-    from cell.hardware.robot_model import load_robot
+    from cell.hardware.own_garment import write_own_garment
 
-    output = _output(options)
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
-    model = load_robot(settings)
-    text = new_garment_text(
-        options.like, output.stem, _title(options), template, f"{origin}, {made}", settings.surface,
-        lambda garment: fitting_poses(garment, settings, model),
+    return write_own_garment(
+        _output(options), options.like, _title(options), points, pair, options.length,
+        f"Outline from {options.image.name} {how}, {made}", settings,
     )  # fmt: skip
-    write_whole(output, text)
 
 
 def _say(

@@ -24,7 +24,7 @@ from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation
 from skills.vocabulary import Outcome
 
-__all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_refused"]
+__all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_picture", "write_refused"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def _check_reference(options: argparse.Namespace) -> None:
 
 def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> None:
     """Write the picture with the recognised garment drawn over it. Raises StorageError."""
-    _write_picture(path, draw_on_camera(perception, frame.rgb))
+    write_picture(path, draw_on_camera(perception, frame.rgb))
 
 
 def write_refused(path: Path, look: Look) -> None:
@@ -116,12 +116,13 @@ def write_refused(path: Path, look: Look) -> None:
     assert look.outcome.failure is not None
     title = f"refused: {str(look.outcome.failure.kind).replace('_', ' ')}"
     if look.region is None:
-        _write_picture(path, draw_overlay(look.frame.rgb, title=title))
+        write_picture(path, draw_overlay(look.frame.rgb, title=title))
     else:
-        _write_picture(path, draw_region(*look.region, look.frame.rgb, title))
+        write_picture(path, draw_region(*look.region, look.frame.rgb, title))
 
 
-def _write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
+def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
+    """Write a picture (H, W, 3) RGB as a PNG. Raises StorageError."""
     done, png = cv2.imencode(".png", rgb[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")
