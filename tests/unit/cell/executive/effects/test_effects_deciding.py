@@ -155,6 +155,7 @@ def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldSta
         (K.DROPPED_CORNER, Adjustment.STRONGER),
         (K.MISSED_LAYER, Adjustment.LOWER),
         (K.SAG, Adjustment.OPTIMISE),
+        (K.PILING, Adjustment.OPTIMISE),
         (K.OFF_TARGET, Adjustment.NONE),
     ],
 )

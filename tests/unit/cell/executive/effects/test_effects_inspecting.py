@@ -82,6 +82,19 @@ def test_a_second_look_is_averaged_with_the_first_unless_the_fold_was_pressed(
     assert given == [None if pressed else first]
 
 
+@pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER])
+def test_the_state_is_estimated_after_each_refusal_but_a_drift(
+    kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also within a good outline: only a garment whose state is known is undone."""
+    asked: list[Any] = []
+    look(monkeypatch, seen(kind))
+    nothing = Outcome[Any](failure=Failure(K.NO_GARMENT, "nothing there"))
+    monkeypatch.setattr(inspecting, "note_estimate", lambda *_: asked.append(kind) or nothing)
+    inspect_fold(fake_workcell(FakeCell()), made())
+    assert asked == ([] if kind is K.DRIFT else [kind])
+
+
 @pytest.mark.parametrize("kind", [K.DRIFT, K.PILING, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER, K.OFF_TARGET])
 def test_a_fold_unlike_its_prediction_is_a_failure_of_its_kind(
     kind: FailureKind, monkeypatch: pytest.MonkeyPatch
