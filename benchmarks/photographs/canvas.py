@@ -12,6 +12,9 @@ from benchmarks.photographs.lens import Camera
 from benchmarks.photographs.noise import Field
 from benchmarks.photographs.outline import Points
 
+FINER = 4
+"""Pixels of the grid on which polygons are filled, per pixel of the canvas."""
+
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
@@ -29,9 +32,11 @@ class Canvas:
 
     def mask(self, polygon: Points) -> Field:
         """Coverage of the polygon [m], 0 to 1."""
-        drawn = np.zeros(self.shape, np.uint8)
-        cv2.fillPoly(drawn, [fixed(self.at(polygon))], 255, cv2.LINE_AA, 4)
-        return drawn.astype(np.float32) / 255
+        # OpenCV fills every pixel that the border touches, which would make cloth wider, and the gap between two
+        # legs narrower, by a pixel and a half. A grid four times finer leaves a quarter of a pixel of this.
+        fine = np.zeros((FINER * self.shape[0], FINER * self.shape[1]), np.uint8)
+        cv2.fillPoly(fine, [fixed((self.at(polygon) + 0.5) * FINER - 0.5)], 255, cv2.LINE_8, 4)
+        return cv2.resize(fine, self.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32) / 255
 
     def line(self, points: Points, width: float) -> Field:
         """Coverage of a line of that width [m]."""

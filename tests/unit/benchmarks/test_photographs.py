@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from benchmarks.photographs.canvas import under
+from benchmarks.photographs.canvas import Canvas, under
 from benchmarks.photographs.clutter import GAP, scatter
 from benchmarks.photographs.judge import calibration_error
 from benchmarks.photographs.lens import random_camera
@@ -45,6 +45,18 @@ def test_the_picture_shows_what_is_farther_higher_and_what_is_left_on_the_left()
     near, far, left = camera.pixels(np.array([[0.5, 0.0], [0.7, 0.0], [0.5, 0.1]]))
     assert far[1] < near[1]
     assert left[0] < near[0]
+
+
+@pytest.mark.parametrize("gap", [0.004, 0.02])
+def test_drawn_cloth_is_as_wide_as_its_outline(gap: float) -> None:
+    """Otherwise the gap between two legs would end before the crotch that is stated as true."""
+    canvas = Canvas((0.5, 0.25), 0.001, (500, 500))
+    low, high = -0.1 - gap / 2, 0.1 + gap / 2
+    cover = sum(
+        canvas.mask(np.array([[0.1, a], [0.4, a], [0.4, b], [0.1, b]]))
+        for a, b in ((low, -gap / 2), (gap / 2, high))
+    )
+    assert np.sum(1 - cover[250, 160:340]) * canvas.pixel == pytest.approx(gap, abs=0.0004)
 
 
 def test_things_keep_away_from_the_garment() -> None:
