@@ -1,8 +1,8 @@
 """Relocates the corners of a registered contour, as the last step of the registration.
 
 A sharp corner moves to the tip of the boundary's corner, a crotch to the intersection of the adjoining edges. A
-blunt corner moves to the mean of two places: where the registration put it, and where it is relative to the
-garment's body (`body`).
+blunt corner has two estimates: where the registration put it, and where it is relative to the garment's body
+(`body`). From their mean, it moves to the bend of the boundary (`bend`), as far as there is one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.registration.bend import BendSettings, locate_bend
 from skills.perception.registration.body import BodySettings, lay_body
 from skills.perception.registration.energy import Boundary, closest_segments, interior_angles, segment_lengths
 from skills.perception.template import polygon_area
@@ -47,6 +48,7 @@ class CornerSettings:
     """Length that smoothing during segmentation removes from the tip of a very acute corner."""
     normal_reach: float = 0.05
     body: BodySettings = field(default_factory=BodySettings)
+    bend: BendSettings = field(default_factory=BendSettings)
 
 
 def set_corners(
@@ -82,7 +84,9 @@ def set_corners(
         if blunt[k]:
             # The two estimates have about equal and nearly independent errors, so their mean is used.
             place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
-            moved[vertex] = boundary.points[boundary.nearest(place[None])[1][0]]
+            gaps = (corner_arc[k] - corner_arc[k - 1], corner_arc[(k + 1) % len(corners)] - corner_arc[k])
+            before, after = (gap % total for gap in gaps)
+            moved[vertex] = locate_bend(boundary, place, before, after, np.pi - angles[k], settings.bend).place
             continue
         notch = bool(angles[k] > settings.notch_angle)
         lines = _edge_lines(k, corner_arc, total, q, point_arc, settings.notch_edge if notch else settings.edge)
