@@ -16,6 +16,8 @@ from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.garment_height import garment_height, height_above
 from skills.perception.limb_poses import best_poses
 from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.registration.leg_gap import ClothPicture
+from skills.perception.registration.notches import set_notches
 from skills.perception.registration.register import Registration, register
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstructed
@@ -220,6 +222,8 @@ def _perceive_region(
         return failed(failure or Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
     garment = next(g for g in garments if g.name == chosen.name)
     registration = register(contour, garment, settings.registration)
+    cloth = ClothPicture(seen.rgb, segmentation.mask, lambda points: view.at_height(points, top))
+    registration = set_notches(registration, garment, cloth)
     stages.done("register")
 
     if (failure := misfit(registration, garment, contour, settings)) is not None:

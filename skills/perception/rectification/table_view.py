@@ -82,6 +82,12 @@ class TableView:
         row = (self._x_far - xy[..., 0]) / self.pixel - 0.5
         return np.stack([column, row], axis=-1)
 
+    def at_height(self, xy: Array, height: float) -> Array:
+        """Convert points (..., 2) at `height` above the table [m] to view pixels (..., 2), the inverse of
+        `to_table`."""
+        xy = np.asarray(xy, dtype=float)
+        return self.to_pixel(self.shadow_on_table(np.concatenate([xy, np.full((*xy.shape[:-1], 1), height)], -1)))
+
     def to_image(self, xyz: Array) -> Array:
         """Convert points in the table frame (..., 2) or (..., 3) [m] to pixels (..., 2) of the camera's
         picture."""

@@ -86,3 +86,8 @@ def test_a_square_on_the_table_is_a_square_in_the_view():
 def test_a_table_without_extent_is_refused():
     with pytest.raises(ValueError, match="too small"):
         TableView(camera(), Table(0.0, (0.3, 0.301), (-0.1, 0.1)))
+
+
+def test_at_height_is_the_inverse_of_to_table():
+    pixels = np.array([[100.0, 80.0], [300.0, 50.0]])
+    assert np.allclose(VIEW.at_height(VIEW.to_table(pixels, 0.01), 0.01), pixels, atol=1e-9)

@@ -1,0 +1,106 @@
+"""The gap between two drawn legs, whose end is known. The pixels are 2 mm wide, as in the table's view."""
+
+import cv2
+import numpy as np
+import pytest
+
+from skills.perception.registration.leg_gap import ClothPicture, locate_gap_end
+from skills.perception.registration.notches import set_notches
+from skills.perception.registration.register import register
+from tests.builders.silhouettes import Silhouette
+from tests.scenes import TROUSERS_NAMES, trousers
+
+PIXEL, FINER = 0.002, 5
+TIP = np.array([0.05, 0.003])
+"""True end of the gap, which runs along x [m]."""
+OPENING = np.array([0.42, 0.003])
+CLOTH, TABLE = np.array([40.0, 60.0, 120.0]), np.array([150.0, 120.0, 90.0])
+
+
+def legs(growth, cloth=CLOTH, table=TABLE, shade=0.0, resolved=0.008, stripes=0.0):
+    """Two legs, at x from 0 to 0.4 m, with a wedge of table between them.
+
+    growth: of the wedge's width. shade: share of light that the legs take from a narrow gap. resolved: the
+    segmentation closes a gap narrower than this [m]. stripes: brightness of stripes, relative to the cloth.
+    """
+    rows, columns = 120 * FINER, 230 * FINER
+    y, x = np.mgrid[:rows, :columns] * (PIXEL / FINER) - 0.5 * PIXEL * (1 - 1 / FINER)
+    y = y - 0.12
+    width = growth * np.maximum(x - TIP[0], 0.0)
+    is_cloth = (np.abs(y - TIP[1]) >= 0.5 * width) & (x < 0.4)
+    light = 1.0 - shade * np.exp(-width / 0.01)
+    pattern = 1.0 + stripes * (np.sin(2 * np.pi * (x + 0.4 * y) / 0.03) > 0)
+    fine = np.where(is_cloth[..., None], pattern[..., None] * cloth, light[..., None] * table)
+    rgb = cv2.resize(fine, (columns // FINER, rows // FINER), interpolation=cv2.INTER_AREA)
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.8) + np.random.default_rng(0).normal(0, 2.0, rgb.shape)
+    coarse = (np.abs(y - TIP[1]) >= 0.5 * np.where(width > resolved, width, 0.0)) & (x < 0.4)
+    mask = coarse[FINER // 2 :: FINER, FINER // 2 :: FINER]
+    return ClothPicture(np.clip(rgb, 0, 255).astype(np.uint8), mask, lambda p: (p + np.array([0.0, 0.12])) / PIXEL)
+
+
+@pytest.mark.parametrize("guess", [-0.03, 0.0, 0.03])
+@pytest.mark.parametrize("growth", [0.1, 0.2, 0.35])
+def test_the_gap_ends_at_the_tip_of_the_wedge(growth, guess):
+    end = locate_gap_end(legs(growth), TIP + np.array([guess, 0.002]), OPENING)
+    assert end is not None
+    assert np.linalg.norm(end.place - TIP) < 0.004
+    assert np.sqrt(end.covariance[0, 0]) < 0.010
+
+
+@pytest.mark.parametrize("shade", [0.3, 0.6])
+@pytest.mark.parametrize(
+    ("cloth", "table"), [(CLOTH, TABLE), (np.full(3, 20.0), np.full(3, 170.0)), (TABLE, CLOTH)]
+)
+def test_the_shade_between_the_legs_does_not_hide_the_end(cloth, table, shade):
+    end = locate_gap_end(legs(0.13, cloth, table, shade), TIP + np.array([0.02, 0.0]), OPENING)
+    assert end is not None
+    assert np.linalg.norm(end.place - TIP) < 0.010
+
+
+def test_the_gap_is_followed_in_patterned_cloth():
+    end = locate_gap_end(legs(0.15, stripes=0.5), TIP + np.array([-0.02, 0.0]), OPENING)
+    assert end is not None
+    assert np.linalg.norm(end.place - TIP) < 0.008
+
+
+def test_a_narrow_gap_is_less_certain_than_a_wide_one():
+    sigmas = []
+    for growth in (0.08, 0.15, 0.3):
+        end = locate_gap_end(legs(growth), TIP, OPENING)
+        assert end is not None
+        sigmas.append(end.covariance[0, 0])
+    assert sigmas == sorted(sigmas, reverse=True)
+
+
+def test_no_end_is_found_where_no_gap_is_seen():
+    assert locate_gap_end(legs(0.0), TIP, OPENING) is None
+    assert locate_gap_end(legs(0.15, CLOTH, CLOTH + 5.0), TIP, OPENING) is None
+
+
+def test_a_crotch_that_is_higher_than_the_template_s_is_found():
+    """The legs of these trousers are 30 mm longer than those of the template, from the crotch down."""
+    truth = trousers()
+    names, k = TROUSERS_NAMES, TROUSERS_NAMES.index("crotch")
+    template = truth.copy()
+    waist = template[[names.index(n) for n in names if n.startswith("waist")]].mean(axis=0)
+    template[k] += 0.03 * (template[k] - waist) / np.linalg.norm(waist - template[k])
+    low = truth.min(axis=0) - 0.05
+    size = np.ceil((np.ptp(truth, axis=0) + 0.1) / PIXEL).astype(int)
+
+    def pixels(points):
+        return (points - low) / PIXEL
+
+    fine = np.zeros((size[1] * FINER, size[0] * FINER), np.uint8)
+    cv2.fillPoly(fine, [np.round(((pixels(truth) + 0.5) * FINER - 0.5) * 16).astype(np.int32)], 255, cv2.LINE_8, 4)
+    cover = cv2.resize(fine, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA) / 255.0
+    rgb = cv2.GaussianBlur(cover[..., None] * CLOTH + (1 - cover[..., None]) * TABLE, (0, 0), 0.8)
+    mask = cv2.morphologyEx((cover > 0.5).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
+    contour = max(cv2.findContours(mask.astype(np.uint8), 0, cv2.CHAIN_APPROX_NONE)[0], key=len).reshape(-1, 2)
+    garment = Silhouette("pants", "pants", names, template)
+    by_outline = register(contour * PIXEL + low, garment)
+    found = set_notches(by_outline, garment, ClothPicture(rgb.astype(np.uint8), mask, pixels))
+    assert np.linalg.norm(found.keypoints["crotch"] - truth[k]) < 0.008
+    assert np.any(np.all(found.contour == found.keypoints["crotch"], axis=1))
+    assert {n: p for n, p in found.keypoints.items() if n != "crotch"} == {
+        n: p for n, p in by_outline.keypoints.items() if n != "crotch"
+    }
