@@ -212,6 +212,7 @@ def _perceive_region(
 
     top = garment_height(segmentation.mask, height)
     contour = view.to_table(segmentation.contour, top)
+    nominal = {garment.name: garment for garment in garments}
     if region.proposed:
         garments = best_poses(contour, garments)
         settings = replace(settings, polygon_iou=settings.proposed_polygon_iou)
@@ -223,7 +224,7 @@ def _perceive_region(
     garment = next(g for g in garments if g.name == chosen.name)
     registration = register(contour, garment, settings.registration)
     cloth = ClothPicture(seen.rgb, segmentation.mask, lambda points: view.at_height(points, top))
-    registration = set_notches(registration, garment, cloth)
+    registration = set_notches(registration, nominal[garment.name], cloth)
     stages.done("register")
 
     if (failure := misfit(registration, garment, contour, settings)) is not None:

@@ -28,7 +28,11 @@ _ASIDE = 0.004
 
 
 def set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
-    """Return the registration with its notches moved, as far as the picture shows the gaps."""
+    """Return the registration with its notches moved, as far as the picture shows the gaps.
+
+    garment: with its limbs as in its template, not swung: legs lie close together there, by which notches are
+    known.
+    """
     template = np.asarray(garment.template, dtype=float)
     angles = interior_angles(template if polygon_area(template) > 0 else template[::-1])
     angles = angles if polygon_area(template) > 0 else angles[::-1]
