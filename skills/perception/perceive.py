@@ -16,8 +16,8 @@ from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.garment_height import garment_height, height_above
 from skills.perception.limb_poses import best_poses
 from skills.perception.rectification.table_view import RectifiedView, TableView
-from skills.perception.registration.leg_gap import ClothPicture
-from skills.perception.registration.notches import set_notches
+from skills.perception.registration.cloth_picture import ClothPicture
+from skills.perception.registration.picture_refinement import refine_by_picture
 from skills.perception.registration.register import Registration, register
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstructed
@@ -224,7 +224,7 @@ def _perceive_region(
     garment = next(g for g in garments if g.name == chosen.name)
     registration = register(contour, garment, settings.registration)
     cloth = ClothPicture(seen.rgb, segmentation.mask, lambda points: view.at_height(points, top))
-    registration = set_notches(registration, nominal[garment.name], cloth)
+    registration = refine_by_picture(registration, nominal[garment.name], contour, cloth)
     stages.done("register")
 
     if (failure := misfit(registration, garment, contour, settings)) is not None:

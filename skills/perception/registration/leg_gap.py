@@ -9,7 +9,6 @@ darken the table. The wedge is fitted to the pixels by robust nonlinear least sq
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -18,23 +17,14 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from robots.ports import Array
+from skills.perception.registration.cloth_picture import ClothPicture, sample
 
 _LOW = np.array([-0.1, -0.05, -1.0, 0.02, -0.5, 0.001])
 _HIGH = np.array([0.2, 0.05, 1.0, 1.5, 1.0, 0.0035])
 """Bounds of the wedge's parameters."""
 _STEPS = 25
 
-__all__ = ["ClothPicture", "GapEnd", "GapSettings", "locate_gap_end"]
-
-
-@dataclass(frozen=True, eq=False)
-class ClothPicture:
-    """rgb: (H, W, 3) uint8, table and garment from above. mask: (H, W) bool, the garment. to_pixel: converts
-    points (n, 2) of the garment [m] to pixels (n, 2), column and row."""
-
-    rgb: NDArray[np.uint8]
-    mask: NDArray[np.bool_]
-    to_pixel: Callable[[Array], Array]
+__all__ = ["GapEnd", "GapSettings", "locate_gap_end"]
 
 
 @dataclass(frozen=True)
@@ -117,12 +107,8 @@ def _table_share(
     The colours are projected onto the direction that separates the table best from a patterned cloth (Fisher's
     linear discriminant).
     """
-    pixels = picture.to_pixel(strip.reshape(-1, 2)).reshape(strip.shape).astype(np.float32)
-    colour = cv2.remap(
-        picture.rgb, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    ).astype(float)
-    mask = picture.mask.astype(np.float32)
-    cloth = cv2.remap(mask, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    pixels = picture.pixels(strip)
+    colour, cloth = sample(picture.rgb, pixels), sample(picture.mask.astype(np.float32), pixels)
     is_cloth = cloth > 0.5
     between = np.maximum.accumulate(is_cloth, axis=1) & np.maximum.accumulate(is_cloth[:, ::-1], axis=1)[:, ::-1]
     gap = ~is_cloth & between

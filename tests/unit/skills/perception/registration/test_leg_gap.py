@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.registration.leg_gap import ClothPicture, locate_gap_end
-from skills.perception.registration.notches import set_notches
+from skills.perception.registration.cloth_picture import ClothPicture
+from skills.perception.registration.leg_gap import locate_gap_end
+from skills.perception.registration.picture_refinement import refine_by_picture
 from skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TROUSERS_NAMES, trousers
@@ -98,7 +99,9 @@ def test_a_crotch_that_is_higher_than_the_template_s_is_found():
     contour = max(cv2.findContours(mask.astype(np.uint8), 0, cv2.CHAIN_APPROX_NONE)[0], key=len).reshape(-1, 2)
     garment = Silhouette("pants", "pants", names, template)
     by_outline = register(contour * PIXEL + low, garment)
-    found = set_notches(by_outline, garment, ClothPicture(rgb.astype(np.uint8), mask, pixels))
+    found = refine_by_picture(
+        by_outline, garment, contour * PIXEL + low, ClothPicture(rgb.astype(np.uint8), mask, pixels)
+    )
     assert np.linalg.norm(found.keypoints["crotch"] - truth[k]) < 0.008
     assert np.any(np.all(found.contour == found.keypoints["crotch"], axis=1))
     assert {n: p for n, p in found.keypoints.items() if n != "crotch"} == {

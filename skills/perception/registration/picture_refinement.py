@@ -1,0 +1,108 @@
+"""Moves key points of a registered contour to details that only the picture shows.
+
+A notch, such as a crotch, moves to the end of the gap between two limbs (`leg_gap`), because the segmented
+boundary ends before it. A shoulder moves to the end of the sleeve's seam (`sleeve_seam`), because the outline
+hardly bends there. Where the picture does not show such a detail, the key point stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array, frozen
+from skills.perception.registration.cloth_picture import ClothPicture
+from skills.perception.registration.corners import CornerSettings
+from skills.perception.registration.energy import Boundary, interior_angles
+from skills.perception.registration.leg_gap import GapEnd, locate_gap_end
+from skills.perception.registration.register import Registration
+from skills.perception.registration.sleeve_seam import locate_seam
+from skills.perception.template import GarmentOutline, polygon_area
+
+__all__ = ["refine_by_picture"]
+
+_BY_EDGES = 0.010
+"""Standard deviation of the registration's place of a notch along the gap [m]."""
+_ASIDE = 0.004
+"""The same across the gap [m]."""
+
+
+def refine_by_picture(
+    registration: Registration, garment: GarmentOutline, contour: Array, picture: ClothPicture
+) -> Registration:
+    """Return the registration with its notches and shoulders moved, as far as the picture shows them.
+
+    garment: with its limbs as in its template, not swung: legs lie close together there, by which notches are
+    known. contour: (n, 2) observed boundary [m].
+    """
+    return _set_shoulders(_set_notches(registration, garment, picture), garment, contour, picture)
+
+
+def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
+    """A notch of the template is one in any pose. A limb can also lie close to the body, as a lowered sleeve."""
+    names, places = garment.keypoints, registration.keypoints
+    lying = np.array([places[name] for name in names])
+    angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
+    for k in np.flatnonzero(angles > CornerSettings().notch_angle):
+        name, beside = names[k], (names[k - 1], names[(k + 1) % len(names)])
+        opening = _between(places[name], places[beside[0]], places[beside[1]])
+        end = locate_gap_end(picture, places[name], opening)
+        if end is not None:
+            registration = _moved(registration, name, _combined(places[name], opening, end))
+    return registration
+
+
+def _set_shoulders(
+    registration: Registration, garment: GarmentOutline, contour: Array, picture: ClothPicture
+) -> Registration:
+    sides = [n.removeprefix("cuff_upper_") for n in garment.keypoints if n.startswith("cuff_upper_")]
+    sides = [side for side in sides if {f"shoulder_{side}", f"armpit_{side}"} <= set(garment.keypoints)]
+    if not sides:
+        return registration
+    boundary = Boundary(contour if polygon_area(contour) > 0 else contour[::-1])
+    for side in sides:
+        name = f"shoulder_{side}"
+        shoulder, armpit = registration.keypoints[name], registration.keypoints[f"armpit_{side}"]
+        place = locate_seam(picture, boundary, shoulder, armpit)
+        if place is not None:
+            registration = _moved(registration, name, place)
+    return registration
+
+
+def _interior_angles(polygon: Array) -> NDArray[np.float64]:
+    """Interior angles (n,) of a polygon (n, 2), whether it runs clockwise or not [rad]."""
+    if polygon_area(polygon) > 0:
+        return interior_angles(polygon)
+    return interior_angles(polygon[::-1])[::-1]
+
+
+def _between(notch: Array, first: Array, second: Array) -> Array:
+    """A point (2,) in the middle of the gap whose edges run from the notch to two corners, as far away as the
+    nearer of them."""
+    length = min(float(np.linalg.norm(first - notch)), float(np.linalg.norm(second - notch)))
+    first, second = (notch + length * (p - notch) / np.linalg.norm(p - notch) for p in (first, second))
+    return np.asarray(0.5 * (first + second))
+
+
+def _combined(place: Array, opening: Array, end: GapEnd) -> Array:
+    """Combine the registration's place (2,) of a notch and the end of the gap by their covariances. The more they
+    differ, the less the first one counts, because legs have other proportions than those of the template."""
+    along = (opening - place) / np.linalg.norm(opening - place)
+    across = np.array([-along[1], along[0]])
+    away = end.place - place
+    variances = _BY_EDGES**2 + float(away @ along) ** 2, _ASIDE**2 + float(away @ across) ** 2
+    weight = np.outer(along, along) / variances[0] + np.outer(across, across) / variances[1]
+    seen = np.linalg.inv(end.covariance)
+    return np.asarray(np.linalg.solve(weight + seen, weight @ place + seen @ end.place))
+
+
+def _moved(registration: Registration, name: str, place: Array) -> Registration:
+    contour = registration.contour.copy()
+    contour[np.argmin(np.linalg.norm(contour - registration.keypoints[name], axis=1))] = place
+    return replace(
+        registration,
+        keypoints={**registration.keypoints, name: frozen(place)},
+        contour=frozen(contour),
+    )
