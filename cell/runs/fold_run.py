@@ -156,7 +156,7 @@ def _listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
     noticed before the run begins."""
     if not request.page:
         return nullcontext()
-    from cell.operator.console.server import open_listener
+    from cell.operator.local_server import open_listener
 
     return open_listener(request.page_port)
 

@@ -6,9 +6,7 @@ nothing from elsewhere. Nothing in the folder is changed, so that a cell may run
 
 from __future__ import annotations
 
-import secrets
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,10 +15,7 @@ from typing import Any
 from urllib.parse import quote, urlencode
 
 import jinja2
-import uvicorn
 from starlette.applications import Starlette
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.routing import Route
@@ -31,11 +26,10 @@ from cell.campaigns.dashboard.figure_texts import figure_text, value_text
 from cell.campaigns.dashboard.history import History
 from cell.campaigns.dashboard.run_filter import RunFilter, page_of
 from cell.campaigns.dashboard.served_files import served_file
-from robots.errors import StorageError
+from cell.operator.local_server import local_app, new_secret, served
 
 __all__ = ["served_history"]
 
-HOSTS = ["127.0.0.1", "localhost"]
 HEADERS = {
     "Cache-Control": "no-store",
     "X-Frame-Options": "DENY",
@@ -45,7 +39,6 @@ HEADERS = {
     " media-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
 }
 REPORT, LAST_PICTURE = "report.html", "last.jpg"
-START_S = 10.0
 
 
 @contextmanager
@@ -54,23 +47,10 @@ def served_history(logs: Path, listener: socket.socket) -> Iterator[str]:
 
     listener: from `open_listener`, closed at the end. Raises StorageError if the pages cannot be served.
     """
-    secret = secrets.token_urlsafe(16)
-    app = _Pages(logs).app(secret)
-    config = uvicorn.Config(app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, args=([listener],), name="dashboard", daemon=True)
-    thread.start()
-    try:
-        deadline = time.monotonic() + START_S
-        while not server.started:
-            if not thread.is_alive() or time.monotonic() > deadline:
-                raise StorageError("the dashboard cannot be served", "choose another --port, or 0")
-            time.sleep(0.01)
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}/{secret}/"
-    finally:
-        server.should_exit = True
-        thread.join(3.0)
-        listener.close()
+    secret = new_secret()
+    hint = "choose another --port, or 0"
+    with served(_Pages(logs).app(secret), listener, "the dashboard", hint) as address:
+        yield f"{address}/{secret}/"
 
 
 class _Pages:
@@ -89,12 +69,11 @@ class _Pages:
         }  # fmt: skip
 
     def app(self, secret: str) -> Starlette:
-        routes = [
+        return local_app([
             Route(f"/{secret}/", self.runs),
             Route(f"/{secret}/compare", self.compare),
             Route(f"/{secret}/files/{{path:path}}", self.file),
-        ]
-        return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
+        ])  # fmt: skip
 
     # Starlette runs these functions in its worker threads, because they are not coroutines.
 

@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the page's address and serve the page until a signal ends the command. Raises StorageError if there is
     no such folder or the port is in use."""
     from cell.campaigns.dashboard.server import served_history
-    from cell.operator.console.server import open_listener
+    from cell.operator.local_server import open_listener
 
     logs = logs_directory(options.logs)
     if not logs.is_dir():

@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import secrets
 import socket
 import threading
 import time
@@ -21,11 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
@@ -35,15 +31,15 @@ from cell.operator.console.live_view import LiveView
 from cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.viewer_routes import ViewerSource, viewer_routes
+from cell.operator.local_server import local_app, new_secret, origins, served
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import Event
-from robots.errors import DriverError, StorageError
+from robots.errors import DriverError
 from robots.ports import Stop
 
-__all__ = ["open_listener", "operators_page"]
+__all__ = ["operators_page"]
 
-HOSTS = ["127.0.0.1", "localhost"]
 PAGE = Path(__file__).with_name("page.html")
 VIEWER = "viewer/"
 """Path of the 3-D view, relative to the page."""
@@ -54,7 +50,6 @@ HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
     " img-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; form-action 'none'",
 }
-START_S = 10.0
 LOOK_S, ALIVE_S = 0.05, 0.3
 """LOOK_S: period at which the status is checked for changes. ALIVE_S: longest time between two messages [s]."""
 LAST_WORD_S = 0.5
@@ -63,22 +58,6 @@ LONGEST = 4096
 """Maximum size of a message from the page [bytes]. A command has about fifty."""
 POLICY = 1008
 STOP_REASON = "the operator's page"
-
-
-def open_listener(port: int = 0) -> socket.socket:
-    """Open the page's socket, on this machine only. Port 0 chooses a free port. Clients that connect before the
-    page is served wait. Raises StorageError if the port is in use."""
-    listener = socket.socket()
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind(("127.0.0.1", port))
-        listener.listen()
-    except OSError as e:
-        listener.close()
-        raise StorageError(
-            f"the page cannot be served on port {port}: {e.strerror}", "choose another port, or 0"
-        ) from e
-    return listener
 
 
 @contextmanager
@@ -95,35 +74,18 @@ def operators_page(
     viewer: folder with the program files of Rerun's web viewer, and the recording that it shows; None: no 3-D
     view. listener: from `open_listener`, closed at the end. Raises StorageError if the page cannot be served.
     """
-    secret = secrets.token_urlsafe(16)
-    port = listener.getsockname()[1]
+    secret = new_secret()
     ended = threading.Event()
     source = ViewerSource(*viewer, ended.is_set) if viewer else None
-    app = _Page(run_status, live_view, commands, stop, source, port).app(secret)
-    config = uvicorn.Config(
-        app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=LONGEST
-    )
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, args=([listener],), name="operators-page", daemon=True)
-    thread.start()
-    try:
-        _await_start(server, thread)
-        yield f"http://127.0.0.1:{port}/{secret}/"
-        ended.set()
-        time.sleep(LAST_WORD_S)
-    finally:
-        ended.set()
-        server.should_exit = True
-        thread.join(3.0)
-        listener.close()
-
-
-def _await_start(server: uvicorn.Server, thread: threading.Thread) -> None:
-    deadline = time.monotonic() + START_S
-    while not server.started:
-        if not thread.is_alive() or time.monotonic() > deadline:
-            raise StorageError("the operator's page cannot be served", "use --no-page and keys at the terminal")
-        time.sleep(0.01)
+    page = _Page(run_status, live_view, commands, stop, source, listener.getsockname()[1])
+    hint = "use --no-page and keys at the terminal"
+    with served(page.app(secret), listener, "the operator's page", hint, LONGEST) as address:
+        try:
+            yield f"{address}/{secret}/"
+            ended.set()
+            time.sleep(LAST_WORD_S)
+        finally:
+            ended.set()
 
 
 class _Page:
@@ -142,9 +104,9 @@ class _Page:
         self._viewer = viewer
         self._in_control: str | None = None
         self._links: Counter[str] = Counter()
-        self._origins = {f"http://{host}:{port}" for host in HOSTS}
+        self._origins = origins(port)
         policy = HEADERS["Content-Security-Policy"]
-        sockets = " ".join(f"ws://{host}:{port}" for host in HOSTS)
+        sockets = " ".join(origins(port, "ws"))
         self._headers = {**HEADERS, "Content-Security-Policy": policy.format(sockets=sockets)}
 
     def app(self, secret: str) -> Starlette:
@@ -155,7 +117,7 @@ class _Page:
         ]
         if self._viewer:
             routes += viewer_routes(f"/{secret}/{VIEWER}", self._viewer)
-        return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
+        return local_app(routes)
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(VIEWER if self._viewer else None)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.operator.console.server import open_listener
+from cell.operator.local_server import open_listener
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

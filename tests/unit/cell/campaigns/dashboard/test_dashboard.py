@@ -22,7 +22,7 @@ from cell.campaigns.dashboard.server import served_history
 from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import digest
-from cell.operator.console.server import open_listener
+from cell.operator.local_server import open_listener
 from cell.recording.journal import Journal
 from tests.builders.campaigns import figures, trials_campaign
 

@@ -20,7 +20,8 @@ from websockets.sync.client import ClientConnection, connect
 from cell.config.garments.garment_file import load_garment
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
-from cell.operator.console.server import open_listener, operators_page
+from cell.operator.console.server import operators_page
+from cell.operator.local_server import open_listener
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.plan_edit import PlanEdit
