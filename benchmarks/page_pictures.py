@@ -1,12 +1,14 @@
-"""Makes the pictures of the operator's page for docs/operating.md: `python -m benchmarks.page_pictures [NAME...]`.
+"""Makes the pictures of the pages for docs/operating.md: `python -m benchmarks.page_pictures [NAME...]`.
 
 Chromium (without a window) opens the page of two supervised runs of a simulated towel. In the first one the left
 hand misses its grasp until the cell asks, then the run is stopped. The second one is approved, paused, watched by
-a second browser, and ends. Without a NAME all pictures are renewed.
+a second browser, and ends. It also opens the page of the key points of a drawn photograph. Without a NAME all
+pictures are renewed.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tempfile
 import threading
@@ -19,6 +21,7 @@ import cv2
 import numpy as np
 
 from benchmarks.operator.chromium import Chromium, Tab
+from benchmarks.photographs.photograph import draw
 from cell.config.cell_settings import load_settings
 from cell.hardware.driver import OpenCell
 from cell.runs import fold_run
@@ -29,6 +32,9 @@ from robots.ports import Side
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
 GARMENT, SEED = "small_towel", 5
+KEY_POINTS, PHOTOGRAPH = "page_key_points", 9
+LIKE = ["--like", "long_sleeve_shirt_small", "--length", "0.40", "--between", "hem_right,hem_left"]
+DRAGGED, DRAG = "cuff_lower_left", (-8.0, 42.0)
 QUALITY = 82
 LONGEST_S = 900.0
 MISSES = 4
@@ -45,12 +51,47 @@ def main() -> int:
             cv2.imwrite(str(FOLDER / f"{name}.webp"), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
             print(name, flush=True)
 
+    if not wanted or KEY_POINTS in wanted:
+        with Chromium() as browser, _edited() as address:
+            _key_points(browser.open(address), keep)
+        if wanted == {KEY_POINTS}:
+            return 0
     with tempfile.TemporaryDirectory() as logs:
         with Chromium() as browser, _run(Path(logs, "failed"), _misses) as address:
             _failed(browser.open(address()), keep)
         with Chromium() as browser, Chromium() as other, _run(Path(logs, "folded")) as address:
             _folded(browser.open(address()), lambda: other.open(address()), keep)
     return 0
+
+
+def _key_points(tab: Tab, keep: Callable[[str, Tab], None]) -> None:
+    """One cuff is dragged along the sleeve, so that the page shows its magnifier and a doubt."""
+    ready = "known && checked.folds.length > 0"
+    _await(tab, f"typeof edit !== 'undefined' && edit !== null && {ready}")
+    corner = tab.evaluate("(({ x, y }) => [x, y])(at('picture').getBoundingClientRect())")
+    x, y = np.add(tab.evaluate(f"toScreen(points.{DRAGGED})"), corner)
+    to = x + DRAG[0], y + DRAG[1]
+    for kind, (column, row) in (("Pressed", (x, y)), ("Moved", to)):
+        tab.call(
+            "Input.dispatchMouseEvent", type=f"mouse{kind}", x=column, y=row, button="left", buttons=1,
+            clickCount=1,
+        )  # fmt: skip
+    _await(tab, f"checked.findings.length > 0 && {ready}")
+    time.sleep(0.3)
+    keep(KEY_POINTS, tab)
+    tab.evaluate("at('cancel').click()")
+    _await(tab, "ended")
+
+
+@contextmanager
+def _edited() -> Iterator[str]:
+    """Edit the key points of a drawn photograph. Yields the address of the page."""
+    with tempfile.TemporaryDirectory() as folder:
+        cv2.imwrite(str(Path(folder, "my_shirt.png")), draw(PHOTOGRAPH).picture[..., ::-1])
+        command = [sys.executable, "-m", "cell.commands.main", "garment", "new", "my_shirt.png", "--edit", *LIKE]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=folder, text=True) as process:
+            assert process.stdout is not None
+            yield process.stdout.readline().split()[1]
 
 
 def _failed(tab: Tab, keep: Callable[[str, Tab], None]) -> None:
@@ -146,8 +187,12 @@ def _press(tab: Tab, button: str) -> None:
 
 
 def _until(tab: Tab, condition: str) -> None:
+    _await(tab, f"typeof runStatus !== 'undefined' && runStatus !== null && ({condition})")
+
+
+def _await(tab: Tab, condition: str) -> None:
     deadline = time.monotonic() + LONGEST_S
-    while not tab.evaluate(f"typeof runStatus !== 'undefined' && runStatus !== null && ({condition})"):
+    while not tab.evaluate(condition):
         if time.monotonic() > deadline:
             raise TimeoutError(condition)
         time.sleep(0.05)

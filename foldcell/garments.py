@@ -36,8 +36,9 @@ def new_garment(
     import numpy as np
 
     from cell.config.garments.garment_file import load_garment
-    from cell.hardware.own_garment import as_laid, write_own_garment
+    from cell.hardware.own_garment import write_own_garment
     from robots.errors import ConfigurationError
+    from skills.garments.picture_measure import as_laid
 
     cell, path = cell_settings(settings), Path(file)
     known = load_garment(str(like), cell.surface)

@@ -72,6 +72,7 @@ STARTS_PROGRAMS = (
     "cell/commands/test_cli.py",
     "cell/operator/console/test_console.py",
     "cell/operator/console/test_page.py",
+    "cell/operator/key_points/test_key_point_page.py",
     "cell/support/process/test_library_messages.py",
     "cell/support/process/test_workers.py",
     "cell/recording/rerun/test_recorder.py",

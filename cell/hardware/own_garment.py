@@ -13,12 +13,7 @@ from cell.support.files.whole_file import write_whole
 from robots.ports import Array
 from skills.garments.fitted import fitted_template
 
-__all__ = ["as_laid", "write_own_garment"]
-
-
-def as_laid(pixels: Array) -> Array:
-    """Turn places (n, 2) in a picture (column, row) into the laid pose: up is forward (x), left is left (y)."""
-    return -pixels[:, ::-1]
+__all__ = ["write_own_garment"]
 
 
 def write_own_garment(

@@ -15,12 +15,21 @@ from cell.hardware.camera import camera_calibration
 from cell.support.files.picture_file import read_depth, read_picture
 from robots.errors import ConfigurationError
 from robots.ports import Array, CameraFrame, Intrinsics, frozen
+from skills.garments.picture_measure import PictureMeasure
 from skills.perception.perceive import Perception, perceive
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
-__all__ = ["ANY_SIZE", "Photograph", "in_unit", "perceive_photograph", "photographed", "read_photograph"]
+__all__ = [
+    "ANY_SIZE",
+    "Photograph",
+    "in_unit",
+    "perceive_photograph",
+    "photographed",
+    "picture_measure",
+    "read_photograph",
+]
 
 ANY_SIZE = 1e3
 """Size tolerance that accepts a garment of any size (relative difference from the nominal size)."""
@@ -93,6 +102,22 @@ def in_unit(perception: Perception, points: Array, unit: str) -> Array:
     """Convert points (..., 2) [m] in the table frame to `unit`: 'm' returns them unchanged, 'px' returns pixels of
     the picture (column, row)."""
     return points if unit == "m" else perception.view.to_image(points)
+
+
+def picture_measure(
+    picture: Photograph, settings: CellSettings, measured: tuple[int, int] | None, length: float | None
+) -> PictureMeasure:
+    """Return the measure of a picture. measured, length: indices of two key points and their distance [m]; None
+    for a picture by the cell's camera, which measures sizes itself.
+
+    Raises ConfigurationError for a picture whose size differs from that of the cell's camera.
+    """
+    rows, columns = picture.rgb.shape[:2]
+    if measured is not None:
+        return PictureMeasure(columns, rows, measured, length)
+    calibration = camera_calibration(settings)
+    _check_size(picture.name, (rows, columns), (calibration.intrinsics.height, calibration.intrinsics.width))
+    return PictureMeasure(columns, rows, None, None, TableView(calibration, settings.table).from_image)
 
 
 def _frame(picture: Photograph, intrinsics: Intrinsics, sequence: int) -> CameraFrame:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import time
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,23 +13,25 @@ from typing import Any
 import numpy as np
 
 from calibration.shear import clip_and_lowest
-from cell.commands.options import Commands, add_command, cell_option, json_option
+from cell.commands.options import Commands, add_command, cell_option, json_option, port
 from cell.commands.output import print_json
 from cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.config.garments.key_points_file import read_key_points
-from cell.support.files.picture_file import read_picture
+from cell.config.garments.key_points_file import read_checked_key_points
+from cell.hardware.photograph import Photograph, picture_measure, read_photograph
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.garments.garment import Garment
+from skills.garments.key_point_check import KeyPointFinding
+from skills.garments.picture_measure import PictureMeasure
 from skills.perception.overlay import draw_overlay
 
 __all__ = ["add_options", "run"]
 
 HINT = (
     "lay it flat and straight on a plain ground, photograph it from above, give another garment with --like, or "
-    "give its key points in pixels with --key-points"
+    "place its key points by hand: on a page (--edit), or in a file (--key-points)"
 )
 SHORTEST, LONGEST = 0.05, 3.0
 """Shortest and longest allowed --length [m]."""
@@ -46,6 +49,8 @@ def add_options(actions: Commands) -> None:
         metavar="FILE",
         help="key points read off the IMAGE by hand: YAML or JSON, name: [column, row]",
     )
+    new.add_argument("--edit", action="store_true", help="serve a page to place or correct the key points by hand")
+    new.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
     new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
     new.add_argument("--replace", action="store_true", help="write over a file that exists")
@@ -60,8 +65,8 @@ def add_options(actions: Commands) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Recognise the garment in the photograph and write its file. Returns 0 if the file was written, 2 if no
-    garment like the given one was recognised.
+    """Find the garment's key points in the photograph, or let a person place them, and write its file. Returns 0
+    if the file was written, 2 if no garment like the given one was recognised or the person cancelled.
 
     Raises ConfigurationError for wrong arguments, StorageError if a file cannot be written.
     """
@@ -73,6 +78,8 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
+    if options.edit:
+        return _from_page(options, settings, like, pair, output)
     if options.key_points is not None:
         return _from_key_points(options, settings, like, pair, output)
     look = look_at(options, options.like)
@@ -99,18 +106,67 @@ def run(options: argparse.Namespace) -> int:
 def _from_key_points(
     options: argparse.Namespace, settings: CellSettings, like: Garment, pair: tuple[int, int] | None, output: Path
 ) -> int:
-    """Make the file from key points that a person has read off the photograph, and draw them into it."""
-    from cell.hardware.own_garment import as_laid
+    """Make the file from key points that a person has read off the photograph."""
+    photograph = read_photograph(options.image, None)
+    measure = picture_measure(photograph, settings, pair, options.length)
+    pixels, doubts = read_checked_key_points(options.key_points, like, measure)
+    overlay, template = _by_hand(options, settings, like, photograph, measure, pixels)
+    return _say(options, like, template, output, overlay, {"recognised": False, "doubts": _texts(doubts)})
 
-    if pair is None:
-        raise ConfigurationError("--key-points with --unit m", "key points are in pixels: give --length instead")
-    picture = read_picture(options.image)
-    points = read_key_points(options.key_points, like, picture.shape[1], picture.shape[0])
-    overlay = output.with_name(f"{output.stem}-key-points.png")
-    named = dict(zip(like.keypoints, points, strict=True))
-    write_picture(overlay, draw_overlay(picture, None, points, named, f"{_title(options)}, by hand"))
-    template = _write(options, settings, as_laid(points), pair, f"by hand ({_scaled(options, like, pair)})")
-    return _say(options, like, template, output, overlay, {"recognised": False})
+
+def _from_page(
+    options: argparse.Namespace, settings: CellSettings, like: Garment, pair: tuple[int, int] | None, output: Path
+) -> int:
+    """Make the file from key points that a person places on a page, and write these to a file, too."""
+    from cell.commands.garment.edit import edited, write_key_points
+
+    kept = output.with_name(f"{output.stem}-key-points.yaml")
+    if kept.exists() and not options.replace and kept != options.key_points:
+        hint = f"go on with it (--key-points {kept}), or give --replace to write over it"
+        raise ConfigurationError(f"{kept} exists", hint)
+    look = look_at(options, options.like)
+    photograph = read_photograph(options.image, None)
+    measure = picture_measure(photograph, settings, pair, options.length)
+    made: list[tuple[Path, Array]] = []
+
+    def save(points: Mapping[str, Array]) -> str:
+        pixels = np.array([points[name] for name in like.keypoints])
+        made.append(_by_hand(options, settings, like, photograph, measure, pixels))
+        write_key_points(kept, dict(zip(like.keypoints, pixels, strict=True)), options.image)
+        return str(output)
+
+    if not edited(options, _title(options), like, photograph, measure, look, kept, save):
+        if options.json:
+            print_json(
+                {"image": str(options.image), "recognised": look.outcome.ok, "reason": "cancelled", "hint": ""}
+            )
+        else:
+            print("cancelled: no garment was written")
+        return 2
+    overlay, template = made[-1]
+    found = {"recognised": look.outcome.ok, "key_points_file": str(kept)}
+    return _say(options, like, template, output, overlay, found)
+
+
+def _by_hand(
+    options: argparse.Namespace,
+    settings: CellSettings,
+    like: Garment,
+    photograph: Photograph,
+    measure: PictureMeasure,
+    pixels: Array,
+) -> tuple[Path, Array]:
+    """Write the garment's file from key points (k, 2) [px], and a picture of them. Returns the picture's path and
+    the template (k, 2) [m]."""
+    overlay = _output(options).with_name(f"{_output(options).stem}-key-points.png")
+    named = dict(zip(like.keypoints, pixels, strict=True))
+    write_picture(overlay, draw_overlay(photograph.rgb, None, pixels, named, f"{_title(options)}, by hand"))
+    how = f"by hand ({_scaled(options, like, measure.measured)})"
+    return overlay, _write(options, settings, measure.to_laid(pixels), measure.measured, how)
+
+
+def _texts(findings: Sequence[KeyPointFinding]) -> list[str]:
+    return [f"{finding.what}: {finding.hint}" for finding in findings]
 
 
 def _write(
@@ -141,6 +197,10 @@ def _say(
     print(f"{_title(options)}: {size[0]:.3f} x {size[1]:.3f} m, {len(like.plan)} folds as {options.like}")
     print(f"file     {output}")
     print(f"overlay  {overlay}   (check the positions of the key points)")
+    if "key_points_file" in found:
+        print(f"points   {found['key_points_file']}   (--key-points reads it)")
+    for doubt in found.get("doubts", []):
+        print(f"doubt    {doubt}")
     print(f"next     foldcell garment check {output} --draw .   then measure its fabric: foldcell calibrate")
     return 0
 

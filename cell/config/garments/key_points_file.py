@@ -1,79 +1,65 @@
-"""Key points that a person has read off a photograph, as a YAML or JSON file: name -> [column, row] in pixels."""
+"""Key points that a person has placed in a picture, as a YAML or JSON file: name -> [column, row] in pixels."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import shapely
 
 from cell.config.yaml_file import Document, read_yaml
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.garments.garment import Garment
+from skills.garments.key_point_check import KeyPointFinding, check_key_points
+from skills.garments.picture_measure import PictureMeasure
 
-__all__ = ["read_key_points"]
-
-PROPORTIONS = 0.35
-"""Largest difference from the proportions of the known garment: standard deviation, over the outline's edges, of
-the logarithm of their relative length."""
+__all__ = ["key_points_text", "read_checked_key_points", "read_key_points"]
 
 
-def read_key_points(path: Path, like: Garment, columns: int, rows: int) -> Array:
-    """Return the key points (k, 2) in pixels of a picture of that size, in the order of the garment `like`.
+def read_key_points(path: Path, like: Garment) -> Document:
+    """Read a file of key points, name -> [column, row], of which some may be missing.
 
-    Raises ConfigurationError with file, line, key and value for a name that is missing or unknown, a place outside
-    the picture, an outline that crosses itself or runs the wrong way, and proportions unlike the garment's.
+    Raises ConfigurationError with file, line, key and value for a name that `like` has not, and for a value that
+    is no place.
     """
     document = read_yaml(path, "file of key points")
-    missing = [name for name in like.keypoints if name not in document.data]
-    unknown = [name for name in document.data if name not in like.keypoints]
-    if missing or unknown:
-        wrong = [f"{name} is missing" for name in missing]
-        wrong += [f"{document.where((name,))}: {name} is unknown" for name in unknown]
-        raise ConfigurationError(
-            f"{path}: {', '.join(wrong)}",
-            f"the key points of {like.name} are {', '.join(like.keypoints)}",
-            path=str(path),
-        )
-    points = np.array([_place(document, name, columns, rows) for name in like.keypoints])
-    outline = shapely.Polygon(points)
-    if not outline.is_valid or outline.area < 1.0:
-        raise ConfigurationError(
-            f"{path}: the outline through the key points crosses itself or has no area "
-            f"({shapely.is_valid_reason(outline)})",
-            f"they follow the outline in this order: {', '.join(like.keypoints)}",
-        )
-    if outline.exterior.is_ccw:  # rows count downwards
-        raise ConfigurationError(
-            f"{path}: the key points run clockwise", "exchange left and right; left is the garment's own, as laid"
-        )
-    _check_proportions(path, points, like)
-    return points
+    for name, value in document.data.items():
+        if name not in like.keypoints:
+            known = f"the key points of {like.name} are {', '.join(like.keypoints)}"
+            raise ConfigurationError(f"{document.where((name,))}: {name} is unknown", known, path=str(path))
+        numbers = isinstance(value, list) and len(value) == 2 and all(type(v) in (int, float) for v in value)
+        if not numbers or not np.isfinite(value).all():
+            where = f"{document.where((name,))}: {name} = {value}"
+            raise ConfigurationError(where, "a place in the picture is [column, row] in pixels", path=str(path))
+    return document
 
 
-def _place(document: Document, name: str, columns: int, rows: int) -> tuple[float, float]:
-    value: Any = document.data[name]
-    where = f"{document.where((name,))}: {name} = {value}"
-    numbers = isinstance(value, list) and len(value) == 2 and all(type(v) in (int, float) for v in value)
-    if not numbers or not np.isfinite(value).all():
-        raise ConfigurationError(where, "a place in the picture is [column, row] in pixels")
-    if not (0 <= value[0] < columns and 0 <= value[1] < rows):
-        raise ConfigurationError(where, f"the picture has {columns} columns and {rows} rows")
-    return float(value[0]), float(value[1])
+def read_checked_key_points(
+    path: Path, like: Garment, picture: PictureMeasure
+) -> tuple[Array, tuple[KeyPointFinding, ...]]:
+    """Return the key points (k, 2) in pixels of a picture, in the order of the garment `like`, and the findings
+    that are for a person to decide.
+
+    Raises ConfigurationError, with file and line, if no garment can be made of them (`check_key_points`).
+    """
+    document = read_key_points(path, like)
+    findings = check_key_points(document.data, like, picture)
+    refused = [finding for finding in findings if finding.refused]
+    if refused:
+        lines = [f"{_where(document, finding)}: {finding.what}" for finding in refused]
+        hints = dict.fromkeys(finding.hint for finding in refused)
+        raise ConfigurationError("\n".join(lines), "\n  ".join(hints), path=str(path))
+    return np.array([document.data[name] for name in like.keypoints], dtype=float), findings
 
 
-def _check_proportions(path: Path, points: Array, like: Garment) -> None:
-    lengths = [np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1) for p in (points, like.template)]
-    relative = np.log(lengths[0] / lengths[1])
-    relative -= np.median(relative)
-    if float(relative.std()) <= PROPORTIONS:
-        return
-    worst = int(np.argmax(np.abs(relative)))
-    names = like.keypoints[worst], like.keypoints[(worst + 1) % len(like.keypoints)]
-    raise ConfigurationError(
-        f"{path}: the key points have not the proportions of {like.name}: from {names[0]} to {names[1]} it is "
-        f"{np.exp(relative[worst]):.1f} times as far, compared with the other edges",
-        "correct these key points, or choose another garment with --like",
-    )
+def key_points_text(points: Mapping[str, Array], origin: str) -> str:
+    """Return the text of a file of key points, name -> (2,) in pixels. origin: a line that states where they come
+    from."""
+    lines = (f"{name}: [{float(column):.2f}, {float(row):.2f}]\n" for name, (column, row) in points.items())
+    return f"# {origin}\n{''.join(lines)}"
+
+
+def _where(document: Document, finding: KeyPointFinding) -> str:
+    known = tuple(name for name in finding.names if name in document.data)
+    return document.where(known[:1])

@@ -127,7 +127,7 @@ class ProjectedDrawing:
         cv2.putText(self.picture, text, (x, y), _FONT, size, colour, weight, cv2.LINE_AA)
 
 
-def jpeg_file(picture: Picture) -> bytes:
-    """Return the content of a JPEG file of a picture (h, w, 3) in RGB."""
+def jpeg_file(picture: Picture, quality: int = JPEG_QUALITY) -> bytes:
+    """Return the content of a JPEG file of a picture (h, w, 3) in RGB. quality: 0 to 100."""
     bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
+    return bytes(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])

@@ -97,6 +97,13 @@ class TableView:
         uvw = xyz @ self._project[:, :3].T + self._project[:, 3]
         return uvw[..., :2] / uvw[..., 2:]
 
+    def from_image(self, uv: Array) -> Array:
+        """Convert pixels (..., 2) of the camera's picture (column, row) to the points (..., 2) of the table that
+        they show [m]."""
+        uv = np.asarray(uv, dtype=float)
+        homogeneous = np.concatenate([uv, np.ones_like(uv[..., :1])], axis=-1) @ np.linalg.inv(self.homography).T
+        return self.to_table(homogeneous[..., :2] / homogeneous[..., 2:])
+
     def shadow_on_table(self, xyz: Array) -> Array:
         """Project points (..., 3) along the camera's lines of sight onto the plane z = 0: (..., 2) [m]. A point
         above the table appears at this place of the view."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,13 @@ import numpy as np
 import pytest
 
 from cell.commands.main import main
+from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
+from cell.hardware.camera import camera_calibration
+from cell.hardware.photograph import Photograph, picture_measure
+from cell.operator.key_points.editing import KeyPointEdit
+from robots.errors import ConfigurationError
+from skills.perception.rectification.table_view import TableView
 
 OWN = {  # a user's T-shirt [m]: longer and narrower than the shipped one, with shorter sleeves
     "hem_right": (-0.36, -0.22), "armpit_right": (0.13, -0.22), "cuff_lower_right": (0.08, -0.34),
@@ -166,3 +173,76 @@ def test_implausible_key_points_are_refused_with_their_reason(
     message = capsys.readouterr().err
     assert all(part in message for part in said), message
     assert not (tmp_path / "my_shirt.yaml").exists()
+
+
+EDIT = ["--like", "t_shirt", *HEM, "--edit"]
+
+
+def person(monkeypatch: pytest.MonkeyPatch, act: Callable[..., bool]) -> list[KeyPointEdit]:
+    """Put a person in front of the page. act: is given keep and save, and returns whether it saved. Returns what
+    the person saw."""
+    seen: list[KeyPointEdit] = []
+
+    def edit_key_points(edit: KeyPointEdit, listener: Any, announce: Any, keep: Any, save: Any) -> bool:
+        listener.close()
+        seen.append(edit)
+        announce("http://127.0.0.1:8642/secret/")
+        return act(keep, save)
+
+    monkeypatch.setattr("cell.commands.garment.edit.edit_key_points", edit_key_points)
+    monkeypatch.setattr("cell.hardware.own_garment.fitting_poses", lambda *_: None)
+    return seen
+
+
+def test_key_points_placed_on_the_page_make_a_garment_and_a_file_that_makes_it_again(
+    shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = person(monkeypatch, lambda keep, save: bool(save(pixels())))
+    assert main(["garment", "new", str(shirt), *EDIT, "--json"]) == 0
+    said = capsys.readouterr()
+    told = dict(json.loads(said.out.splitlines()[-1]))
+    assert "http://127.0.0.1:8642/secret/" in said.err and "ssh -L 8642:127.0.0.1:8642" in said.err
+    own = load_garment(tmp_path / told["file"])
+    assert np.linalg.norm(own.template - np.array([OWN[n] for n in own.keypoints]), axis=1).max() < 0.001
+    places = np.array([seen[0].start[name] - np.array(pixels()[name]) for name in own.keypoints])
+    assert np.linalg.norm(places, axis=1).max() < 12.0, "it begins with what was recognised"
+    written = (tmp_path / "my_shirt.yaml").read_text(encoding="utf-8")
+    again = ["--replace", "--like", "t_shirt", *HEM, "--key-points", told["key_points_file"]]
+    assert main(["garment", "new", str(shirt), *again]) == 0
+    assert (tmp_path / "my_shirt.yaml").read_text(encoding="utf-8") == written
+
+
+def test_an_editing_that_is_cancelled_goes_on_with_the_points_that_were_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("my_shirt.png", np.full((96, 128, 3), 120, np.uint8))
+    part = {"hem_left": [10.0, 20.0], "neck": [1.0, 2.0]}
+    first = person(monkeypatch, lambda keep, save: bool(keep({"hem_left": part["hem_left"]})) and False)
+    line = ["garment", "new", "my_shirt.png", *EDIT]
+    assert main([*line, "--json"]) == 2
+    assert answer(capsys)["reason"] == "cancelled" and dict(first[0].start) == {}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["my_shirt-key-points.yaml", "my_shirt.png"]
+    assert main(line) == 64 and "my_shirt-key-points.yaml exists" in capsys.readouterr().err
+    second = person(monkeypatch, lambda *_: False)
+    assert main([*line, "--key-points", "my_shirt-key-points.yaml"]) == 2
+    assert dict(second[0].start) == {"hem_left": [10.0, 20.0]}
+    Path("my_shirt-key-points.yaml").write_text(json.dumps(part), encoding="utf-8")
+    assert main([*line, "--key-points", "my_shirt-key-points.yaml"]) == 64
+    assert "neck is unknown" in capsys.readouterr().err
+
+
+def test_key_points_in_a_picture_by_the_cells_camera_need_no_length() -> None:
+    settings = load_settings()
+    calibration = camera_calibration(settings)
+    shape = calibration.intrinsics.height, calibration.intrinsics.width, 3
+    picture = Photograph(np.zeros(shape, np.uint8), None, "view.png", "")
+    measure = picture_measure(picture, settings, None, None)
+    template = load_garment("small_towel").template
+    lying = template + np.array([0.6, 0.05])
+    pixels = TableView(calibration, settings.table).to_image(lying)
+    np.testing.assert_allclose(measure.to_laid(pixels), lying, atol=1e-6)
+    np.testing.assert_allclose(measure.template(pixels, template), template, atol=1e-6)
+    with pytest.raises(ConfigurationError, match=r"view.png: is 20 x 10 pixels"):
+        picture_measure(Photograph(np.zeros((10, 20, 3), np.uint8), None, "view.png", ""), settings, None, None)

@@ -1,0 +1,157 @@
+"""Serve the page on which a person places key points, on this machine only.
+
+Like the operator's page, it is reached by an address with a secret, refuses requests from pages of other sites,
+and loads nothing from elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+import socket
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from cell.operator.key_points.editing import KeyPointEdit
+from cell.operator.local_server import local_app, new_secret, origins, served
+from cell.recording.camera_pictures.projected_drawing import jpeg_file
+from cell.support.json_values import to_json
+from robots.errors import ConfigurationError, StorageError
+from robots.ports import Array
+
+__all__ = ["edit_key_points"]
+
+PAGE = Path(__file__).with_name("page.html")
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
+    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    " img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+}
+QUALITY = 96
+"""Of the picture as a JPEG: the page magnifies it."""
+LONGEST = 2**16
+"""Maximum size of a message from the page [bytes]."""
+Points = Mapping[str, Array]
+Pixel = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Message(BaseModel):
+    """What the page sends: the key points, and what to do with them."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    points: dict[str, tuple[Pixel, Pixel]]
+    then: Literal["check", "keep", "save", "cancel"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Wish:
+    """A message that the command answers, not the server."""
+
+    then: str
+    points: Points
+    answer: Future[dict[str, Any]]
+
+
+def edit_key_points(
+    edit: KeyPointEdit,
+    listener: socket.socket,
+    announce: Callable[[str], None],
+    keep: Callable[[Points], str],
+    save: Callable[[Points], str],
+) -> bool:
+    """Serve the page until the person has saved the garment or cancelled. Returns whether it was saved.
+
+    listener: from `open_listener`, closed at the end. announce: is given the address. keep, save: write the key
+    points, name -> (2,) [px], or the garment that they make, and return what was written, in words. They are
+    called on this thread. The page shows their ConfigurationError and StorageError, and the editing goes on.
+    Raises StorageError if the page cannot be served.
+    """
+    wishes: queue.Queue[_Wish] = queue.Queue()
+    secret = new_secret()
+    app = _Page(edit, wishes, listener.getsockname()[1]).app(secret)
+    with served(app, listener, "the page of the key points", "choose another --page-port") as address:
+        announce(f"{address}/{secret}/")
+        while (wish := wishes.get()).then != "cancel":
+            try:
+                written = (save if wish.then == "save" else keep)(wish.points)
+            except (ConfigurationError, StorageError) as e:
+                wish.answer.set_result({"refused": e.what, "hint": e.hint})
+                continue
+            wish.answer.set_result({"written": written, "ended": wish.then == "save"})
+            if wish.then == "save":
+                return True
+        wish.answer.set_result({"written": None, "ended": True})
+        return False
+
+
+class _Page:
+    """Answers on the routes of the page: the page itself, the picture, what is edited, and the page's messages."""
+
+    def __init__(self, edit: KeyPointEdit, wishes: queue.Queue[_Wish], port: int) -> None:
+        self._edit, self._wishes = edit, wishes
+        self._origins = origins(port)
+        self._latest = edit.start
+        """Of the last message, so that a page that is loaded again shows them."""
+
+    def app(self, secret: str) -> Starlette:
+        return local_app([
+            Route(f"/{secret}/", self.page),
+            Route(f"/{secret}/picture.jpg", self.picture),
+            Route(f"/{secret}/edit", self.edited),
+            Route(f"/{secret}/points", self.points, methods=["POST"]),
+        ])  # fmt: skip
+
+    # Starlette runs functions that are not coroutines in its worker threads.
+
+    def page(self, request: Request) -> Response:
+        return HTMLResponse(PAGE.read_bytes(), headers=HEADERS)
+
+    def picture(self, request: Request) -> Response:
+        return Response(jpeg_file(self._edit.rgb, QUALITY), media_type="image/jpeg", headers=HEADERS)
+
+    def edited(self, request: Request) -> Response:
+        edit = self._edit
+        return _json({
+            "title": edit.title, "names": edit.like.keypoints, "points": self._latest, "outline": edit.outline,
+            "size": [edit.measure.columns, edit.measure.rows], "about": edit.about,
+        })  # fmt: skip
+
+    async def points(self, request: Request) -> Response:
+        if request.headers.get("origin") not in self._origins:
+            return _json({"refused": "the request comes from another page"}, 403)
+        length = request.headers.get("content-length", "")
+        if not length.isdecimal() or int(length) > LONGEST:
+            return _json({"refused": "the message is too long"}, 413)
+        try:
+            message = _Message.model_validate_json(await request.body())
+        except ValidationError:
+            return _json({"refused": "the message is not valid"}, 400)
+        self._latest = {name: np.array(place) for name, place in message.points.items()}
+        wish = _Wish(message.then, self._latest, Future())
+        shown = await run_in_threadpool(self._edit.shown, wish.points)
+        if wish.then == "check":
+            return _json(shown)
+        if wish.then == "save" and any(finding.refused for finding in shown["findings"]):
+            return _json({**shown, "refused": "no garment can be made of these key points"})
+        self._wishes.put(wish)
+        answer: dict[str, Any] = await asyncio.wrap_future(wish.answer)
+        return _json({**shown, **answer})
+
+
+def _json(value: Mapping[str, Any], status: int = 200) -> Response:
+    return JSONResponse(to_json(value), status, HEADERS)
