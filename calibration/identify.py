@@ -30,6 +30,7 @@ from scipy.interpolate import RegularGridInterpolator
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
 from skills.vocabulary import GraspId, Material, ToolPath
 
@@ -130,13 +131,14 @@ def predict_candidates(
     friction_factors: Sequence[float] = FRICTIONS,
     stretch_factors: Sequence[float] = (1.0,),
     seen_as: Callable[[Array], Array] = np.asarray,
+    pads: PadGeometry | None = None,
 ) -> Candidates:
     """Simulate the fold from `positions` (n, 3) for each combination of a friction factor and a stretch factor.
     The factors multiply the friction and the stretch of `material`.
 
     The number of simulations is len(friction_factors) * len(stretch_factors). Each candidate has one picture,
     taken at the end of the fold. seen_as: maps vertices (n, 3) to their apparent positions (n, 3) in the camera;
-    default: a view from straight above.
+    default: a view from straight above. pads: of the hands; None: the default pads.
     """
     friction = material.friction_static * np.sort(friction_factors)
     stretch = material.stretch_fraction * np.sort(stretch_factors)
@@ -145,7 +147,7 @@ def predict_candidates(
         fabric = material.with_friction(float(mu))
         row = []
         for s in stretch:
-            end = predict_fold(mesh, positions, replace(fabric, stretch_fraction=float(s)), paths)
+            end = predict_fold(mesh, positions, replace(fabric, stretch_fraction=float(s)), paths, pads=pads)
             row.append((silhouette(seen_as(end.vertices), mesh.triangles),))
         shapes.append(row)
     return Candidates(friction, stretch, shapes)

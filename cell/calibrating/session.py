@@ -268,6 +268,7 @@ def _simulated(request: CalibrationRequest) -> SimulationSettings:
         surface=settings.surface,
         table=settings.drawn_table,
         camera=camera_mount(settings),
+        pads=settings.gripper.pads,
         q_start=tuple(load_robot(settings).q_park.tolist()),
         realtime=request.realtime,
         as_built=True,

@@ -68,8 +68,8 @@ def optimise_plan(
     state = garment.flat_state(*garment.poses.middle)
     mesh = predictor_mesh(state, garment)
     vertices = mesh.lay_flat(garment.material.thickness)
-    predict = ClothPredictor()
-    planned = plan_folds(state, garment)
+    predict = ClothPredictor(pads=settings.gripper.pads)
+    planned = plan_folds(state, garment, pads=settings.gripper.pads)
     if planned.failure:
         raise ConfigurationError(f"{garment.name}: {planned.failure.what}", planned.failure.hint)
     steps = planned.unwrap()[:only]

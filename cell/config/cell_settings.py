@@ -26,6 +26,7 @@ from robots.ros.settings import CameraTopics, RosSettings
 from skills.vocabulary import Table
 
 if TYPE_CHECKING:
+    from skills.cloth.pinch import PadGeometry
     from skills.grasping.settings import GraspSettings
     from skills.perception.inspection.claim_settings import ClaimSettings
     from skills.perception.inspection.inspect import InspectionSettings
@@ -36,6 +37,7 @@ __all__ = [
     "CellSettings",
     "ComputingConfig",
     "GraspConfig",
+    "GripperConfig",
     "InspectionConfig",
     "MotionConfig",
     "OptimiserConfig",
@@ -212,6 +214,23 @@ class MotionConfig(_Group):
     )
     tracking_tolerance: float = _number(0.01, 0.5, "rad", "largest lag of a joint behind its set-point")
     max_state_age_s: float = _number(0.02, 1.0, "s", "age above which a joint state is too old to act on")
+
+
+class GripperConfig(_Group):
+    """Both grippers and their pads. The robot's model has the shape of their fingers."""
+
+    opening: float = _number(0.005, 0.2, "m", "opening of the pads when a hand goes down to grasp")
+    closed_opening: float = _number(0.0, 0.02, "m", "opening that the gripper reports when it is closed and empty")
+    pad_width: float = _number(0.003, 0.1, "m", "length of the line of cloth that the pads hold")
+    pad_depth: float = _number(0.002, 0.08, "m", "height over the tips up to which the pads hold cloth")
+    pad_friction: float = _number(0.1, 3.0, "", "friction coefficient of a pad on cloth")
+
+    @property
+    def pads(self) -> PadGeometry:
+        """The pads, for planning and prediction."""
+        from skills.cloth.pinch import PadGeometry
+
+        return PadGeometry(self.pad_width, self.opening, self.pad_depth, self.pad_friction)
 
 
 class GraspConfig(_Group):
@@ -391,6 +410,7 @@ class CellSettings(_Group):
     park: ParkConfig
     perception: PerceptionConfig
     motion: MotionConfig
+    gripper: GripperConfig
     grasp: GraspConfig
     inspection: InspectionConfig
     pressing: PressingConfig

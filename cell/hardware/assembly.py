@@ -71,7 +71,11 @@ def assemble(
         execution=_execution(settings),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
-        grasp=replace(settings.grasp.settings(), contact_effort=robot.contact_effort),
+        grasp=replace(
+            settings.grasp.settings(),
+            contact_effort=robot.contact_effort,
+            empty_opening=settings.gripper.closed_opening,
+        ),
         perception=settings.perception.settings(),
         inspection=settings.inspection.settings(settings.perception),
         library=library.current,

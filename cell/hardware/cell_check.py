@@ -89,9 +89,30 @@ def cell_findings(settings: CellSettings) -> Iterator[Finding]:
     found = f"{seen:.0%} of the table where garments lie ({area})"
     stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
     yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
+    yield from _gripper(settings)
     parked = tuple(side for side in Side if getattr(settings.park, side.value) is not None)
     robot, model = find_robot(settings.robot), load_robot(settings)
     yield from robot_findings(robot, model, camera_mount(settings), settings.table, parked)
+
+
+def _gripper(settings: CellSettings) -> Iterator[Finding]:
+    """Check the pads, and the forces that the settings state or the tactile calibration has found."""
+    gripper, largest = settings.gripper, find_robot(settings.robot).gripper.max_opening
+    found = (
+        f"{1e3 * gripper.pad_width:.0f} mm wide, hold cloth up to {1e3 * gripper.pad_depth:.0f} mm over the tips, "
+        f"friction {gripper.pad_friction:g}; open {1e3 * gripper.opening:.0f} of {1e3 * largest:.0f} mm to grasp, "
+        f"{1e3 * gripper.closed_opening:.1f} mm closed"
+    )
+    yield Finding("pads", gripper.closed_opening < gripper.opening <= largest, found, "gripper.opening")
+    if not settings.grasp.tactile:
+        return
+    forces, file = settings.grasp.settings(), settings.grasp.calibration
+    source = "" if file is None else f" ({file.name})"
+    for name, limit in (("contact_force", "press_force"), ("held_force", "grip_force")):
+        reached, largest = getattr(forces, name), getattr(forces, limit)
+        found = f"{reached:.2f} N{source}, {limit.replace('_', ' ')} {largest:.1f} N"
+        key = f"grasp.{name}" if file is None else "grasp.calibration"
+        yield Finding(name.replace("_", " "), reached < largest, found, key)
 
 
 def refuse_unfit_cell(settings: CellSettings) -> None:

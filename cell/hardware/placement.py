@@ -75,7 +75,8 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
         why, found = "", ""
         for variant in planned.variants:
             chosen[planned.name] = variant.name
-            steps = plan_folds(garment.flat_state(*pose), garment, {**_first_variants(garment), **chosen})
+            variants = {**_first_variants(garment), **chosen}
+            steps = plan_folds(garment.flat_state(*pose), garment, variants, pads=settings.gripper.pads)
             if steps.failure is not None:
                 why = why or steps.failure.what
                 continue

@@ -292,6 +292,7 @@ def _simulated(request: FoldRequest) -> SimulationSettings:
         surface=settings.surface,
         table=settings.drawn_table,
         camera=camera_mount(settings),
+        pads=settings.gripper.pads,
         q_start=tuple(load_robot(settings).q_park.tolist()),
         realtime=request.realtime,
         world=request.world,

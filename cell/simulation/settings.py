@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from robots.camera_mount import CameraMount
 from robots.errors import ConfigurationError
 from robots.registry import DEFAULT
+from skills.cloth.pinch import PadGeometry
 from skills.vocabulary import Table
 
 __all__ = ["DEFAULT_TABLE", "LOOKS", "WORLDS", "SimulationSettings"]
@@ -28,7 +29,8 @@ class SimulationSettings:
     the table's, 'table_hue' for the table's hue. robot_noise, camera_noise, garment_noise: off for an ideal cell.
     render: if off, the camera raises a fault. as_built: table height and camera intrinsics differ from the
     drawing, and there is a calibration board. q_start: (joints,) configuration of the arms at the start [rad];
-    None: the park configuration. camera: its mount and lens; None: the robot's own.
+    None: the park configuration. camera: its mount and lens; None: the robot's own. pads: of the grippers; their
+    friction is drawn by the seed.
     """
 
     robot: str = DEFAULT
@@ -45,6 +47,7 @@ class SimulationSettings:
     as_built: bool = False
     q_start: tuple[float, ...] | None = None
     camera: CameraMount | None = None
+    pads: PadGeometry = field(default_factory=PadGeometry)
 
     def __post_init__(self) -> None:
         if self.world not in WORLDS:

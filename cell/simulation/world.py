@@ -139,7 +139,7 @@ class World:
         self._stiffness = contact.Stiffness(
             noise.robot.arm_stiffness, noise.tactile.tip_stiffness, noise.tactile.cloth_stiffness
         )
-        self.garment.pad_friction = noise.gripper.pad_friction.draw(rng["hands"])
+        self.garment.pads = replace(settings.pads, friction=noise.gripper.pad_friction.draw(rng["hands"]))
         self._hands = {side: self._hand(side, rng["hands"]) for side in Side}
         grippers = {side: hand.gripper for side, hand in self._hands.items()}
         self._world_faults = WorldFaults(self.faults, self.robot, grippers, self.garment)

@@ -37,13 +37,18 @@ IN_LINE = 0.5
 
 
 def plan_folds(
-    state: GarmentState, garment: Garment, variants: Mapping[str, str] | None = None, done: int = 0
+    state: GarmentState,
+    garment: Garment,
+    variants: Mapping[str, str] | None = None,
+    done: int = 0,
+    pads: PadGeometry | None = None,
 ) -> Outcome[tuple[FoldStep, ...]]:
     """Compute the fold steps of a flat garment, from step `done` on.
 
     state: always that of the flat garment before its first fold; the places of later steps are computed from the
     earlier folds. After a drift, move the plan with `translate_plan`. variants: step name -> name of the variant
-    to use in place of the first one (when an arm cannot reach).
+    to use in place of the first one (when an arm cannot reach). pads: their width and stroke determine which
+    layers a hand finds; None: the default pads.
 
     Fails with CATEGORY_MISMATCH when the garment is of another category; with LOW_CONFIDENCE when key points are
     missing or do not span the fold line, or when the line does not divide the garment that the earlier folds
@@ -62,7 +67,8 @@ def plan_folds(
         missed = _missed(step, line, lines, state.keypoints, garment)
         if missed is not None:
             return Outcome(failure=missed)
-        steps.append(_fold_step(step, variant, index, line, tuple(lines), state, garment))
+        earlier = tuple(lines)
+        steps.append(_fold_step(step, variant, index, line, earlier, state, garment, pads or PadGeometry()))
         lines.append(line)
     return Outcome(tuple(steps[done:]), notes={"steps": len(steps) - done})
 
@@ -189,6 +195,7 @@ def _fold_step(
     earlier: tuple[FoldLine, ...],
     state: GarmentState,
     garment: Garment,
+    pads: PadGeometry,
 ) -> FoldStep:
     outline = np.array([state.keypoints[name] for name in garment.keypoints])
     middle = _middle_of_moving(line, silhouette(earlier, outline))
@@ -198,7 +205,9 @@ def _fold_step(
     targets: dict[GraspId, Array] = {}
     for plan, point, i in sorted(zip(variant.grasps, points, grasp_ids, strict=True), key=lambda t: t[2].value):
         heading = _fold_angle(float(np.arctan2(line.direction[1], line.direction[0])) + plan.turn)
-        layers = max(layers_under(earlier, outline, _footprint(point, heading), garment.layers), garment.layers)
+        layers = max(
+            layers_under(earlier, outline, _footprint(point, heading, pads), garment.layers), garment.layers
+        )
         height = layers * garment.material.thickness
         grasps[i] = Grasp(frozen(point), heading, layers, height)
         landing = _landing(step, line, point, points)
@@ -208,10 +217,9 @@ def _fold_step(
     return FoldStep(step.name, index, line, earlier, grasps, targets, variant.name)
 
 
-def _footprint(point: Array, heading: float) -> Array:
+def _footprint(point: Array, heading: float, pads: PadGeometry) -> Array:
     """Return the corners (4, 2) [m] of the area of the open pads: their width along `heading`, the direction of
     the cloth that they will hold, and their stroke perpendicular to it."""
-    pads = PadGeometry()
     along = 0.5 * pads.width * np.array([np.cos(heading), np.sin(heading)])
     across = 0.5 * pads.stroke * np.array([-np.sin(heading), np.cos(heading)])
     return point + np.array([along + across, along - across, -along - across, across - along])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
 from skills.trajectory.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
 from skills.trajectory.bezier import initial_controls, two_parameter_controls
@@ -202,16 +203,18 @@ def _begin(problem: FoldProblem, evaluator: Evaluator, warm: Controls | None, *,
 
 @dataclass(frozen=True)
 class ClothPredictor:
-    """The cell's cloth simulation at its default settings, as an object that can be sent to another process."""
+    """The cell's cloth simulation at its default settings, as an object that can be sent to another process.
+    pads: of the hands; None: the default pads."""
 
     release_s: float = 0.3
     settle_s: float = 1.0
+    pads: PadGeometry | None = None
 
     def __call__(
         self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array:
         prediction = predict_fold(
-            mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s
+            mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s, pads=self.pads
         )
         return prediction.vertices
 

@@ -23,6 +23,7 @@ from cell.support.files.paths import logs_directory, prepare_logs
 from skills.garments.garment import Garment
 from skills.planning.ideal_heights import bending_lengths, ideal_fold_heights
 from skills.trajectory.library import LibraryEntry
+from skills.trajectory.optimise import ClothPredictor
 
 __all__ = ["add_options"]
 
@@ -76,7 +77,8 @@ def _run(options: argparse.Namespace) -> int:
 
     with chosen_workers(options.workers, options.cluster, path.absolute().parent) as workers:
         library = build_library(
-            garments, options.method or settings.optimiser.method, report=report, executor=workers.executor,
+            garments, options.method or settings.optimiser.method,
+            ClothPredictor(pads=settings.gripper.pads), report, executor=workers.executor,
             at_once=workers.count, finished=unfinished.library, progress=progress,
             lift_height=settings.grasp.lift_height,
         )  # fmt: skip

@@ -43,8 +43,9 @@ def adapt(
 
     def learn() -> MaterialEstimate:
         candidates = predict_candidates(
-            plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _on_table(view, x)
-        )
+            plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _on_table(view, x),
+            pads=cell.settings.gripper.pads,
+        )  # fmt: skip
         return identify_material([contour], candidates, garment.material, noise)
 
     estimate = cell.compute(len(FACTORS) * cell.settings.computing.simulation_s, learn)

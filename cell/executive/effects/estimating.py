@@ -92,8 +92,9 @@ def _estimated(
 
     def simulate(ways: Sequence[Interruption]) -> list[Array]:
         return simulate_interruptions(
-            plan.mesh, plan.vertices, plan.garment.material, paths, ways, cell.grasp.grip_force, proceed
-        )
+            plan.mesh, plan.vertices, plan.garment.material, paths, ways, cell.grasp.grip_force, proceed,
+            cell.settings.gripper.pads,
+        )  # fmt: skip
 
     def work() -> Outcome[tuple[Observation, StateEstimate]]:
         seen = observe(frame, calibration, cell.table, sight.reference, sight.previous, cell.perception)

@@ -15,7 +15,6 @@ from cell.control.motions.lowering import Lowering
 from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
-from cell.executive.effects.moving import PREGRASP_OPENING
 from cell.executive.effects.parking import RELEASE_OPENING
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
@@ -230,7 +229,7 @@ def _press(
         strokes = {}
         for s, hand in lowering.items():
             contact = cell.hands.depth(s, hand.descent, start.q)
-            tip_offset = 0.5 * PREGRASP_OPENING * abs(np.sin(postures[s].pitch))
+            tip_offset = 0.5 * cell.settings.gripper.opening * abs(np.sin(postures[s].pitch))
             strokes[s] = contact, contact + float(tip_offset) + depth
         max_force = cell.grasp.press_force
         return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)

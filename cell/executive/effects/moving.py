@@ -17,14 +17,11 @@ from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
-from skills.cloth.pinch import PadGeometry
 from skills.grasping.hand_reading import GripCommand
 
 __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
 
 HEAD_TURN_S = 1.5
-PREGRASP_OPENING = PadGeometry().stroke
-"""Opening of the pads during a descent [m]."""
 BRAKING_S = 1.5
 """Longest wait for arms that were stopped or commanded to hold [s]. They need at most 0.3 s."""
 
@@ -86,7 +83,7 @@ def _persistent(cell: Workcell, work: Callable[[], Failure | None]) -> Failure |
 def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Move above the grasps. The grasping hands open as wide as in the prediction."""
     for side in attempt.motion.postures:
-        cell.hands.command(side, GripCommand(PREGRASP_OPENING, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(cell.settings.gripper.opening, cell.grasp.release_force))
     control = pausable(cell)
     failure = move(cell, attempt.motion.approach, control=control)
     attempt = replace(attempt, before=context.sight.frame, carried=False)

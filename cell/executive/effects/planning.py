@@ -67,7 +67,7 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
     completed = previous.steps[: fold.index] if previous else ()
     garment = previous.garment if previous else _named_garment(cell, recognition)
     flat = previous.flat if previous else edited_state(recognition.perception.state, fold.edits)
-    planned = plan_folds(flat, garment, _variants(fold, completed, garment))
+    planned = plan_folds(flat, garment, _variants(fold, completed, garment), pads=cell.settings.gripper.pads)
     if planned.failure:
         return Result(Event.FAILED, context.with_failure(planned.failure))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
@@ -161,7 +161,7 @@ def _optimise(
 
 def _until_stopped(cell: Workcell) -> Predictor:
     """The cloth simulation. It raises DriverError after a stop, so that the search ends soon."""
-    simulate = ClothPredictor()
+    simulate = ClothPredictor(pads=cell.settings.gripper.pads)
 
     def predict(mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /) -> Array:
         failure = stopped(cell.ports)
@@ -272,7 +272,7 @@ def _predict(cell: Workcell, plan: Plan, vertices: Array, motion: FoldMotion) ->
     vertices: (n, 3) before it [m]."""
     return predict_fold(
         plan.mesh, vertices, plan.garment.material, simulated_paths(cell, motion),
-        keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
+        pads=cell.settings.gripper.pads, keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
     )  # fmt: skip
 
 

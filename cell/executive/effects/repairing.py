@@ -74,7 +74,10 @@ def _simulated(
     paths = turned_paths(tool_paths(trajectory, undo.step, speed), undo.headings)
     paths = {grasp_id: lifted(path, height) for grasp_id, path in paths.items()}
     try:
-        end = predict_fold(plan.mesh, now, plan.garment.material, paths, grip_force=cell.grasp.grip_force)
+        end = predict_fold(
+            plan.mesh, now, plan.garment.material, paths, pads=cell.settings.gripper.pads,
+            grip_force=cell.grasp.grip_force,
+        )  # fmt: skip
     except CellError:
         return trajectory
     error = dissimilarity(flat, end.vertices, plan.mesh.triangles, plan.mesh.area)

@@ -67,7 +67,7 @@ class WorldGarment:
         share = 0.0 if ideal else 1.0
         damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
         anisotropy = 1.0 - share * noise.anisotropy * rng.uniform()
-        self.pad_friction = PadGeometry().friction
+        self.pads = PadGeometry()
         self._wrinkles = int(rng.integers(2**31))
         # a separate generator, so that the other random numbers of a seed stay the same as in older versions
         spread = noise.residual_curvature_spread * np.random.default_rng((self._wrinkles, 1)).uniform(-1.0, 1.0)
@@ -125,8 +125,7 @@ class WorldGarment:
         self._body = self._build(vertices)
 
     def _build(self, positions: Array) -> ClothBody:
-        pads = PadGeometry(friction=self.pad_friction)
-        return build_body(self.solver, self.mesh, self.material, positions, self.traits, pads)
+        return build_body(self.solver, self.mesh, self.material, positions, self.traits, self.pads)
 
     def _wrinkled(self) -> Array:
         """Return vertices (n, 3) with waves in random directions. The outline shrinks, so that the cloth keeps its

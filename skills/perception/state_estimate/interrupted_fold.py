@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import HANDS, sample_paths
 from skills.cloth.solver import ClothSimulation
 from skills.perception.state_estimate.hypothesis import Interruption
@@ -28,14 +29,16 @@ def simulate_interruptions(
     interruptions: Sequence[Interruption],
     grip_force: float = 20.0,
     proceed: Callable[[], None] = lambda: None,
+    pads: PadGeometry | None = None,
 ) -> list[Array]:
     """Simulate a fold from `positions` (n, 3) along the tools' paths, once for each interruption. Returns the
     positions (n, 3) in which the cloth comes to rest, in the order of the interruptions.
 
     The fold up to the first difference from the plan is simulated only once. proceed: called before each
-    interruption is simulated; it may raise an exception to end the computation.
+    interruption is simulated; it may raise an exception to end the computation. pads: of the hands; None: the
+    default pads.
     """
-    fold = _Fold(mesh, positions, material, paths, grip_force)
+    fold = _Fold(mesh, positions, material, paths, grip_force, pads)
     results: dict[int, Array] = {}
     for missed in (False, True):
         chosen = [i for i, k in enumerate(interruptions) if k.missed_layer == missed]
@@ -58,8 +61,9 @@ class _Fold:
         material: Material,
         paths: Mapping[GraspId, ToolPath],
         grip_force: float,
+        pads: PadGeometry | None,
     ) -> None:
-        self._simulation = ClothSimulation(mesh, material, positions, at_rest=True)
+        self._simulation = ClothSimulation(mesh, material, positions, pads=pads, at_rest=True)
         self._start = self._simulation.checkpoint()
         self._paths, self._grip_force = paths, grip_force
         self._frame_s = self._simulation.settings.frame

@@ -24,6 +24,7 @@ from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
 from cell.config.library.library_file import put_garments, user_library_path, write_library
 from robots.errors import CellError, FailureKind
+from skills.cloth.pinch import PadGeometry
 from skills.garments.garment import Garment
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
@@ -286,7 +287,7 @@ def test_the_build_command_writes_the_library_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], serial: Library
 ) -> None:
     monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
-    monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Bowl)
+    monkeypatch.setattr("cell.commands.library.build.ClothPredictor", lambda pads: Bowl())
     line = ["library", "build", "small_towel", "--method", "two_parameter", "--workers", "2",
             "--logs", str(tmp_path)]  # fmt: skip
     assert main([*line, "--json"]) == 0
@@ -308,8 +309,8 @@ def test_the_build_command_writes_the_library_and_reports(
 
 
 def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Arcs are evaluated together with the lift before them, at this cell's folding speed."""
-    lifts = []
+    """Arcs are evaluated with its pads, together with the lift before them, at its folding speed."""
+    lifts, widths = [], []
 
     class Watching(Bowl):
         def __call__(self, mesh, positions, material, paths, /):  # type: ignore[no-untyped-def]
@@ -319,10 +320,17 @@ def test_a_build_uses_the_settings_of_its_cell(tmp_path: Path, monkeypatch: pyte
             return super().__call__(mesh, positions, material, paths)
 
     monkeypatch.setattr("cell.campaigns.executors.worker_pool", ThreadPoolExecutor)
-    monkeypatch.setattr("cell.campaigns.library.build.ClothPredictor", Watching)
-    (tmp_path / "cell.yaml").write_text("grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\n")
+
+    def predictor(pads: PadGeometry) -> Watching:
+        widths.append(pads.width)
+        return Watching()
+
+    monkeypatch.setattr("cell.commands.library.build.ClothPredictor", predictor)
+    (tmp_path / "cell.yaml").write_text(
+        "grasp: {lift_height: 0.05}\nmotion: {tool_speed: 0.2}\ngripper: {pad_width: 0.03}\n"
+    )
     line = ["library", "build", "small_towel", "--method", "initial", "--cell", str(tmp_path / "cell.yaml")]
     assert main([*line, "--workers", "1", "--logs", str(tmp_path)]) == 0
-    assert lifts == pytest.approx([0.05] * len(lifts))
+    assert lifts == pytest.approx([0.05] * len(lifts)) and widths == [0.03]
     entries = from_json(user_library_path(tmp_path).read_text())[0].entries
     assert [e.max_tool_speed for e in entries] == [0.2, 0.2]

@@ -59,6 +59,11 @@ def write(path: Path, values: Mapping[str, Any]) -> None:
         ({"park": {"left": [0.1, 0.2]}}, ["park.left = [0.1, 0.2]", "2 angles", "7 joints"]),
         ({"park": {"right": [9.0] * 7}}, ["park.right", "9", "6.3"]),
         ({"park": {"left": [0.0] * 7}}, ["park.left = [0.0, 0.0", "parked"]),
+        ({"gripper": {"opening": 0.05}}, ["gripper.opening = 0.05", "open 50 of 42 mm"]),
+        ({"gripper": {"opening": 0.006, "closed_opening": 0.008}}, ["gripper.opening = 0.006", "8.0 mm closed"]),
+        ({"gripper": {"pad_width": 20}}, ["gripper.pad_width = 20", "millimetres"]),
+        ({"grasp": {"held_force": 16.0}}, ["grasp.held_force = 16", "grip force 15.0 N"]),
+        ({"grasp": {"press_force": 1.0, "contact_force": 2.0}}, ["grasp.contact_force = 2", "press force 1.0 N"]),
         ({"robot": "r2d2"}, ["robot", "r2d2", "baxter"]),
     ],
 )  # fmt: skip

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from cell.config.garments.garment_file import list_garments, load_garment
 from robots.errors import FailureKind
+from skills.cloth.pinch import PadGeometry
 from skills.garments.garment import Garment
 from skills.planning import folding
 from skills.planning.folding import fold_points, fold_xy, silhouette
@@ -176,3 +177,11 @@ def test_a_shirt_can_be_folded_at_any_pose(name: str) -> None:
         whole = shapely.Polygon(state.contour).area
         pieces = folding._pieces(lines, shapely.Polygon(state.contour))
         assert sum(piece.area for piece in pieces.values()) == pytest.approx(whole, rel=1e-4)
+
+
+def test_pads_that_open_far_beyond_the_folded_towel_find_no_second_layer_there() -> None:
+    towel = GARMENTS["medium_towel"]
+    state = towel.flat_state(0.6, 0.0)
+    for pads, layers in ((None, 2), (PadGeometry(stroke=4.0), 1)):
+        _, quarter = plan_folds(state, towel, pads=pads).unwrap()
+        assert {grasp.layers for grasp in quarter.grasps.values()} == {layers}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cell.config.cell_settings import load_settings
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
 from cell.executive.effects import EFFECTS, checked_motion, freeing, gripping, moving, parking
@@ -56,7 +57,7 @@ def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None
     cell, failure, _ = pressed(monkeypatch, 1000.0)
     deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
     assert failure is None and deepest - TOUCHED == pytest.approx(
-        gripping.PRESS + gripping.DEEPER + 0.5 * gripping.PREGRASP_OPENING * np.sin(0.1), abs=2e-4
+        gripping.PRESS + gripping.DEEPER + 0.5 * load_settings().gripper.opening * np.sin(0.1), abs=2e-4
     )
 
 

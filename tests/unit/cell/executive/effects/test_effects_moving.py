@@ -11,6 +11,7 @@ import pytest
 
 import cell.executive.effects.moving as moving
 import cell.executive.effects.parking as parking
+from cell.config.cell_settings import load_settings
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.checked_motion import move
@@ -128,6 +129,16 @@ def test_a_fold_is_approached_with_open_hands_and_counts_as_an_attempt(
     assert cell.openings[Side.LEFT] >= 0.03 and cell.openings[Side.RIGHT] == 0.0, "only the grasping hand opens"
     after = result.context.fold
     assert (after.grasps, after.carried) == (2, False) and after.attempt.before is frame
+
+
+def test_the_grasping_hand_opens_as_wide_as_the_settings_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(moving, "move", lambda *_, **__: None)
+    shipped = load_settings()
+    narrow = shipped.model_copy(update={"gripper": shipped.gripper.model_copy(update={"opening": 0.021})})
+    cell, motion = FakeCell(), SimpleNamespace(postures={Side.RIGHT: None}, approach=None)
+    frame = cell.ports().camera.capture()
+    approach(fake_workcell(cell, settings=narrow), context_with(motion=motion, frame=frame))
+    assert cell.openings[Side.RIGHT] == 0.021
 
 
 def test_a_driver_error_while_making_safe_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,7 +105,7 @@ class Choice:
         self, cloth: Cloth, workers: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch, *changes: Adjustment,
         shelf: Library | None = None, full: bool = False,
     ) -> None:  # fmt: skip
-        monkeypatch.setattr("cell.executive.effects.planning.ClothPredictor", lambda: cloth)
+        monkeypatch.setattr("cell.executive.effects.planning.ClothPredictor", lambda pads: cloth)
         self.cell, self.kept, self.watcher, self.cloth = FakeCell(), [], Watcher(), cloth
         shelf = library() if shelf is None else shelf
         settings = load_settings()
