@@ -42,7 +42,7 @@ HEADERS = {
     " img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
 }
 QUALITY = 96
-"""Of the picture as a JPEG: the page magnifies it."""
+"""Quality of the picture as a JPEG. It is high because the page magnifies the picture."""
 LONGEST = 2**16
 """Maximum size of a message from the page [bytes]."""
 Points = Mapping[str, Array]
@@ -59,8 +59,8 @@ class _Message(BaseModel):
 
 
 @dataclass(frozen=True, eq=False)
-class _Wish:
-    """A message that the command answers, not the server."""
+class _Task:
+    """What the command has to do for the page."""
 
     then: str
     points: Points
@@ -81,29 +81,29 @@ def edit_key_points(
     called on this thread. The page shows their ConfigurationError and StorageError, and the editing goes on.
     Raises StorageError if the page cannot be served.
     """
-    wishes: queue.Queue[_Wish] = queue.Queue()
+    tasks: queue.Queue[_Task] = queue.Queue()
     secret = new_secret()
-    app = _Page(edit, wishes, listener.getsockname()[1]).app(secret)
+    app = _Page(edit, tasks, listener.getsockname()[1]).app(secret)
     with served(app, listener, "the page of the key points", "choose another --page-port") as address:
         announce(f"{address}/{secret}/")
-        while (wish := wishes.get()).then != "cancel":
+        while (task := tasks.get()).then != "cancel":
             try:
-                written = (save if wish.then == "save" else keep)(wish.points)
+                written = (save if task.then == "save" else keep)(task.points)
             except (ConfigurationError, StorageError) as e:
-                wish.answer.set_result({"refused": e.what, "hint": e.hint})
+                task.answer.set_result({"refused": e.what, "hint": e.hint})
                 continue
-            wish.answer.set_result({"written": written, "ended": wish.then == "save"})
-            if wish.then == "save":
+            task.answer.set_result({"written": written, "ended": task.then == "save"})
+            if task.then == "save":
                 return True
-        wish.answer.set_result({"written": None, "ended": True})
+        task.answer.set_result({"written": None, "ended": True})
         return False
 
 
 class _Page:
     """Answers on the routes of the page: the page itself, the picture, what is edited, and the page's messages."""
 
-    def __init__(self, edit: KeyPointEdit, wishes: queue.Queue[_Wish], port: int) -> None:
-        self._edit, self._wishes = edit, wishes
+    def __init__(self, edit: KeyPointEdit, tasks: queue.Queue[_Task], port: int) -> None:
+        self._edit, self._tasks = edit, tasks
         self._origins = origins(port)
         self._latest = edit.start
         """Of the last message, so that a page that is loaded again shows them."""
@@ -142,14 +142,14 @@ class _Page:
         except ValidationError:
             return _json({"refused": "the message is not valid"}, 400)
         self._latest = {name: np.array(place) for name, place in message.points.items()}
-        wish = _Wish(message.then, self._latest, Future())
-        shown = await run_in_threadpool(self._edit.shown, wish.points)
-        if wish.then == "check":
+        task = _Task(message.then, self._latest, Future())
+        shown = await run_in_threadpool(self._edit.shown, task.points)
+        if task.then == "check":
             return _json(shown)
-        if wish.then == "save" and any(finding.refused for finding in shown["findings"]):
+        if task.then == "save" and any(finding.refused for finding in shown["findings"]):
             return _json({**shown, "refused": "no garment can be made of these key points"})
-        self._wishes.put(wish)
-        answer: dict[str, Any] = await asyncio.wrap_future(wish.answer)
+        self._tasks.put(task)
+        answer: dict[str, Any] = await asyncio.wrap_future(task.answer)
         return _json({**shown, **answer})
 
 
