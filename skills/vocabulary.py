@@ -201,6 +201,10 @@ class Grasp:
     layers: int
     height: float
 
+    def whole_stack(self, thickness: float) -> bool:
+        """Whether the grasp holds all layers down to the table. thickness: of a layer, as stated [m]."""
+        return self.height < (self.layers + 0.5) * thickness
+
 
 @dataclass(frozen=True, eq=False)
 class FoldStep:

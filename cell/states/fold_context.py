@@ -17,6 +17,7 @@ from skills.grasping.confirm import Held
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
 from skills.perception.state_estimate.estimate import StateEstimate
+from skills.planning.repair import RepairGoal
 from skills.vocabulary import GraspTrajectory
 
 __all__ = ["FoldContext"]
@@ -51,6 +52,8 @@ class FoldContext:
     """The state of the garment after a failure of the latest attempt, with the best fit of each state."""
     repair: Repair | None = None
     """The repair in progress. `attempt` is then the attempt at the repair."""
+    tried: tuple[RepairGoal, ...] = ()
+    """The goals of the repairs of this fold that were planned, in order."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
     carrying: tuple[ArmTrajectory, ...] = ()
@@ -70,11 +73,11 @@ class FoldContext:
         return self.touched and self.attempt is not None and not self.carried
 
     def after_repair(self) -> FoldContext:
-        """Return the context after a repair, whether it was completed or not: how the garment lies is unknown."""
+        """Return the context after a repair, whether it succeeded or not. Unless it has completed the fold, how
+        the garment lies is unknown."""
         if self.repair is None:
             return self
-        undone = replace(self.repair.undone, carried=False)
-        return replace(self, repair=None, attempt=undone, touched=True, estimate=None)
+        return replace(self, repair=None, attempt=self.repair.ended(self.attempt), touched=True, estimate=None)
 
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)
@@ -82,7 +85,7 @@ class FoldContext:
     def note(self) -> StepNote | None:
         """Return the fold's record for the report, or None before the fold was planned. If the fold was not
         inspected, the figures of the inspection are NaN or empty."""
-        attempt = self.repair.undone if self.repair else self.attempt
+        attempt = self.repair.failed if self.repair else self.attempt
         if attempt is None:
             return None
         inspection, claim = attempt.inspection, attempt.claim

@@ -52,6 +52,7 @@ class Adjustment(StrEnum):
 
     NONE = "none"
     LOWER = "lower"  # press the tips deeper into the garment
+    HIGHER = "higher"  # leave more of the layers below: a hand held too many
     INWARD = "inward"  # grasp further inside the edge
     STRONGER = "stronger"  # grip with more force
     OPTIMISE = "optimise"  # optimise, even if the library has a trajectory
@@ -105,9 +106,9 @@ _GOOD_ENOUGH = (
 )
 
 
-def _undo(adjust: Adjustment) -> tuple[Recovery, ...]:
-    """Undo the fold, twice at most, and make it anew with this change."""
-    return Recovery(Event.UNDO, adjust), Recovery(Event.UNDO, adjust)
+def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
+    """Complete the fold from where its edge lies, or undo it and make it anew with this change: twice at most."""
+    return Recovery(Event.REPAIR, adjust), Recovery(Event.REPAIR, adjust)
 
 
 def _ask(reason: str) -> tuple[Recovery]:
@@ -165,14 +166,14 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     ),
     # the fold itself
     K.DRIFT: (Recovery(Event.CARRY_ON), *_SHAPE),  # the shape is right but displaced: the plan is moved to it
-    K.OFF_TARGET: (*_GOOD_ENOUGH, *_undo(A.NONE), *_SHAPE),
-    K.PILING: (*_GOOD_ENOUGH, *_undo(A.OPTIMISE), *_SHAPE),
+    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), *_SHAPE),
+    K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_SHAPE),
-    K.SAG: (*_GOOD_ENOUGH, *_undo(A.OPTIMISE), *_SHAPE),
-    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_undo(A.STRONGER), *_SHAPE),
-    K.MISSED_LAYER: (*_GOOD_ENOUGH, *_undo(A.LOWER), *_SHAPE),
+    K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
+    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), *_SHAPE),
+    K.MISSED_LAYER: (*_GOOD_ENOUGH, *_repair(A.LOWER), *_SHAPE),
     # the garment lies neither as before nor as after the fold: the estimate must be the same twice
-    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_undo(A.NONE), *_LIES),
+    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), *_LIES),
     K.HEAPED: (*_LOOK_ONCE_MORE, *_LIES),
     # the cell itself
     K.STOPPED: _ask(_PERSON),
@@ -259,14 +260,14 @@ def choose_recovery(
     other_variant: bool = True,
     deviation: float = 0.0,
     carried: bool = True,
-    undoable: bool = False,
+    repairable: bool = False,
 ) -> Recovery:
     """Return the recovery after failure number `attempt` (from 1) of this kind in this step.
 
     overlap: IoU of observed and predicted shape, and deviation: the larger of the outline's deviation and the
     length of cloth left behind [m], if an inspection failed. other_variant: whether the garment file has a variant
     of this step that was not tried. carried: whether the hands completed the fold; otherwise it cannot be carried
-    on from. undoable: whether it is known well enough how the garment lies to undo the fold.
+    on from. repairable: whether it is known well enough how the garment lies to repair the fold.
     """
 
     def allowed(recovery: Recovery) -> bool:
@@ -283,7 +284,7 @@ def choose_recovery(
     for recovery in recoveries:
         if recovery.event is Event.CARRY_ON and allowed(recovery):
             return recovery
-    left_out = {Event.CARRY_ON} if undoable else {Event.CARRY_ON, Event.UNDO}
+    left_out = {Event.CARRY_ON} if repairable else {Event.CARRY_ON, Event.REPAIR}
     tries = [r for r in recoveries if r.event not in left_out]
     if attempt <= len(tries) and allowed(tries[attempt - 1]):
         return tries[attempt - 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
+from skills.perception.state_estimate.comparison import Fit
+from skills.planning.repair import RepairGoal, RepairPlan
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
 __all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair"]
@@ -107,6 +109,8 @@ class Attempt:
     press_plan: PressPlan | None = None
     unpressed: bool = False
     """Whether the operator skipped the pressing."""
+    repaired: bool = False
+    """Whether a repair has completed the fold, so that its own motion does not explain how the garment lies."""
 
     def grasp_of(self, arm: Side) -> Grasp:
         """The grasp that this arm makes. The motion planner may have swapped the grasps between the arms."""
@@ -115,16 +119,34 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Repair:
-    """The way back of a fold that is half made. It is planned, checked and performed like a fold.
+    """The repair of a fold that failed. It is planned, checked and performed like a fold.
 
-    step: grasps where the moved cloth lies now, targets where it lay before the fold; trajectory: the arcs between
-    them; headings: of the held lines at grasp and target [rad]. vertices: (n, 3) believed positions now; flat:
-    (n, 3) as they were before the fold, [m]. undone: the attempt that is undone.
+    plan: grasps where the moved cloth lies now, targets where it has to lie; trajectory: the arcs between them.
+    vertices: (n, 3) believed positions now; target: (n, 3) the positions that are aimed at, [m]; both at the place
+    where the garment was found. displaced: of that place. failed: the attempt that is repaired.
     """
 
-    step: FoldStep
+    plan: RepairPlan
     trajectory: GraspTrajectory
-    headings: Mapping[GraspId, tuple[float, float]]
     vertices: Array
-    flat: Array
-    undone: Attempt
+    target: Array
+    displaced: Fit
+    failed: Attempt
+
+    def ended(self, performed: Attempt | None) -> Attempt:
+        """Return the failed attempt after its repair. performed: the attempt at the repair. If it has completed
+        the fold, the garment is expected as the repair was predicted to leave it, and is inspected as usual."""
+        completed = self.plan.goal is RepairGoal.COMPLETE and performed is not None and performed.carried
+        if not completed or performed is None:
+            return replace(self.failed, carried=False)
+        # relative to the plan, which moves only when an inspection has measured the displacement
+        vertices = self.displaced.taken_back(performed.predicted.vertices)
+        return replace(
+            self.failed,
+            predicted=replace(performed.predicted, vertices=vertices),
+            dissimilarity_m=performed.dissimilarity_m,
+            carried=True,
+            repaired=True,
+            inspection=None,
+            claim=None,
+        )

@@ -43,7 +43,7 @@ class State(StrEnum):
     PLANNING = "planning"
     OPTIMISING = "optimising"  # look the trajectory up, or optimise it
     PLANNING_MOTION = "planning_motion"
-    PLANNING_REPAIR = "planning_repair"  # how a half-made fold is undone
+    PLANNING_REPAIR = "planning_repair"  # how a half-made fold is completed or undone
     AWAITING_APPROVAL = "awaiting_approval"
     CHECKING = "checking"  # whether the garment still lies where the plan expects it
     APPROACHING = "approaching"
@@ -92,7 +92,7 @@ class Event(StrEnum):
     PLAN_AGAIN = "plan_again"
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
-    UNDO = "undo"
+    REPAIR = "repair"
     CARRY_ON = "carry_on"
     ASK = "ask"
     GIVE_UP = "give_up"
@@ -185,8 +185,8 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.LOOKING, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
     Row(S.ESTIMATING, E.DONE, S.RECOGNISING, Do.RECOGNISE),
     Row(S.ESTIMATING, E.FOLD_MADE, S.INSPECTING, Do.INSPECT),
-    # undo a half-made fold: the way back is performed like a fold, then the state is estimated again
-    Row(S.RECOVERING, E.UNDO, S.PLANNING_REPAIR, Do.PLAN_REPAIR),
+    # repair a half-made fold, by a motion that is performed like a fold; an undone fold is then estimated again
+    Row(S.RECOVERING, E.REPAIR, S.PLANNING_REPAIR, Do.PLAN_REPAIR),
     Row(S.PLANNING_REPAIR, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
     Row(S.LOOKING_AFTER, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
     # resume an interrupted run

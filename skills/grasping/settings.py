@@ -42,6 +42,9 @@ class GraspSettings:
     press_stiffness: float = 400.0
     """Increase of the contact force per height of cloth that the tips have to press flat [N/m]. Terry is assumed
     to need 250."""
+    compliance: float = 1.5e-3
+    """How far a hand reads too low for each newton with which the table pushes on a tip [m/N]: the arm (1500 N/m,
+    by one or both tips) and the tip's rubber (2500 N/m) give way."""
     contact_readings: int = 3
     contact_effort: float = 9.0
     """Difference of a joint's effort from its running mean that counts as a contact [Nm]: about 12 N at the hand,

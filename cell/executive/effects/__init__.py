@@ -72,7 +72,7 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.PLAN_MOTION: lambda cell, c: planning.plan_motion(
         cell, c, _plan(c), _required(c.fold.trajectory, "trajectory")
     ),
-    Effect.PLAN_REPAIR: lambda cell, c: repairing.plan_repair(cell, c, _plan(c), _attempt(c)),
+    Effect.PLAN_REPAIR: lambda cell, c: repairing.choose_repair(cell, c, _plan(c), _attempt(c)),
     Effect.ASK_APPROVAL: deciding.ask_approval,
     Effect.CHECK_PLACE: lambda cell, c: checking.check_place(cell, c, _attempt(c), _frame(c)),
     Effect.APPROACH: lambda cell, c: checking.approach_watched(cell, c, _attempt(c)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from cell.config.deciding_setting import deciding_setting, setting_in_words
@@ -40,8 +41,10 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     recovery = choose_recovery(
         kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
         max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
-        _undoable(fold),
+        _repairable(fold),
     )  # fmt: skip
+    if _value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf):
+        recovery = replace(recovery, adjust=Adjustment.HIGHER)
     used_up = (
         context.recoveries_in_step >= bounds.attempts_per_step or len(context.retries) >= bounds.attempts_per_run
     )
@@ -67,10 +70,10 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         asking = replace(context, asking=recovery.reason, setting=deciding_setting(kind, cell.settings))
         return Result(recovery.event, asking, {**record, "reason": recovery.reason})
     event: Event = recovery.event
-    if event is Event.UNDO and _lies_as_before(fold):
+    if event is Event.REPAIR and _lies_as_before(fold):
         event, context = Event.LOOK_AGAIN, _not_carried(context)
     if fold.repair is not None and (
-        event in {Event.UNDO, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN} or recovery.adjust in _OTHER_GRASPS
+        event in {Event.REPAIR, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN} or recovery.adjust in _OTHER_GRASPS
     ):
         event = Event.LOOK_AGAIN  # the repair is planned anew, from what the next picture shows
     on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
@@ -94,11 +97,11 @@ def _attempt(context: RunContext, kind: FailureKind) -> int:
     return sum(context.attempts.get((context.fold.index, k.value), 0) for k in kinds)
 
 
-_OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.INWARD})
+_OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.HIGHER, Adjustment.INWARD})
 
 
-def _undoable(fold: FoldContext) -> bool:
-    """Whether it is known well enough how the garment lies to undo the fold. Whether the edge of
+def _repairable(fold: FoldContext) -> bool:
+    """Whether it is known well enough how the garment lies to repair the fold. Whether the edge of
     a refused fold has come half the way or the whole way does not matter: the best fit shows where it lies."""
     found = fold.estimate
     if found is None or found.best is None:

@@ -44,7 +44,14 @@ PRESS = 0.001
 """Depth by which the middle between the tips is lowered below the contact height [m], so that the pads close under
 the cloth."""
 DEEPER = 0.002
-"""Additional depth for each adjustment LOWER [m]."""
+"""Additional depth for each adjustment LOWER [m], in a grasp of all layers down to the table."""
+STOP = 0.85
+"""Height in the lowest of the layers to be held at which a descent to the upper layers alone stops, in layers. The
+tips come to rest 0.5 mm lower, near the middle of the layer."""
+FINER = 0.25
+"""Shift of STOP for each adjustment HIGHER (up) or LOWER (down)."""
+STOPS = (0.3, 1.3)
+"""Range of the shifted STOP."""
 STRONGER = 1.4
 """Factor by which each adjustment STRONGER raises the grip force."""
 
@@ -75,10 +82,10 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
         return Result(Event.FAILED, context.with_failure(contacts.failure))
     monitor = FingertipForceMonitor(cell.hands, cell.grasp, fold.biases)
     # tips that press into the upper layers would take the layers below them, too
-    to_table = all(_whole_stack(attempt.grasp_of(s), stated) for s in fold.biases)
+    to_table = all(attempt.grasp_of(s).whole_stack(stated) for s in fold.biases)
     depth = PRESS + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
     if to_table:
-        heights = {s: c.height for s, c in contacts.unwrap().items()}
+        heights = {s: c.height + settings.compliance * c.force for s, c in contacts.unwrap().items()}
         fold = replace(fold, table_contact={**fold.table_contact, **heights})
     failure = _press(cell, attempt.motion.postures, depth, lowering, monitor)
     record: dict[str, object] = {
@@ -180,7 +187,8 @@ def _descend(
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
             lowest = lowering[s].top - float(descent.depth[-1])
             table, tactile = fold.table_contact.get(s, 0.0), cell.settings.grasp.tactile
-            goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table)
+            shift = FINER * (fold.count(Adjustment.HIGHER) - fold.count(Adjustment.LOWER))
+            goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table, shift)
             state = start_descent(settings, goal, fold.biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -188,26 +196,24 @@ def _descend(
     return cell.loop.run(begin)
 
 
-def _goal(grasp: Grasp, lowest: float, tactile: bool, thickness: float, table: float = 0.0) -> DescentGoal:
+def _goal(
+    grasp: Grasp, lowest: float, tactile: bool, thickness: float, table: float = 0.0, shift: float = 0.0
+) -> DescentGoal:
     """Return the heights at which a descent to `grasp` ends.
 
     Contact is expected on top of the stack under the hand. With tactile sensors, a descent without contact fails
     at the lowest height that the hand can reach, but not lower than 8 mm below the expected table. Without tactile
     sensors, it ends at the expected height of the table. If only the upper layers are to be held, each `thickness`
-    [m] thick, it ends at the first touch, or in the middle of the lowest of them. table: height at which this hand
-    has felt the table [m].
+    [m] thick, it ends at the first touch, or at STOP in the lowest of them. table: height at which this hand has
+    felt the table [m]. shift: of STOP, by recoveries.
     """
     bottom = min(max(lowest, -0.008), grasp.height)
-    whole = _whole_stack(grasp, thickness)
+    whole = grasp.whole_stack(thickness)
     if whole:
         return DescentGoal(grasp.height, bottom, None if tactile else max(bottom, 0.0), through=grasp.height)
-    middle = table + grasp.height - (grasp.layers - 0.5) * thickness
-    return DescentGoal(grasp.height, min(bottom, middle), stop=middle)
-
-
-def _whole_stack(grasp: Grasp, thickness: float) -> bool:
-    """Whether the planned grasp holds all layers down to the table. thickness: of a layer, as stated [m]."""
-    return grasp.height < (grasp.layers + 0.5) * thickness
+    in_layer = float(np.clip(STOP + shift, *STOPS))
+    stop = table + grasp.height - (grasp.layers - in_layer) * thickness
+    return DescentGoal(grasp.height, min(bottom, stop), stop=stop)
 
 
 def _press(
@@ -272,7 +278,7 @@ def _expected(grasp: Grasp, stated: float, thickness: float) -> Expectation:
     """Return the expected number of layers, each `thickness` [m] thick between the pads. It is the planned
     number. If the planned grasp, whose height follows from the `stated` thickness, holds the whole stack, more
     layers are also accepted."""
-    return Expectation(thickness, grasp.layers, or_more=_whole_stack(grasp, stated))
+    return Expectation(thickness, grasp.layers, or_more=grasp.whole_stack(stated))
 
 
 def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:

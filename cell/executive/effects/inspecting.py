@@ -70,8 +70,10 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
             record,
         )
     if inspection.diagnosis is None:
-        garment, learned = adapt(cell, context.fold.index, plan, attempt, inspection)
-        context = replace(context, plan=replace(plan, garment=garment))
+        learned: dict[str, object] = {}
+        if not attempt.repaired:
+            garment, learned = adapt(cell, context.fold.index, plan, attempt, inspection)
+            context = replace(context, plan=replace(plan, garment=garment))
         advanced = next_step(cell, context)
         return replace(advanced, record={**record, **learned, **advanced.record})
     context, state = _estimated(cell, context, plan, attempt, frame)

@@ -31,7 +31,7 @@ from skills.trajectory.objective import dissimilarity
 from skills.trajectory.optimise import ClothPredictor, optimise_fold
 from skills.trajectory.paths import after_lift, tool_paths
 from skills.trajectory.problem import Candidate, Predictor
-from skills.trajectory.return_arcs import turned_paths
+from skills.trajectory.repair_arcs import turned_paths
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths", "tool_speed"]
@@ -187,6 +187,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
     if state.failure:
         return Result(Event.FAILED, context.with_failure(state.failure))
     q_now = state.unwrap().q
+    layers_stay = not all(g.whole_stack(plan.garment.material.thickness) for g in step.grasps.values())
     searches = fold.count(Adjustment.OTHER_SEARCH)
     avoid = fold.avoided if searches else ()
     planned = cell.compute(
@@ -194,7 +195,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         lambda: plan_fold_motion(
             cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
             approach_height=cell.settings.motion.approach_height, lift=cell.settings.grasp.lift_height,
-            rng=_draws(cell, searches), avoid=avoid,
+            rng=_draws(cell, searches), avoid=avoid, upright_grasps=layers_stay,
         ),
     )  # fmt: skip
     if planned.failure:
@@ -286,8 +287,9 @@ def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: flo
     """Return what the motion has to do: the fold, with its grasps as recoveries have moved them, or its repair."""
     repair = fold.repair
     if repair is not None:
-        paths = turned_paths(tool_paths(repair.trajectory, repair.step, speed), repair.headings)
-        return _Task(repair.trajectory, repair.step, paths, repair.vertices, repair.flat)
+        step, arcs = repair.plan.step, repair.trajectory
+        paths = turned_paths(tool_paths(arcs, step, speed), repair.plan.headings)
+        return _Task(arcs, step, paths, repair.vertices, repair.target)
     inset = INWARD * fold.count(Adjustment.INWARD)
     inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
     target = target_vertices(plan.mesh, step.lines, plan.garment.material)

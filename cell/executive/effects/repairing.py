@@ -1,9 +1,9 @@
-"""The effect that plans a repair: a half-made fold is undone, so that it can be made anew."""
+"""The effect that plans a repair: a half-made fold is completed from where its edge lies, or undone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,64 +14,100 @@ from cell.states.stages import Attempt, Plan, Repair
 from cell.states.transition_table import Event
 from robots.errors import CellError, Failure, FailureKind
 from skills.cloth.predict import predict_fold
+from skills.planning.folding import target_vertices
 from skills.planning.plan import translate_plan
-from skills.planning.undo import Undo, plan_undo
+from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
+from skills.trajectory.acceptance import acceptance_limit
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.paths import fold_duration, lifted, tool_paths
-from skills.trajectory.return_arcs import return_arcs, turned_paths
+from skills.trajectory.repair_arcs import repair_arcs, turned_paths
 from skills.vocabulary import Array, GraspId, GraspTrajectory
 
-__all__ = ["plan_repair"]
+__all__ = ["choose_repair"]
 
 
-def plan_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
-    """Plan how the cloth that a fold has moved is carried back, from the estimated state of the garment.
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A way to repair the fold, with the shape (n, 3) that it aims at [m]."""
 
-    Of several arcs, the one is chosen after which the garment is predicted to lie nearest to its shape before the
-    fold. Motion planning follows, as for a fold.
+    plan: RepairPlan
+    trajectory: GraspTrajectory
+    target: Array
+
+
+def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
+    """Plan how the hands put right the cloth that a fold has moved, from the estimated state of the garment.
+
+    The fold is completed if the garment is then predicted to lie about as well as the fold was planned to leave
+    it. Otherwise it is undone, also if it was to be completed before: the arms may have found no good way, or the
+    cloth may have slipped again. Of several arcs, the one that is predicted to come nearest to its aim is chosen.
+    Motion planning follows, as for a fold.
     """
     fold, thickness = context.fold, plan.garment.material.thickness
     found = fold.estimate.best if fold.estimate is not None else None
     if found is None:
         return _failed(context, "it is not known how the garment lies")
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
-    flat, now = found.placed(plan.vertices), found.shape.vertices
-    planned = plan_undo(plan.mesh, flat, now, step, thickness)
-    if planned.failure:
-        return Result(Event.FAILED, context.with_failure(planned.failure))
-    undo, speed = planned.unwrap(), tool_speed(cell, plan.garment)
-    arcs = return_arcs(attempt.trajectory.control_points, undo.step, thickness)
+    before, now = found.placed(plan.vertices), found.shape.vertices
+    folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
+    plans = {goal: plan_repair(goal, plan.mesh, before, now, step, thickness) for goal in RepairGoal}
+    ways = [
+        _Candidate(repair, _trajectory(cell, plan, controls), folded if goal is RepairGoal.COMPLETE else before)
+        for goal, repair in ((goal, planned.value) for goal, planned in plans.items()) if repair is not None
+        for controls in repair_arcs(attempt.trajectory.control_points, repair, thickness)
+    ]  # fmt: skip
+    if not ways:
+        failure = plans[RepairGoal.UNDO].failure
+        assert failure is not None
+        return Result(Event.FAILED, context.with_failure(failure))
 
-    def work() -> list[GraspTrajectory]:
-        return [_simulated(cell, plan, undo, controls, now, flat, speed) for controls in arcs]
+    def work() -> list[_Candidate]:
+        return [_simulated(cell, plan, way, now) for way in ways]
 
-    candidates = cell.compute(len(arcs) * cell.settings.computing.simulation_s, work)
-    best = min(candidates, key=lambda c: c.dissimilarity)
-    repair = Repair(undo.step, best, undo.headings, now, flat, attempt)
+    predicted = cell.compute(len(ways) * cell.settings.computing.simulation_s, work)
+    limit = acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m)
+    best = _best(predicted, -np.inf if RepairGoal.COMPLETE in fold.tried else limit)
+    repair = Repair(best.plan, best.trajectory, now, best.target, found, attempt)
+    goal_step = best.plan.step
     record = {
-        "hands": sorted(grasp_id.value for grasp_id in undo.step.grasps),
-        "distance_m": {i.value: float(np.linalg.norm(t[:2] - undo.step.grasps[i].point))
-                       for i, t in undo.step.targets.items()},
-        "dissimilarity_m": best.dissimilarity,
+        "goal": best.plan.goal.value,
+        "hands": sorted(grasp_id.value for grasp_id in goal_step.grasps),
+        "distance_m": {i.value: float(np.linalg.norm(t[:2] - goal_step.grasps[i].point))
+                       for i, t in goal_step.targets.items()},
+        "dissimilarity_m": best.trajectory.dissimilarity,
     }  # fmt: skip
-    cell.recorder.plan(cell.ports.clock.now(), undo.step)
-    return Result(Event.DONE, replace(context, fold=replace(fold, repair=repair)), record)
+    cell.recorder.plan(cell.ports.clock.now(), goal_step)
+    fold = replace(fold, repair=repair, tried=(*fold.tried, best.plan.goal))
+    return Result(Event.DONE, replace(context, fold=fold), record)
 
 
-def _simulated(
-    cell: Workcell,
-    plan: Plan,
-    undo: Undo,
-    controls: Mapping[GraspId, Array],
-    now: Array,
-    flat: Array,
-    speed: float,
-) -> GraspTrajectory:
-    """Return arcs as a trajectory, with the dissimilarity between the garment after it and before the fold. A
-    simulation that fails has an infinite one."""
-    trajectory = GraspTrajectory(controls, fold_duration(controls, speed), "undo", np.nan, np.inf, 1)
-    height = cell.settings.grasp.lift_height
-    paths = turned_paths(tool_paths(trajectory, undo.step, speed), undo.headings)
+def _best(ways: Sequence[_Candidate], limit: float) -> _Candidate:
+    """Return the best way to complete the fold, if its dissimilarity is at most `limit` [m] or if the fold cannot
+    be undone, else the best way to undo it."""
+    best = {
+        goal: min(of_goal, key=lambda way: way.trajectory.dissimilarity)
+        for goal in RepairGoal
+        if (of_goal := [way for way in ways if way.plan.goal is goal])
+    }
+    complete, undo = best.get(RepairGoal.COMPLETE), best.get(RepairGoal.UNDO)
+    if complete is not None and (undo is None or complete.trajectory.dissimilarity <= limit):
+        return complete
+    assert undo is not None
+    return undo
+
+
+def _trajectory(cell: Workcell, plan: Plan, controls: Mapping[GraspId, Array]) -> GraspTrajectory:
+    """Return arcs as a trajectory that was not simulated yet."""
+    return GraspTrajectory(
+        controls, fold_duration(controls, tool_speed(cell, plan.garment)), "repair", np.nan, np.inf, 1
+    )
+
+
+def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Candidate:
+    """Return the way with the dissimilarity between its aim and the garment after it. A simulation that fails has
+    an infinite one. now: (n, 3) the garment as it lies [m]."""
+    height, speed = cell.settings.grasp.lift_height, tool_speed(cell, plan.garment)
+    paths = turned_paths(tool_paths(way.trajectory, way.plan.step, speed), way.plan.headings)
     paths = {grasp_id: lifted(path, height) for grasp_id, path in paths.items()}
     try:
         end = predict_fold(
@@ -79,11 +115,11 @@ def _simulated(
             grip_force=cell.grasp.grip_force,
         )  # fmt: skip
     except CellError:
-        return trajectory
-    error = dissimilarity(flat, end.vertices, plan.mesh.triangles, plan.mesh.area)
-    return replace(trajectory, dissimilarity=error)
+        return way
+    error = dissimilarity(way.target, end.vertices, plan.mesh.triangles, plan.mesh.area)
+    return replace(way, trajectory=replace(way.trajectory, dissimilarity=error))
 
 
 def _failed(context: RunContext, why: str) -> Result:
-    failure = Failure(FailureKind.HALF_FOLDED, f"the fold cannot be undone: {why}", "lay the garment as it was")
+    failure = Failure(FailureKind.HALF_FOLDED, f"the fold cannot be repaired: {why}", "lay the garment as it was")
     return Result(Event.FAILED, context.with_failure(failure))

@@ -144,5 +144,6 @@ def _believed(plan: Plan) -> PredictedShape:
 
 def _title(context: RunContext, plan: Plan) -> str:
     step = plan.steps[context.fold.index]
-    undone = "undo " if context.fold.repair is not None else ""
-    return f"{undone}fold {context.fold.index + 1} of {len(plan.steps)}: {step.name.replace('_', ' ')}"
+    repair = context.fold.repair
+    what = "" if repair is None else f"{repair.plan.goal.value} "
+    return f"{what}fold {context.fold.index + 1} of {len(plan.steps)}: {step.name.replace('_', ' ')}"

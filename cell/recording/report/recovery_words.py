@@ -16,13 +16,14 @@ _EVENTS: Mapping[Event, str] = {
     Event.PLAN_AGAIN: "planned the fold again",
     Event.OPTIMISE_AGAIN: "chose another arc",
     Event.GRASP_AGAIN: "planned the motion again, to grasp again",
-    Event.UNDO: "planned to carry the moved cloth back",
+    Event.REPAIR: "planned to put the moved cloth right",
     Event.CARRY_ON: "went on: the next fold can build on it",
     Event.ASK: "asked the operator",
     Event.GIVE_UP: "ended the run",
 }
 _CHANGES: Mapping[Adjustment, str] = {
     Adjustment.LOWER: "with the tips pressed deeper",
+    Adjustment.HIGHER: "with the tips less deep",
     Adjustment.INWARD: "with the grasp further inside the edge",
     Adjustment.STRONGER: "with a firmer grip",
     Adjustment.OPTIMISE: "optimised for this fold",

@@ -102,6 +102,7 @@ def plan_fold_motion(
     approach_height: float = APPROACH_HEIGHT,
     lift: float = 0.0,
     avoid: Sequence[Mapping[Side, Posture]] = (),
+    upright_grasps: bool = False,
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
     """Plan one fold from q_now (joints,), at rest.
@@ -113,7 +114,7 @@ def plan_fold_motion(
         raise ValueError(f"paths for {sorted(paths)} do not fit grasps for {sorted(step.grasps)}")
     return plan_hands_motion(
         model, checker, table, paths, q_now, limits=limits, tool_speed=tool_speed,
-        approach_height=approach_height, lift=lift, avoid=avoid, rng=rng,
+        approach_height=approach_height, lift=lift, avoid=avoid, upright_grasps=upright_grasps, rng=rng,
     )  # fmt: skip
 
 
@@ -129,6 +130,7 @@ def plan_hands_motion(
     approach_height: float = APPROACH_HEIGHT,
     lift: float = 0.0,
     avoid: Sequence[Mapping[Side, Posture]] = (),
+    upright_grasps: bool = False,
     rng: np.random.Generator | None = None,
 ) -> Outcome[FoldMotion]:
     """Plan the hands' motion from q_now (joints,), at rest: to points above the starts of their paths, down, along
@@ -137,8 +139,9 @@ def plan_hands_motion(
     The function chooses the lean of the hands, and the arm for each path. limits: the model's planning limits when
     None. tool_speed: maximum speed while the cloth is held [m/s]. lift: height of a straight lift between grasp
     and fold [m]; the paths then begin higher by this height. avoid: postures of earlier motions, which are not
-    chosen again. rng: for RRT-Connect. Failures: UNREACHABLE, IN_COLLISION (with the binding constraint, and a
-    shift of the garment if one helps), LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
+    chosen again. upright_grasps: prefer hands that are upright at the grasp. rng: for RRT-Connect. Failures:
+    UNREACHABLE, IN_COLLISION (with the binding constraint, and a shift of the garment if one helps),
+    LIMIT_EXCEEDED, STALE_STATE (q_now is not a valid state).
     """
     invalid = (
         validate_state(model, q_now)
@@ -154,8 +157,9 @@ def plan_hands_motion(
     first_failure: Failure | None = None
     for _ in range(SEARCHES):
         ranked = rank_postures(
-            model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=tried
-        )
+            model, checker, table, paths, q_now, above=approach_height, below=RETREAT_HEIGHT, avoid=tried,
+            upright_grasps=upright_grasps,
+        )  # fmt: skip
         if ranked.failure:
             break
         choices = ranked.unwrap()

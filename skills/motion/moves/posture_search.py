@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from functools import lru_cache
 from itertools import product
 
@@ -29,6 +30,8 @@ PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
 PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
 """Changes of pitch during the fold, tried only if no constant lean is feasible."""
+END_PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
+"""Pitch at the release of a hand that grasps upright."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
 """A constant pitch of PITCH_UNIT costs 1, and so does a roll of ROLL_UNIT; the cost grows with the square of the
@@ -141,11 +144,20 @@ class _Candidate:
     cost: float
 
 
-@lru_cache(maxsize=2)
-def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...]:
-    """Return all leans as (cost, pitch, roll, pitch_change, turned), the cheapest first. changing: whether to
-    return the leans whose pitch changes during the fold, or the constant ones."""
-    if changing:
+class _Lean(Enum):
+    """Which leans a search tries."""
+
+    UPRIGHT_GRASP = auto()  # upright at the grasp, and with any pitch at the release
+    CONSTANT = auto()
+    CHANGING = auto()  # with a pitch that changes during the fold
+
+
+@lru_cache(maxsize=len(_Lean))
+def _leans(kind: _Lean) -> tuple[tuple[float, float, float, float, bool], ...]:
+    """Return all leans of a kind as (cost, pitch, roll, pitch_change, turned), the cheapest first."""
+    if kind is _Lean.UPRIGHT_GRASP:
+        leans = [(0.0, 0.0, c) for c in END_PITCH.tolist()]
+    elif kind is _Lean.CHANGING:
         max_pitch = float(PITCH.max()) + 1e-9
         leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= max_pitch]
     else:
@@ -158,6 +170,13 @@ def _leans(changing: bool) -> tuple[tuple[float, float, float, float, bool], ...
     return tuple(sorted(grid, key=lambda lean: lean[0]))
 
 
+_SEARCHES = (
+    (_Lean.UPRIGHT_GRASP, False), (_Lean.CONSTANT, False), (_Lean.CONSTANT, True), (_Lean.CHANGING, False),
+)  # fmt: skip
+"""The searches, in order: the kind of leans, and whether to collect WIDE_CANDIDATES. The first that finds a choice
+is the last."""
+
+
 def rank_postures(
     model: RobotModel,
     checker: CollisionChecker,
@@ -168,13 +187,16 @@ def rank_postures(
     above: float,
     below: float,
     avoid: Sequence[Mapping[Side, Posture]] = (),
+    upright_grasps: bool = False,
 ) -> Outcome[tuple[PostureChoice, ...]]:
     """Find choices of postures for the tool paths of a fold step, and sort them by cost, the cheapest first.
 
     At most five choices come from each assignment of the arms (as planned, or swapped). above: height of the
     straight descent to the grasp [m]; below: height of the straight retreat from the release [m]. avoid: choices
-    that are not returned again. Failures: UNREACHABLE (no posture reaches every pose), IN_COLLISION (postures
-    reach every pose, but none without a collision).
+    that are not returned again. upright_grasps: first try postures whose hands are upright at the grasp. A
+    fingertip of a leaning hand reaches lower than the other one, into layers that are to stay. Failures:
+    UNREACHABLE (no posture reaches every pose), IN_COLLISION (postures reach every pose, but none without a
+    collision).
     """
     tallies: list[_Tally] = []
     coarse = {i: with_ends(path, above, below, SAMPLES) for i, path in paths.items()}
@@ -186,16 +208,16 @@ def rank_postures(
         tally = _Tally(swapped)
         tallies.append(tally)
         candidates: dict[Side, list[_Candidate]] = {arm: [] for arm in arms}
-        for changing, wide in ((False, False), (False, True), (True, False)):
+        for kind, wide in _SEARCHES if upright_grasps else _SEARCHES[1:]:
             if found:
                 break
             if wide and (len(arms) < 2 or not all(candidates.values())):
                 continue
-            if changing and not all(tally.started[arm] for arm in arms):
+            if kind is _Lean.CHANGING and not all(tally.started[arm] for arm in arms):
                 break  # A changing lean starts like a constant one, so it does not reach the start either.
             for arm, i in arms.items():
                 new = _candidates(
-                    model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(changing), tally, wide
+                    model, checker, table, arm, i, coarse[i], q_now, tuple(arms), _leans(kind), tally, wide
                 )
                 candidates[arm] = new if wide else candidates[arm] + new
             found += _collision_free_combinations(

@@ -79,6 +79,11 @@ class Fit:
         moved = (vertices[:, :2] - self.about) @ _rotation(self.drift_rad).T + self.about + self.drift
         return frozen(np.column_stack([moved, vertices[:, 2]]))
 
+    def taken_back(self, vertices: Array) -> Array:
+        """Return the vertices (n, 3) [m] that `placed` displaces to these."""
+        back = (vertices[:, :2] - self.about - self.drift) @ _rotation(self.drift_rad) + self.about
+        return frozen(np.column_stack([back, vertices[:, 2]]))
+
 
 def fit(
     seen: Observation,

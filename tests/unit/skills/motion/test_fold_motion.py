@@ -208,6 +208,17 @@ def test_planning_is_deterministic(checker):
         assert np.array_equal(getattr(a, name).t, getattr(b, name).t)
 
 
+def test_hands_that_take_the_upper_layers_alone_are_upright_at_the_grasp(checker):
+    """The cheapest motion leans from the grasp to the release; this one leans later."""
+    step, paths = towel_fold("small", 1, 0.5)
+    cheapest, upright = (planned(checker, step, paths, upright_grasps=u).unwrap() for u in (False, True))
+    assert all(posture.pitch != 0.0 for posture in cheapest.postures.values())
+    assert all(posture.pitch == posture.roll == 0.0 for posture in upright.postures.values())
+    assert all(posture.pitch_change != 0.0 for posture in upright.postures.values())
+    at_grasp = next(iter(upright.tool_paths.values()))
+    assert at_grasp.pitch[0] == pytest.approx(0.0, abs=0.01) and abs(at_grasp.pitch[-1]) > 0.1
+
+
 def test_another_posture_can_be_requested(checker):
     step, paths = towel_fold("medium", 1)
     first = planned(checker, step, paths).unwrap()

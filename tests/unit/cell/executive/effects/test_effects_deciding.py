@@ -126,7 +126,7 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: 
     accepted = any(r.event is Event.CARRY_ON for r in recoveries)  # the run continues after the fold
     recoveries = [r for r in recoveries if not accepted or r.event is Event.CARRY_ON]
     recoveries = [r for r in recoveries if r.adjust is not Adjustment.OTHER_VARIANT]  # this garment has one
-    recoveries = [r for r in recoveries if r.event is not Event.UNDO]  # how the garment lies is not known
+    recoveries = [r for r in recoveries if r.event is not Event.REPAIR]  # how the garment lies is not known
     context, tried = planned(carried=accepted), []
     while not (accepted and tried):
         result = choose_next(fake_workcell(FakeCell()), failed(kind, context=context))
@@ -171,7 +171,7 @@ def test_a_fold_that_failed_twice_in_the_same_way_is_undone_twice_at_most(
         context = result.context
         events.append(result.event)
     look = Event.LOOK_AFTER if verdict else Event.LOOK_AGAIN
-    assert events == [look, Event.UNDO, Event.UNDO, Event.GIVE_UP]
+    assert events == [look, Event.REPAIR, Event.REPAIR, Event.GIVE_UP]
     assert set(context.fold.adjustments) <= {change} and context.asking
 
 
@@ -187,7 +187,7 @@ def test_a_refused_fold_is_undone_whether_it_is_half_made_or_made_amiss(ends: tu
     """Its edge has moved, and the best fit shows where it lies."""
     context = failed(K.OFF_TARGET, 2, planned(carried=True, estimate=lying(ends[0], 0.6, ends[1])))
     poor = Failure(K.OFF_TARGET, "it failed", "", {"iou_aligned": 0.5})
-    assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.UNDO
+    assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.REPAIR
 
 
 def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_undoing() -> None:
@@ -199,11 +199,22 @@ def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_undoing(
     assert result.event is Event.LOOK_AGAIN and result.context.fold.uncertain
 
 
+def test_a_hand_that_held_too_many_layers_grasps_higher_and_one_with_too_few_does_not() -> None:
+    for layers, change in ((2, Adjustment.HIGHER), (0, Adjustment.NONE)):
+        context = failed(K.MISSED_LAYER, 1, planned(garment=load_garment("pants"), touched=True))
+        held = Failure(
+            K.MISSED_LAYER, "it held more", "", {"layers": layers, "layers_expected": 1, "iou_aligned": 0.0}
+        )
+        result = choose_next(fake_workcell(FakeCell()), replace(context, failure=held))
+        assert result.record["change"] == change.value and result.event is Event.LOOK_AGAIN
+        assert result.context.fold.count(Adjustment.HIGHER) == (change is Adjustment.HIGHER)
+
+
 @pytest.mark.parametrize("kind", list(RECOVERIES))
 def test_a_repair_that_fails_is_tried_again_or_ends_with_a_look(kind: FailureKind) -> None:
     """Nothing is planned for the fold while the garment lies half folded, and no grasp of the repair is changed
     without a look."""
-    repair: Any = SimpleNamespace(undone=None)
+    repair: Any = SimpleNamespace(failed=None)
     for times in (1, 2, 3):
         context = failed(kind, times, planned(garment=load_garment("pants"), repair=repair, touched=True))
         result = choose_next(fake_workcell(FakeCell()), context)

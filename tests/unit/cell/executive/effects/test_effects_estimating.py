@@ -107,11 +107,11 @@ def test_a_look_tells_whether_the_garment_was_touched() -> None:
     assert look(workcell, forgotten).event is Event.DONE
 
 
-def test_a_look_ends_a_repair_and_the_state_is_estimated_again() -> None:
-    """Also a repair that was completed: whether the garment lies as before the fold is seen, not assumed."""
+def test_a_look_ends_the_way_back_of_a_fold_and_the_state_is_estimated_again() -> None:
+    """Also if the hands came to its end: whether the garment lies as before the fold is seen, not assumed."""
     cell = FakeCell()
     undone = touched(cell, carried=True).fold.attempt
-    repair: Any = SimpleNamespace(undone=undone)
+    repair: Any = SimpleNamespace(ended=lambda performed: replace(undone, carried=False))
     result = EFFECTS[Effect.LOOK](fake_workcell(cell), touched(cell, carried=True, repair=repair))
     fold = result.context.fold
     assert result.event is Event.TOUCHED and fold.repair is None and fold.estimate is None

@@ -24,7 +24,7 @@ from skills.grasping.hand_reading import HandReading
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.grasp import Descent
-from skills.vocabulary import GraspId, Outcome
+from skills.vocabulary import Grasp, GraspId, Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell, live_noise
 from tests.workcells import fake_workcell
@@ -92,7 +92,7 @@ def over_cloth(monkeypatch: pytest.MonkeyPatch, **left: float) -> tuple[FakeCell
     garment: Any = SimpleNamespace(
         material=SimpleNamespace(thickness=LAYER), thickness_sigma=lambda spread: spread * LAYER
     )
-    grasps = {i: SimpleNamespace(height=STACK, layers=LAYERS) for i in GraspId}
+    grasps = {i: Grasp(np.zeros(2), 0.0, LAYERS, STACK) for i in GraspId}
     motion: Any = SimpleNamespace(
         descend=dict.fromkeys(Side, WAY),
         postures={Side.LEFT: Posture(GraspId.LEFT, pitch=0.1), Side.RIGHT: Posture(GraspId.RIGHT, pitch=-0.1)},
@@ -216,8 +216,9 @@ def test_only_a_grasp_under_the_whole_stack_accepts_more_layers(
     _, work, context, both = over_cloth(monkeypatch)
     for hand in both.values():
         hand.between = (LAYERS + 2) * LAYER
-    for grasp in context.fold.attempt.step.grasps.values():
-        grasp.height = (LAYERS + above) * LAYER
+    grasps = context.fold.attempt.step.grasps
+    for grasp_id, grasp in grasps.items():
+        grasps[grasp_id] = replace(grasp, height=(LAYERS + above) * LAYER)
     assert EFFECTS[Effect.GRASP](work, context).event is event
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS, repairing
-from cell.executive.effects.gripping import _goal
+from cell.executive.effects.gripping import STOP, STOPS, _goal
 from cell.executive.effects.planning import _task
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -20,7 +21,10 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.perception.state_estimate.comparison import Fit
 from skills.perception.state_estimate.estimate import StateEstimate
 from skills.perception.state_estimate.hypothesis import FoldState, Hypothesis
+from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.planning.repair import RepairGoal
+from skills.trajectory.acceptance import PROMISE_SLACK
 from skills.trajectory.bezier import initial_controls
 from skills.trajectory.frame import frames_of
 from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
@@ -35,6 +39,9 @@ HALF = plan_folds(STATE, TOWEL).unwrap()[0]
 MESH = mesh_from_contour(STATE.contour, 0.03, TOWEL.layers)
 FLAT = MESH.lay_flat(THICKNESS)
 DRIFT = np.array([0.02, 0.01])
+FOLDED = target_vertices(MESH, HALF.lines, TOWEL.material)
+PLANNED = 0.004
+"""Dissimilarity with which the fold was planned [m]."""
 
 
 def half_way() -> Array:
@@ -59,47 +66,109 @@ def failed_fold(shape: Array | None) -> RunContext:
     arcs = {i: initial_controls(f.start, f.end) for i, f in frames_of(HALF, THICKNESS).items()}
     return context_with(
         garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=FLAT, step=HALF, estimate=found,
-        trajectory=GraspTrajectory(arcs, 2.0, "optimised", 1.0, 0.004), touched=True,
-        predicted=PredictedShape(FLAT, MESH.triangles, MESH.rest),
+        trajectory=GraspTrajectory(arcs, 2.0, "optimised", 1.0, PLANNED), touched=True,
+        predicted=PredictedShape(FLAT, MESH.triangles, MESH.rest), dissimilarity_m=PLANNED,
     )  # fmt: skip
 
 
 def attempted(context: RunContext) -> RunContext:
     """The same context with the arcs in the attempt, too."""
-    attempt: Any = context.fold.attempt
-    return context.with_attempt(SimpleNamespace(**{**vars(attempt), "trajectory": context.fold.trajectory}))  # type: ignore[arg-type]
+    attempt, trajectory = context.fold.attempt, context.fold.trajectory
+    assert attempt is not None and trajectory is not None
+    return context.with_attempt(replace(attempt, trajectory=trajectory))
 
 
-def test_the_repair_carries_the_cloth_from_where_it_lies_to_where_it_lay(monkeypatch: pytest.MonkeyPatch) -> None:
-    tops = []
+def predicting(monkeypatch: pytest.MonkeyPatch, amiss: dict[RepairGoal, float]) -> None:
+    """Let the simulation of each way end this far above its aim [m]; the second of two arcs ends twice as far."""
+    calls: dict[RepairGoal, int] = {goal: 0 for goal in RepairGoal}
 
     def simulated(mesh: Any, positions: Array, material: Any, paths: Any, **_: Any) -> Any:
-        tops.append(max(float(path.position[:, 2].max()) for path in paths.values()))
-        return SimpleNamespace(vertices=FLAT + np.append(DRIFT, 0.01 * len(tops)))
+        release = next(iter(paths.values())).position[-1, :2]
+        back = min(np.linalg.norm(release - grasp.point - DRIFT) for grasp in HALF.grasps.values()) < 1e-6
+        goal = RepairGoal.UNDO if back else RepairGoal.COMPLETE
+        calls[goal] += 1
+        aim = FLAT if back else FOLDED
+        return SimpleNamespace(vertices=aim + np.append(DRIFT, amiss[goal] * calls[goal]))
 
     monkeypatch.setattr(repairing, "predict_fold", simulated)
+
+
+@pytest.mark.parametrize(
+    ("short", "goal"), [(0.001, RepairGoal.COMPLETE), (PLANNED + PROMISE_SLACK + 0.001, RepairGoal.UNDO)]
+)
+def test_a_fold_is_completed_if_it_is_then_as_good_as_planned_and_undone_otherwise(
+    monkeypatch: pytest.MonkeyPatch, short: float, goal: RepairGoal
+) -> None:
+    predicting(monkeypatch, {RepairGoal.COMPLETE: short, RepairGoal.UNDO: 0.002})
     result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way())))
     repair = result.context.fold.repair
-    assert result.event is Event.DONE and repair is not None and len(tops) == 2
-    assert repair.trajectory.dissimilarity == pytest.approx(0.01), "the better one of two"
-    assert repair.flat == pytest.approx(FLAT + np.append(DRIFT, 0.0))
+    assert result.event is Event.DONE and repair is not None
+    assert repair.plan.goal is goal and result.record["goal"] == goal.value
+    assert repair.trajectory.dissimilarity == pytest.approx({RepairGoal.UNDO: 0.002}.get(goal, short)), (
+        "of two arcs"
+    )
+    aim = FLAT if goal is RepairGoal.UNDO else FOLDED
+    assert repair.target == pytest.approx(aim + np.append(DRIFT, 0.0))
     assert repair.vertices == pytest.approx(half_way() + np.append(DRIFT, 0.0))
     for grasp_id, grasp in HALF.grasps.items():
-        assert repair.step.targets[grasp_id][:2] == pytest.approx(grasp.point + DRIFT)
-        assert np.linalg.norm(repair.step.grasps[grasp_id].point - grasp.point - DRIFT) > 0.03
-        assert repair.step.grasps[grasp_id].height == pytest.approx(2 * THICKNESS, rel=0.1)
+        there = grasp.point if goal is RepairGoal.UNDO else HALF.targets[grasp_id][:2]
+        assert repair.plan.step.targets[grasp_id][:2] == pytest.approx(there + DRIFT)
+        assert np.linalg.norm(repair.plan.step.grasps[grasp_id].point - grasp.point - DRIFT) > 0.03
+        assert repair.plan.step.grasps[grasp_id].height == pytest.approx(2 * THICKNESS, rel=0.1)
     assert result.context.plan is not None and result.context.fold.trajectory is not None
     task = _task(result.context.fold, result.context.plan, result.context.fold.trajectory, 0.3)
-    assert task.step is repair.step and task.vertices is repair.vertices and task.target is repair.flat
-    assert set(task.paths) == set(repair.step.grasps)
+    assert task.step is repair.plan.step and task.vertices is repair.vertices and task.target is repair.target
+    assert set(task.paths) == set(repair.plan.step.grasps)
 
 
-@pytest.mark.parametrize(("shape", "why"), [(None, "not known"), (FLAT, "where it was taken")])
-def test_a_fold_that_cannot_be_undone_says_why(shape: Array | None, why: str) -> None:
-    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(shape)))
+def test_a_fold_that_was_not_begun_is_completed_only_if_it_cannot_be_undone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    predicting(monkeypatch, {RepairGoal.COMPLETE: 0.1, RepairGoal.UNDO: 0.0})
+    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(FLAT)))
+    repair = result.context.fold.repair
+    assert repair is not None and repair.plan.goal is RepairGoal.COMPLETE, "motion planning judges its prediction"
+
+
+def test_a_fold_that_was_to_be_completed_before_is_undone(monkeypatch: pytest.MonkeyPatch) -> None:
+    predicting(monkeypatch, {RepairGoal.COMPLETE: 0.0, RepairGoal.UNDO: 0.01})
+    context = attempted(failed_fold(half_way()))
+    for goal in (RepairGoal.COMPLETE, RepairGoal.UNDO, RepairGoal.UNDO):
+        context = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), context).context
+        assert context.fold.repair is not None and context.fold.repair.plan.goal is goal
+        context = replace(context, fold=replace(context.fold, repair=None))
+
+
+def test_a_fold_that_cannot_be_repaired_says_why() -> None:
+    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(None)))
     failure = result.context.failure
     assert result.event is Event.FAILED and result.context.fold.repair is None
-    assert failure is not None and failure.kind is FailureKind.HALF_FOLDED and why in failure.what
+    assert failure is not None and failure.kind is FailureKind.HALF_FOLDED and "not known" in failure.what
+
+
+@pytest.mark.parametrize("goal", list(RepairGoal))
+@pytest.mark.parametrize("carried", [True, False])
+def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other_is_estimated_again(
+    monkeypatch: pytest.MonkeyPatch, goal: RepairGoal, carried: bool
+) -> None:
+    poor = {RepairGoal.COMPLETE: 0.0 if goal is RepairGoal.COMPLETE else 0.1, RepairGoal.UNDO: 0.0}
+    predicting(monkeypatch, poor)
+    context = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way()))).context
+    failed, repair = context.fold.attempt, context.fold.repair
+    assert failed is not None and repair is not None
+    shape = PredictedShape(FOLDED + np.append(DRIFT, 0.0), MESH.triangles, MESH.rest)
+    performed = replace(failed, predicted=shape, carried=carried, dissimilarity_m=0.003)
+    after = replace(context.fold, attempt=performed).after_repair()
+    completed = carried and goal is RepairGoal.COMPLETE
+    assert after.repair is None and after.estimate is None and after.attempt is not None
+    assert after.uncertain != completed and after.attempt.repaired == completed
+    if completed:
+        assert after.attempt.predicted.vertices == pytest.approx(FOLDED), (
+            "the inspection measures the displacement"
+        )
+        assert after.attempt.dissimilarity_m == 0.003 and after.attempt.step is failed.step
+    else:
+        assert after.attempt.predicted is failed.predicted
 
 
 def test_arcs_whose_simulation_fails_are_the_last_choice(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,6 +191,13 @@ def test_the_tips_stop_between_the_layers_to_be_held_and_those_below(table: floa
     """The hand's height is in error by what it felt the table at. Through the whole stack, the table ends it."""
     two, one = (Grasp(np.zeros(2), 0.0, layers, 2 * THICKNESS) for layers in (2, 1))
     upper = _goal(one, -0.02, True, THICKNESS, table)
-    assert upper.stop == pytest.approx(1.5 * THICKNESS + table) and upper.through == 0.0
+    assert upper.stop == pytest.approx((1.0 + STOP) * THICKNESS + table) and upper.through == 0.0
     whole = _goal(two, -0.02, True, THICKNESS, table)
     assert whole.stop is None and whole.through == pytest.approx(2 * THICKNESS) and whole.bottom < 0.0
+
+
+def test_recoveries_shift_where_the_tips_stop_within_bounds() -> None:
+    one = Grasp(np.zeros(2), 0.0, 1, 2 * THICKNESS)
+    stops = [_goal(one, -0.02, True, THICKNESS, 0.0, shift).stop for shift in (-2.0, -0.25, 0.0, 0.25, 2.0)]
+    expected = 1.0 + np.array([STOPS[0], STOP - 0.25, STOP, STOP + 0.25, STOPS[1]])
+    assert stops == pytest.approx(expected * THICKNESS)

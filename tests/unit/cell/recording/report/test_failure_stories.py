@@ -81,7 +81,7 @@ def undone() -> tuple[FailureStory, ...]:
     picture = np.full((48, 64, 3), ESTIMATE_SHADE, np.uint8)
     run.context = replace(run.context, estimates=(EstimateNote(0, run.t, SAYS, picture),))
     run.fail(State.ESTIMATING, HALF)
-    run.perform(State.RECOVERING, Event.UNDO, change=Adjustment.NONE.value)
+    run.perform(State.RECOVERING, Event.REPAIR, change=Adjustment.NONE.value)
     run.perform(State.PLANNING_MOTION)
     run.perform(State.FOLDING)
     run.look(0.0, State.LOOKING_AFTER)
@@ -97,7 +97,7 @@ def test_a_failure_is_told_from_the_picture_before_to_the_picture_after(undone: 
         "laid the cloth down where it was taken",
         "opened the hands and parked the arms",
         "looked again, with a firmer grip",
-        "planned to carry the moved cloth back",
+        "planned to put the moved cloth right",
         "fold far half over, once more",
     ]
     assert [scene.caption for scene in story.after] == ["the garment was found, to be folded from here"]

@@ -1,4 +1,4 @@
-"""The way back of a half-made fold, on sheets whose place is known exactly."""
+"""The repair of a half-made fold, on sheets whose place is known exactly."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robots.errors import FailureKind
 from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.planning.plan import translate_plan
-from skills.planning.undo import MOVED, locate_grasp, plan_undo
+from skills.planning.repair import MISPLACED, RepairGoal, locate_grasp, plan_repair
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 THICKNESS = 0.002
@@ -60,7 +60,7 @@ def test_a_grasp_is_found_where_a_motion_of_the_sheet_has_carried_it(angle: floa
 
 def test_a_fold_that_ended_early_is_undone_by_both_hands_from_the_mirrored_edge() -> None:
     mesh, flat = sheet()
-    undo = plan_undo(mesh, flat, folded_at(0.68, flat), step(), THICKNESS).unwrap()
+    undo = plan_repair(RepairGoal.UNDO, mesh, flat, folded_at(0.68, flat), step(), THICKNESS).unwrap()
     for grasp_id, planned in step().grasps.items():
         grasp, target = undo.step.grasps[grasp_id], undo.step.targets[grasp_id]
         assert grasp.point == pytest.approx([2 * 0.68 - 0.738, planned.point[1]], abs=1e-3)
@@ -73,7 +73,7 @@ def test_a_fold_that_ended_early_is_undone_by_both_hands_from_the_mirrored_edge(
 def test_a_hand_whose_cloth_lies_in_its_place_takes_no_part() -> None:
     mesh, flat = sheet()
     now = folded_at(0.66, flat, flat[:, 1] > 0.02)
-    undo = plan_undo(mesh, flat, now, step(), THICKNESS).unwrap()
+    undo = plan_repair(RepairGoal.UNDO, mesh, flat, now, step(), THICKNESS).unwrap()
     assert set(undo.step.grasps) == {GraspId.LEFT} == set(undo.step.targets) == set(undo.headings)
 
 
@@ -82,8 +82,10 @@ def test_the_way_back_moves_with_a_displaced_garment() -> None:
     offset = np.array([0.03, -0.02])
     moved = np.append(offset, 0.0)
     (displaced,) = translate_plan((step(),), offset)
-    undo = plan_undo(mesh, flat + moved, folded_at(0.68, flat) + moved, displaced, THICKNESS).unwrap()
-    here = plan_undo(mesh, flat, folded_at(0.68, flat), step(), THICKNESS).unwrap()
+    undo = plan_repair(
+        RepairGoal.UNDO, mesh, flat + moved, folded_at(0.68, flat) + moved, displaced, THICKNESS
+    ).unwrap()
+    here = plan_repair(RepairGoal.UNDO, mesh, flat, folded_at(0.68, flat), step(), THICKNESS).unwrap()
     for grasp_id, grasp in undo.step.grasps.items():
         assert grasp.point == pytest.approx(here.step.grasps[grasp_id].point + offset)
         assert undo.step.targets[grasp_id] == pytest.approx(here.step.targets[grasp_id] + moved)
@@ -91,17 +93,24 @@ def test_the_way_back_moves_with_a_displaced_garment() -> None:
 
 def test_cloth_under_other_cloth_or_rumpled_or_unmoved_is_not_grasped() -> None:
     mesh, flat = sheet()
-    unmoved = plan_undo(mesh, flat, flat + np.array([0.5 * MOVED, 0.0, 0.0]), step(), THICKNESS)
+    unmoved = plan_repair(
+        RepairGoal.UNDO,
+        mesh,
+        flat,
+        flat + np.array([0.5 * MISPLACED[RepairGoal.UNDO], 0.0, 0.0]),
+        step(),
+        THICKNESS,
+    )
     assert unmoved.failure is not None and unmoved.failure.kind is FailureKind.HALF_FOLDED
-    assert "where it was taken" in unmoved.failure.what
+    assert "where it should" in unmoved.failure.what
     covered = folded_at(0.68, flat)
     covered[flat[:, 0] < 0.68, 2] += 2 * THICKNESS  # the layer that stayed lies on top
-    under = plan_undo(mesh, flat, covered, step(), THICKNESS)
+    under = plan_repair(RepairGoal.UNDO, mesh, flat, covered, step(), THICKNESS)
     assert under.failure is not None and "under other cloth" in under.failure.what
     rumpled = folded_at(0.68, flat)
     moved = flat[:, 0] > 0.68
     rumpled[moved, 1] *= 0.3
-    shrunk = plan_undo(mesh, flat, rumpled, step(), THICKNESS)
+    shrunk = plan_repair(RepairGoal.UNDO, mesh, flat, rumpled, step(), THICKNESS)
     assert shrunk.failure is not None and "rumpled" in shrunk.failure.what
 
 
@@ -112,7 +121,7 @@ def test_cloth_that_is_lofty_where_it_is_grasped_does_not_cover_itself() -> None
     grasp = step().grasps[GraspId.LEFT]
     near = (flat[:, 0] > 0.68) & (np.linalg.norm(flat[:, :2] - grasp.point, axis=1) < 0.05)
     lofty[near, 2] += 0.25 * np.abs(flat[near, 1] - grasp.point[1])
-    undo = plan_undo(mesh, flat, lofty, step(), THICKNESS).unwrap()
+    undo = plan_repair(RepairGoal.UNDO, mesh, flat, lofty, step(), THICKNESS).unwrap()
     assert set(undo.step.grasps) == set(step().grasps)
     assert undo.step.grasps[GraspId.LEFT].height >= undo.step.grasps[GraspId.RIGHT].height
 
@@ -122,7 +131,30 @@ def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
     mesh, flat = sheet()
     two = replace(step(), grasps={i: replace(g, layers=2, height=2 * THICKNESS) for i, g in step().grasps.items()})
     now = folded_at(0.68, flat)
-    undo = plan_undo(mesh, frozen(flat), now, two, THICKNESS).unwrap()
+    undo = plan_repair(RepairGoal.UNDO, mesh, frozen(flat), now, two, THICKNESS).unwrap()
     grasp = undo.step.grasps[GraspId.LEFT]
     middle = locate_grasp(flat, now, two.grasps[GraspId.LEFT])[0][2]
     assert grasp.layers == 2 and grasp.height == pytest.approx(middle + THICKNESS)
+
+
+@pytest.mark.parametrize("x", [0.64, 0.68])
+def test_a_fold_that_ended_early_is_completed_from_the_mirrored_edge_to_its_target(x: float) -> None:
+    mesh, flat = sheet()
+    plan = plan_repair(RepairGoal.COMPLETE, mesh, flat, folded_at(x, flat), step(), THICKNESS).unwrap()
+    for grasp_id, planned in step().grasps.items():
+        grasp = plan.step.grasps[grasp_id]
+        assert grasp.point == pytest.approx([2 * x - 0.738, planned.point[1]], abs=1e-3)
+        assert grasp.height == pytest.approx(2 * THICKNESS, abs=1e-4) and grasp.layers == 1
+        assert plan.step.targets[grasp_id] == pytest.approx(step().targets[grasp_id])
+    assert plan.step.line is step().line
+
+
+def test_only_the_corner_that_is_short_of_its_target_is_pulled_there() -> None:
+    mesh, flat = sheet()
+    now = folded_at(0.6, flat)
+    short = (flat[:, 0] > 0.6) & (flat[:, 1] > 0.05)
+    now[short, 0] += 2.0 * MISPLACED[RepairGoal.COMPLETE]
+    plan = plan_repair(RepairGoal.COMPLETE, mesh, flat, now, step(), THICKNESS).unwrap()
+    assert set(plan.step.grasps) == {GraspId.LEFT} == set(plan.headings)
+    made = plan_repair(RepairGoal.COMPLETE, mesh, flat, folded_at(0.6, flat), step(), THICKNESS)
+    assert made.failure is not None and "cannot be completed" in made.failure.what

@@ -1,4 +1,4 @@
-"""Arcs that carry cloth back where it lay before a fold."""
+"""Arcs that repair a fold: they carry cloth back where it lay before the fold, or on to the target."""
 
 from __future__ import annotations
 
@@ -7,29 +7,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from skills.planning.repair import RepairGoal, RepairPlan
 from skills.trajectory.bezier import initial_controls
 from skills.trajectory.frame import FoldFrame, frames_of
-from skills.vocabulary import Array, FoldStep, GraspId, ToolPath, frozen
+from skills.vocabulary import Array, GraspId, ToolPath, frozen
 
-__all__ = ["return_arcs", "turned_paths"]
+__all__ = ["repair_arcs", "turned_paths"]
 
 
-def return_arcs(
-    controls: Mapping[GraspId, Array], step: FoldStep, thickness: float
+def repair_arcs(
+    controls: Mapping[GraspId, Array], plan: RepairPlan, thickness: float
 ) -> tuple[dict[GraspId, Array], ...]:
-    """Return candidates for the control points (n + 1, 3) of the way back: the arcs of the fold, reversed and
-    scaled to begin where the cloth lies now, and the plain initial arcs.
+    """Return candidates for the control points (n + 1, 3) of a repair: the arcs of the fold, scaled to begin where
+    the cloth lies now and reversed for the way back, and the plain initial arcs.
 
-    controls: of the fold's arcs; step: the way back; thickness: of a layer [m]. The tips begin in the middle of
-    the lowest grasped layer, so that they leave the layers below it.
+    controls: of the fold's arcs; thickness: of a layer [m]. The tips begin in the middle of the lowest grasped
+    layer, so that they leave the layers below it.
     """
-    reverse, plain = {}, {}
-    for grasp_id, frame in frames_of(step, thickness).items():
+    like_the_fold, plain = {}, {}
+    for grasp_id, frame in frames_of(plan.step, thickness).items():
         start = frozen(frame.start + np.array([0.0, 0.0, 0.5 * thickness]))
-        here, back = FoldFrame(start, frame.end), np.asarray(controls[grasp_id])[::-1]
-        reverse[grasp_id] = frozen(here.denormalise(FoldFrame(back[0], back[-1]).normalise(back)))
+        arc = np.asarray(controls[grasp_id])[:: -1 if plan.goal is RepairGoal.UNDO else 1]
+        scaled = FoldFrame(start, frame.end).denormalise(FoldFrame(arc[0], arc[-1]).normalise(arc))
+        like_the_fold[grasp_id] = frozen(scaled)
         plain[grasp_id] = frozen(initial_controls(start, frame.end))
-    return reverse, plain
+    return like_the_fold, plain
 
 
 def turned_paths(

@@ -1,4 +1,4 @@
-"""The arcs that carry cloth back: their ends, their shape, and the turn of the hand."""
+"""The arcs that repair a fold: their ends, their shape, and the turn of the hand."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from skills.perception.state_estimate.hypothesis import Interruption
 from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
-from skills.planning.undo import plan_undo
+from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
 from skills.trajectory.bezier import initial_controls
 from skills.trajectory.frame import frames_of
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.paths import fold_paths, lifted
-from skills.trajectory.return_arcs import return_arcs, turned_paths
+from skills.trajectory.repair_arcs import repair_arcs, turned_paths
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Grasp, GraspId
 
 THICKNESS = 0.002
 GRASP = GraspId.LEFT
 
 
-def way_back(start: tuple[float, float], end: tuple[float, float]) -> FoldStep:
+def way_back(
+    start: tuple[float, float], end: tuple[float, float], goal: RepairGoal = RepairGoal.UNDO
+) -> RepairPlan:
     grasp = Grasp(np.array(start), 0.3, 1, 2 * THICKNESS)
     line = FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0]))
-    return FoldStep("undo half", 0, line, (), {GRASP: grasp}, {GRASP: np.array([*end, 0.005])})
+    step = FoldStep("undo half", 0, line, (), {GRASP: grasp}, {GRASP: np.array([*end, 0.005])})
+    return RepairPlan(goal, step, {GRASP: (0.3, 0.3)})
 
 
 def test_the_arcs_begin_in_the_grasped_layer_and_end_where_the_cloth_lay() -> None:
     fold = {GRASP: initial_controls(np.array([0.74, 0.1, 0.0]), np.array([0.46, 0.1, 0.007]))}
-    for arcs in return_arcs(fold, way_back((0.6, 0.08), (0.74, 0.1)), THICKNESS):
+    for arcs in repair_arcs(fold, way_back((0.6, 0.08), (0.74, 0.1)), THICKNESS):
         assert arcs[GRASP][0] == pytest.approx([0.6, 0.08, 1.5 * THICKNESS]), "the middle of the upper layer"
         assert arcs[GRASP][-1] == pytest.approx([0.74, 0.1, 0.005])
         assert arcs[GRASP][1:-1, 2].min() > 0.03
@@ -41,7 +44,7 @@ def test_the_way_back_from_the_target_is_the_arc_of_the_fold_reversed() -> None:
     start, end = np.array([0.74, 0.1, 0.005]), np.array([0.46, 0.1, 1.5 * THICKNESS])
     inner = np.array([[0.70, 0.1, 0.08], [0.52, 0.1, 0.12]])  # not symmetric
     fold = np.vstack([start, inner, end])
-    reverse, _ = return_arcs({GRASP: fold}, way_back((0.46, 0.1), (0.74, 0.1)), THICKNESS)
+    reverse, _ = repair_arcs({GRASP: fold}, way_back((0.46, 0.1), (0.74, 0.1)), THICKNESS)
     assert reverse[GRASP] == pytest.approx(fold[::-1])
 
 
@@ -54,8 +57,20 @@ def test_the_hand_turns_smoothly_from_the_heading_of_the_grasp_to_that_of_the_re
     assert abs(np.diff(heading)[[0, -1]]).max() < 0.1 * np.diff(heading).max(), "at rest at both ends"
 
 
+def test_a_repair_from_where_the_cloth_was_taken_is_the_arc_of_the_fold() -> None:
+    start, end = np.array([0.74, 0.1, 1.5 * THICKNESS]), np.array([0.46, 0.1, 0.005])
+    fold = np.vstack([start, [0.70, 0.1, 0.08], [0.52, 0.1, 0.12], end])  # not symmetric
+    like_the_fold, _ = repair_arcs(
+        {GRASP: fold}, way_back((0.74, 0.1), (0.46, 0.1), RepairGoal.COMPLETE), THICKNESS
+    )
+    assert like_the_fold[GRASP] == pytest.approx(fold)
+
+
+@pytest.mark.parametrize("goal", list(RepairGoal))
 @pytest.mark.parametrize("end", [0.6, 0.85])
-def test_a_simulated_fold_that_ends_early_is_undone_by_the_upper_layer_alone(end: float) -> None:
+def test_a_simulated_fold_that_ends_early_is_repaired_by_the_upper_layer_alone(
+    end: float, goal: RepairGoal
+) -> None:
     """The whole way: the hands open on the way, the cloth settles, and is carried back from where it lies then."""
     garment = load_garment("small_towel")
     keypoints = {
@@ -71,11 +86,14 @@ def test_a_simulated_fold_that_ends_early_is_undone_by_the_upper_layer_alone(end
     fold = {i: lifted(p, 0.03) for i, p in fold_paths(controls, headings, 3.0).items()}
     (now,) = simulate_interruptions(mesh, flat, material, fold, [Interruption(end=end)])
 
-    undo = plan_undo(mesh, flat, now, step, material.thickness).unwrap()
-    for arcs in return_arcs(controls, undo.step, material.thickness):
-        starts = {grasp_id: grasp.heading for grasp_id, grasp in undo.step.grasps.items()}
-        back = turned_paths(fold_paths(arcs, starts, 3.0), undo.headings)
-        after = predict_fold(mesh, now, material, {i: lifted(p, 0.03) for i, p in back.items()})
+    aim = flat if goal is RepairGoal.UNDO else predict_fold(mesh, flat, material, fold).vertices
+    repair = plan_repair(goal, mesh, flat, now, step, material.thickness).unwrap()
+    left = []
+    for arcs in repair_arcs(controls, repair, material.thickness):
+        starts = {grasp_id: grasp.heading for grasp_id, grasp in repair.step.grasps.items()}
+        paths = turned_paths(fold_paths(arcs, starts, 3.0), repair.headings)
+        after = predict_fold(mesh, now, material, {i: lifted(p, 0.03) for i, p in paths.items()})
         assert {pinch.layers for pinch in after.pinches.values()} == {1}, "the layer below stays"
-        moved = dissimilarity(flat, now, mesh.triangles, mesh.area)
-        assert dissimilarity(flat, after.vertices, mesh.triangles, mesh.area) < 0.05 * moved
+        left.append(dissimilarity(aim, after.vertices, mesh.triangles, mesh.area))
+    amiss = dissimilarity(aim, now, mesh.triangles, mesh.area)
+    assert min(left) < max(0.05 * amiss, 0.002)

@@ -1,4 +1,5 @@
-"""Plans where the hands grasp to undo a half-made fold: on the moved edge, where it lies now, to carry it back.
+"""Plans where the hands grasp to repair a half-made fold: on the moved edge, where it lies now. They carry it back
+where it lay before the fold, or on to the target of the fold.
 
 The hands take the material that they held in the fold. Its present place and direction follow from the believed
 shapes before the fold and now, which have the same vertices.
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -25,10 +27,21 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["MOVED", "Undo", "locate_grasp", "plan_undo"]
+__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair"]
 
-MOVED = 0.030
-"""A hand carries cloth back only if the material of its grasp lies at least this far from its place [m]."""
+
+class RepairGoal(StrEnum):
+    """Where the moved cloth is carried."""
+
+    UNDO = "undo"  # back where it lay before the fold
+    COMPLETE = "complete"  # on to the target of the fold
+
+
+_DONE = {RepairGoal.UNDO: "undone", RepairGoal.COMPLETE: "completed"}
+
+MISPLACED: Mapping[RepairGoal, float] = {RepairGoal.UNDO: 0.030, RepairGoal.COMPLETE: 0.015}
+"""A hand takes part only if the material of its grasp lies at least this far from where it has to lie [m]. A
+garment that is folded anew may lie less exactly than one whose fold is completed."""
 REACH = 0.015
 """Standard deviation of the weights with which the vertices near a grasp determine its present place [m]."""
 SMOOTH = 0.6
@@ -43,46 +56,60 @@ OWN = 0.040
 
 
 @dataclass(frozen=True, eq=False)
-class Undo:
-    """step: the way back as a fold step: grasps where the moved cloth lies now, targets where it lay before the
-    fold. headings: of the held line at the grasp and at the target [rad]; the hand turns between them."""
+class RepairPlan:
+    """step: the repair as a fold step: grasps where the moved cloth lies now, targets where it has to lie.
+    headings: of the held line at the grasp and at the target [rad]; the hand turns between them."""
 
+    goal: RepairGoal
     step: FoldStep
     headings: Mapping[GraspId, tuple[float, float]]
 
 
-def plan_undo(mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickness: float) -> Outcome[Undo]:
-    """Plan the way back of a fold that is half made.
+def plan_repair(
+    goal: RepairGoal, mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickness: float
+) -> Outcome[RepairPlan]:
+    """Plan the repair of a fold that is half made.
 
     before, now: (n, 3) believed vertices before the fold and now, table frame [m]; a garment that was displaced as
     a whole is displaced in both. step: the fold, displaced in the same way. thickness: of a layer [m]. Only the
-    hands whose cloth has moved take part.
+    hands whose cloth is MISPLACED take part.
 
-    Fails with HALF_FOLDED if no cloth of a grasp has moved, or if it lies under other cloth or is rumpled.
+    Fails with HALF_FOLDED if no cloth of a grasp is misplaced, or if it lies under other cloth or is rumpled.
     """
     grasps: dict[GraspId, Grasp] = {}
     targets: dict[GraspId, Array] = {}
     headings: dict[GraspId, tuple[float, float]] = {}
     for grasp_id, grasp in step.grasps.items():
         place, heading, smooth = locate_grasp(before, now, grasp)
-        if float(np.linalg.norm(place[:2] - grasp.point)) < MOVED:
+        target = _target(goal, step, grasp_id, thickness)
+        if float(np.linalg.norm(place[:2] - target[:2])) < MISPLACED[goal]:
             continue
         top = float(place[2]) + 0.5 * grasp.layers * thickness
         name = f"the cloth of the {grasp_id.value} grasp"
         if smooth < SMOOTH:
-            return Outcome(failure=_impossible(step, f"{name} is rumpled"))
+            return Outcome(failure=_impossible(goal, step, f"{name} is rumpled"))
         others = _other_layers(mesh, before, now, grasp.point, place[:2])
         if (others > top + COVERED * thickness).any():
-            return Outcome(failure=_impossible(step, f"{name} lies under other cloth"))
+            return Outcome(failure=_impossible(goal, step, f"{name} lies under other cloth"))
         grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=top)
-        below = max(grasp.height - grasp.layers * thickness, 0.0)
-        targets[grasp_id] = frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
+        targets[grasp_id] = target
         headings[grasp_id] = heading, grasp.heading
     if not grasps:
-        return Outcome(failure=_impossible(step, "the cloth of every grasp lies where it was taken"))
-    line = FoldLine(step.line.point, frozen(-step.line.direction))
-    back = replace(step, name=f"undo {step.name}", line=line, grasps=grasps, targets=targets)
-    return Outcome(Undo(back, headings))
+        return Outcome(failure=_impossible(goal, step, "the cloth of every grasp lies where it should"))
+    line = step.line if goal is RepairGoal.COMPLETE else FoldLine(step.line.point, frozen(-step.line.direction))
+    named = f"{goal.value} {step.name}"
+    return Outcome(
+        RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings)
+    )
+
+
+def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: float) -> Array:
+    """Return where a hand releases its cloth (3,) [m]."""
+    if goal is RepairGoal.COMPLETE:
+        return step.targets[grasp_id]
+    grasp = step.grasps[grasp_id]
+    below = max(grasp.height - grasp.layers * thickness, 0.0)
+    return frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
 
 
 def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float, float]:
@@ -123,9 +150,9 @@ def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, po
     return np.asarray((a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2]))[over])
 
 
-def _impossible(step: FoldStep, why: str) -> Failure:
+def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:
     return Failure(
         FailureKind.HALF_FOLDED,
-        f"fold {step.name} cannot be undone: {why}",
+        f"fold {step.name} cannot be {_DONE[goal]}: {why}",
         "lay the garment as it was before this fold (its outline is in the report), then retry",
     )
