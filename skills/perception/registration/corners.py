@@ -33,7 +33,7 @@ class CornerSettings:
     """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch."""
     sharp: float = 0.7
     """A corner is sharp if the sine of its interior angle is at least this, otherwise blunt."""
-    snap: float = 0.03
+    snap: float = 0.05
     """Maximum displacement of a sharp corner."""
     notch: float = 0.25
     """Maximum displacement of a notch."""

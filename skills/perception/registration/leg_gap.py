@@ -40,7 +40,7 @@ class GapSettings:
     of the width of the gap; side_sigma: of the place of its middle line.
     """
 
-    beyond: float = 0.05
+    beyond: float = 0.08
     tip: float = 0.06
     step: float = 0.0025
     side: float = 0.024
