@@ -26,10 +26,10 @@ Image: TypeAlias = Union["NDArray[Any]", Path, str]
 class PerceivedGarment:
     """The garment recognised in a picture.
 
-    garment: name of the garment whose template fits; category: its kind. confidence: 0 to 1. ambiguous: symmetries
-    that the picture does not resolve. unit: 'm' for the table frame (x forward, y left) in metres, 'px' for pixels
-    (column, row) of the picture. keypoints: name -> (2,). contour: (n, 2), not closed, counter-clockwise in the
-    table frame.
+    garment: name of the garment whose template fits; category: its kind. confidence: probability that all
+    key points are within 10 mm of their true places. ambiguous: symmetries that the picture does not resolve.
+    unit: 'm' for the table frame (x forward, y left) in metres, 'px' for pixels (column, row) of the picture.
+    keypoints: name -> (2,). contour: (n, 2), not closed, counter-clockwise in the table frame.
 
     failure: the reason why no garment was accepted. In that case garment and category are None, confidence is 0
     and the other values are empty.

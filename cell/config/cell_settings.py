@@ -100,7 +100,8 @@ LEAST_DOWN = 0.2
 _TOPIC = r"^(/[A-Za-z][A-Za-z0-9_]*)+$"
 
 RENAMED_KEYS = {
-    "perception.lowest_confidence": "min_confidence",
+    "perception.lowest_confidence": "min_fit",
+    "perception.min_confidence": "min_fit",
     "perception.known_iou": "min_template_iou",
     "motion.state_age": "max_state_age_s",
     "pressing.tries": "max_attempts",
@@ -188,7 +189,7 @@ class PerceptionConfig(_Group):
         description="segmentation: reference (picture of the empty table), plain (table colour), grabcut (table "
         "pattern) or watershed (method of the paper)"
     )
-    min_confidence: float = _number(0.0, 1.0, "", "minimum confidence of a recognised garment")
+    min_fit: float = _number(0.0, 1.0, "", "minimum quality of the fit of a recognised garment's outline")
     min_template_iou: float = _number(0.3, 1.0, "", "template overlap (IoU) below which a garment is unknown")
     size_tolerance: float = _number(0.02, 1.0, "", "largest relative difference from a garment's nominal size")
     flat_height: float = _number(0.002, 0.2, "m", "largest 95th percentile of height of a garment that lies flat")

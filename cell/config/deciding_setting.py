@@ -12,7 +12,7 @@ __all__ = ["DECIDING", "deciding_setting", "setting_in_words"]
 
 DECIDING: Mapping[FailureKind, str] = {
     FailureKind.UNKNOWN_GARMENT: "perception.min_template_iou",
-    FailureKind.LOW_CONFIDENCE: "perception.min_confidence",
+    FailureKind.LOW_CONFIDENCE: "perception.min_fit",
     FailureKind.NOT_FLAT: "perception.flat_height",
     FailureKind.PREDICTION_POOR: "optimiser.simulations",
     FailureKind.OPTIMISER_FAILED: "optimiser.simulations",

@@ -15,12 +15,7 @@ from skills.perception.settings import PerceptionSettings
 from skills.perception.template import GarmentOutline
 from skills.vocabulary import Failure, FailureKind
 
-__all__ = ["choose_garment", "fit_confidence", "misfit", "wanted_garment"]
-
-
-_MAX_CONFIDENCE = 0.97
-"""Confidence of a perfect fit: the measured share of such fits in which every key point is within 10 mm (`bench
-perception`)."""
+__all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 
 
 def wanted_garment(garments: Sequence[GarmentOutline], expected: str | None) -> GarmentOutline | None:
@@ -124,9 +119,10 @@ def misfit(
     )
 
 
-def fit_confidence(segmentation: Segmentation, iou: float, registration: Registration) -> float:
-    """Compute the confidence: `_MAX_CONFIDENCE` times three factors, which are the confidence of the segmentation,
-    the overlap with the template (0.85..0.97 -> 0..1) and the residual of the registration (8..2 mm -> 0..1)."""
+def fit_quality(segmentation: Segmentation, iou: float, registration: Registration) -> float:
+    """Compute how well the outline fits (0..1), which decides whether the garment is accepted: the product of the
+    confidence of the segmentation, the overlap with the template (0.85..0.97 -> 0..1) and the residual of the
+    registration (8..2 mm -> 0..1)."""
     overlap = float(np.clip((iou - 0.85) / 0.12, 0.0, 1.0))
     fit = float(np.clip((0.008 - registration.residual) / 0.006, 0.0, 1.0))
-    return _MAX_CONFIDENCE * segmentation.confidence * overlap * fit
+    return segmentation.confidence * overlap * fit

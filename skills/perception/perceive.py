@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from robots.ports import frozen
 from skills.perception.camera_fault import camera_fault, same_picture, table_unseen
-from skills.perception.candidate import choose_garment, fit_confidence, misfit, wanted_garment
+from skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
 from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.garment_height import garment_height, height_above
 from skills.perception.limb_poses import best_poses
 from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
 from skills.perception.registration.cloth_picture import ClothPicture
 from skills.perception.registration.picture_refinement import refine_by_picture
 from skills.perception.registration.register import Registration, register
@@ -37,7 +38,8 @@ class Perception:
 
     garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) above the table [m], mask:
     (H, W), and the contour of `segmentation` are in `view`'s pixels. matches: all candidates, best first. top:
-    mean height of the garment's upper side above the table [m].
+    mean height of the garment's upper side above the table [m]. fit: quality of the fit (0..1), see
+    `candidate.fit_quality`. The confidence in `state` is the probability that all key points are accurate.
     """
 
     state: GarmentState
@@ -49,6 +51,7 @@ class Perception:
     rgb: NDArray[np.uint8]
     height: NDArray[np.float32]
     top: float
+    fit: float
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -139,8 +142,8 @@ class _Look:
     outcome: Outcome[Perception]
 
     @property
-    def confidence(self) -> float:
-        return self.outcome.unwrap().state.confidence if self.outcome.ok else 0.0
+    def fit(self) -> float:
+        return self.outcome.unwrap().fit if self.outcome.ok else 0.0
 
 
 def _looks(
@@ -169,19 +172,19 @@ def _segmentations(picture: _Picture, settings: PerceptionSettings, stages: _Sta
 
 
 def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
-    """Return the first accepted region of a method, or the most confident accepted proposal. If none is accepted,
+    """Return the first accepted region of a method, or the accepted proposal that fits best. If none is accepted,
     return the refusal of the region that came furthest."""
     accepted: list[_Look] = []
     refused: list[_Look] = []
     for look in looks:
         if not look.outcome.ok:
             refused.append(look)
-        elif not look.region.proposed or look.confidence >= settings.sure:
+        elif not look.region.proposed or look.fit >= settings.sure:
             return look
         else:
             accepted.append(look)
     if accepted:
-        return max(accepted, key=lambda look: look.confidence)
+        return max(accepted, key=lambda look: look.fit)
     with_garment = [look for look in refused if _kind(look) is not FailureKind.NO_GARMENT]
     fitted = [look for look in with_garment if look.region.proposed and _kind(look) is FailureKind.LOW_CONFIDENCE]
     return (fitted or with_garment or refused)[0]
@@ -230,29 +233,32 @@ def _perceive_region(
     if (failure := misfit(registration, garment, contour, settings)) is not None:
         return failed(failure)
     iou = polygon_iou(registration.contour, contour)
-    confidence = fit_confidence(segmentation, iou, registration)
+    fit = fit_quality(segmentation, iou, registration)
+    sigmas = keypoint_sigmas(registration, nominal[garment.name], contour)
+    confidence = probability_within(sigmas, settings.within * registration.scale)
     stages.notes |= {
         "iou": iou,
         "scale": chosen.scale,
+        "fit": fit,
         "confidence": confidence,
         "boundary_rms_m": registration.residual,
         "updates": len(registration.history) - 1,
         "garment_height_m": top,
         "least_turn": registration.least_turn,
     }
-    if confidence < settings.min_confidence:
+    if fit < settings.min_fit:
         return failed(
             Failure(
                 FailureKind.LOW_CONFIDENCE,
-                f"the outline of {garment.name} fits only with confidence {confidence:.2f}",
+                f"the outline of {garment.name} fits only to {fit:.2f} of 1",
                 "straighten the garment, or check light and the empty table's picture",
-                {"confidence": confidence, "iou": iou, "boundary_rms_m": registration.residual},
+                {"fit": fit, "iou": iou, "boundary_rms_m": registration.residual},
             )
         )
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
     value = Perception(
-        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top
+        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top, fit
     )
     return Outcome(value=value, notes=dict(stages.notes))

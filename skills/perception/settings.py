@@ -33,8 +33,8 @@ class PerceptionSettings:
     """Minimum overlap of a silhouette with the polygon of its key points."""
     proposed_polygon_iou: float = 0.86
     """The same for a proposal, whose limbs may be bent as well as swung."""
-    sure: float = 0.8
-    """A proposal with this confidence is accepted before the others are tried."""
+    sure: float = 0.82
+    """A proposal that fits so well (`candidate.fit_quality`) is accepted before the others are tried."""
     proportions: float = 0.20
     """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
     logarithm of observed over template length."""
@@ -49,7 +49,11 @@ class PerceptionSettings:
     flat_height: float = 0.025
     """Maximum height of a flat garment (95th percentile over the garment)."""
     border: float = 0.006
-    min_confidence: float = 0.6
+    min_fit: float = 0.62
+    """Minimum quality of a fit (`candidate.fit_quality`)."""
+    within: float = 0.010
+    """The confidence is the probability that all key points lie within this distance of their true places, on a
+    garment of its nominal size."""
     dark_level: float = 6.0
     white_level: float = 254.0
     depth_holes: float = 0.5

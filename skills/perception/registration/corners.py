@@ -47,6 +47,10 @@ class CornerSettings:
     smoothed: float = 0.0015
     """Length that smoothing during segmentation removes from the tip of a very acute corner."""
     normal_reach: float = 0.05
+    tip_sigma: float = 0.0016
+    notch_sigma: float = 0.010
+    unmoved_sigma: float = 0.020
+    """Standard deviations of the place of a sharp corner, of a notch, and of a corner that was not relocated."""
     body: BodySettings = field(default_factory=BodySettings)
     bend: BendSettings = field(default_factory=BendSettings)
 
@@ -57,8 +61,9 @@ def set_corners(
     polygon: Array,
     boundary: Boundary,
     settings: CornerSettings | None = None,
-) -> Array:
-    """Return the registered contour X (n, 2) [m] with its corners relocated.
+) -> tuple[Array, Array]:
+    """Return the registered contour X (n, 2) [m] with its corners relocated, and the standard deviation of the
+    place of each corner (c,), in the order of the contour [m].
 
     polygon: (k, 2) the template, counter-clockwise. feature: (n,) index into `polygon` of each contour point that
     is a corner, -1 for the other points.
@@ -71,6 +76,7 @@ def set_corners(
     settings = settings or CornerSettings()
     moved = X.copy()
     corners = np.flatnonzero(feature >= 0)
+    sigma = np.full(len(corners), settings.unmoved_sigma)
     angles = interior_angles(polygon)[feature[corners]]
     clear = np.sin(angles) ** 2
     shape = polygon[feature[corners]]
@@ -86,7 +92,8 @@ def set_corners(
             place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
             gaps = (corner_arc[k] - corner_arc[k - 1], corner_arc[(k + 1) % len(corners)] - corner_arc[k])
             before, after = (gap % total for gap in gaps)
-            moved[vertex] = locate_bend(boundary, place, before, after, np.pi - angles[k], settings.bend).place
+            bend = locate_bend(boundary, place, before, after, np.pi - angles[k], settings.bend)
+            moved[vertex], sigma[k] = bend.place, bend.sigma
             continue
         notch = bool(angles[k] > settings.notch_angle)
         lines = _edge_lines(k, corner_arc, total, q, point_arc, settings.notch_edge if notch else settings.edge)
@@ -103,7 +110,8 @@ def set_corners(
             )
         if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
             moved[vertex] = tip
-    return moved
+            sigma[k] = settings.notch_sigma if notch else settings.tip_sigma
+    return moved, sigma
 
 
 def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: CornerSettings | None = None) -> float:

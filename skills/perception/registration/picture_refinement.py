@@ -21,12 +21,14 @@ from skills.perception.registration.register import Registration
 from skills.perception.registration.sleeve_seam import locate_seam
 from skills.perception.template import GarmentOutline, polygon_area
 
-__all__ = ["refine_by_picture"]
+__all__ = ["notches", "refine_by_picture"]
 
 _BY_EDGES = 0.010
 """Standard deviation of the registration's place of a notch along the gap [m]."""
 _ASIDE = 0.004
 """The same across the gap [m]."""
+_SEAM_SIGMA = 0.0016
+"""Standard deviation of the end of a seam [m]."""
 
 
 def refine_by_picture(
@@ -40,17 +42,25 @@ def refine_by_picture(
     return _set_shoulders(_set_notches(registration, garment, picture), garment, contour, picture)
 
 
-def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
-    """A notch of the template is one in any pose. A limb can also lie close to the body, as a lowered sleeve."""
-    names, places = garment.keypoints, registration.keypoints
-    lying = np.array([places[name] for name in names])
+def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, ...]:
+    """Return the names of the key points at the end of a gap between two limbs, or between a limb and the body.
+
+    A notch of the template is one in any pose. A limb can also lie close to the body, as a lowered sleeve.
+    """
+    lying = np.array([registration.keypoints[name] for name in garment.keypoints])
     angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
-    for k in np.flatnonzero(angles > CornerSettings().notch_angle):
-        name, beside = names[k], (names[k - 1], names[(k + 1) % len(names)])
+    return tuple(garment.keypoints[k] for k in np.flatnonzero(angles > CornerSettings().notch_angle))
+
+
+def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
+    names, places = garment.keypoints, registration.keypoints
+    for name in notches(registration, garment):
+        k = names.index(name)
+        beside = (names[k - 1], names[(k + 1) % len(names)])
         opening = _between(places[name], places[beside[0]], places[beside[1]])
         end = locate_gap_end(picture, places[name], opening)
         if end is not None:
-            registration = _moved(registration, name, _combined(places[name], opening, end))
+            registration = _moved(registration, name, *_combined(places[name], opening, end))
     return registration
 
 
@@ -67,7 +77,7 @@ def _set_shoulders(
         shoulder, armpit = registration.keypoints[name], registration.keypoints[f"armpit_{side}"]
         place = locate_seam(picture, boundary, shoulder, armpit)
         if place is not None:
-            registration = _moved(registration, name, place)
+            registration = _moved(registration, name, place, _SEAM_SIGMA)
     return registration
 
 
@@ -86,23 +96,27 @@ def _between(notch: Array, first: Array, second: Array) -> Array:
     return np.asarray(0.5 * (first + second))
 
 
-def _combined(place: Array, opening: Array, end: GapEnd) -> Array:
+def _combined(place: Array, opening: Array, end: GapEnd) -> tuple[Array, float]:
     """Combine the registration's place (2,) of a notch and the end of the gap by their covariances. The more they
-    differ, the less the first one counts, because legs have other proportions than those of the template."""
+    differ, the less the first one counts, because legs have other proportions than those of the template.
+    Returns the place and its standard deviation [m]."""
     along = (opening - place) / np.linalg.norm(opening - place)
     across = np.array([-along[1], along[0]])
     away = end.place - place
     variances = _BY_EDGES**2 + float(away @ along) ** 2, _ASIDE**2 + float(away @ across) ** 2
     weight = np.outer(along, along) / variances[0] + np.outer(across, across) / variances[1]
     seen = np.linalg.inv(end.covariance)
-    return np.asarray(np.linalg.solve(weight + seen, weight @ place + seen @ end.place))
+    covariance = np.linalg.inv(weight + seen)
+    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    return np.asarray(covariance @ (weight @ place + seen @ end.place)), sigma
 
 
-def _moved(registration: Registration, name: str, place: Array) -> Registration:
+def _moved(registration: Registration, name: str, place: Array, sigma: float) -> Registration:
     contour = registration.contour.copy()
     contour[np.argmin(np.linalg.norm(contour - registration.keypoints[name], axis=1))] = place
     return replace(
         registration,
         keypoints={**registration.keypoints, name: frozen(place)},
+        sigmas={**registration.sigmas, name: sigma},
         contour=frozen(contour),
     )

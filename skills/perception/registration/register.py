@@ -60,7 +60,8 @@ class RegistrationSettings:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Result of a registration. keypoints: name -> (2,) [m]. contour: (n, 2) registered contour,
+    """Result of a registration. keypoints: name -> (2,) [m]. sigmas: name -> standard deviation of this place [m].
+    contour: (n, 2) registered contour,
     counter-clockwise; it includes the key points [m].
 
     energy: final data terms [m3]. residual: root mean square boundary distance [m]. angle: initial rotation of the
@@ -71,6 +72,7 @@ class Registration:
     """
 
     keypoints: Mapping[str, Array]
+    sigmas: Mapping[str, float]
     contour: Array
     energy: float
     residual: float
@@ -110,9 +112,11 @@ def register(
     fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
     best, start = min(fits, key=lambda f: _score(f[0][0], f[0][1], polygon, boundary, settings))
     X, feature, history, stages = best
-    if settings.corners is not None:
-        X = set_corners(X, feature, polygon, boundary, settings.corners)
     vertices = np.flatnonzero(feature >= 0)
+    sigma = np.full(len(vertices), CornerSettings().unmoved_sigma)
+    if settings.corners is not None:
+        X, sigma = set_corners(X, feature, polygon, boundary, settings.corners)
+    sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]
     notch = np.zeros(len(X), bool)
@@ -121,6 +125,7 @@ def register(
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
+        sigmas={name: sigmas[name] for name in garment.keypoints},
         contour=frozen(X),
         energy=history[-1],
         residual=float(np.sqrt(np.mean(distance**2))),
