@@ -67,7 +67,7 @@ def main() -> int:
 def _key_points(tab: Tab, keep: Callable[[str, Tab], None]) -> None:
     """One cuff is dragged along the sleeve, so that the page shows its magnifier and a doubt."""
     ready = "known && checked.folds.length > 0"
-    _await(tab, f"typeof edit !== 'undefined' && edit !== null && {ready}")
+    _await(tab, f"typeof edit !== 'undefined' && at('zoom').textContent && {ready}")
     corner = tab.evaluate("(({ x, y }) => [x, y])(at('picture').getBoundingClientRect())")
     x, y = np.add(tab.evaluate(f"toScreen(points.{DRAGGED})"), corner)
     to = x + DRAG[0], y + DRAG[1]

@@ -9,15 +9,17 @@ from __future__ import annotations
 import asyncio
 import queue
 import socket
+import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -45,6 +47,8 @@ QUALITY = 96
 """Quality of the picture as a JPEG. It is high because the page magnifies the picture."""
 LONGEST = 2**16
 """Maximum size of a message from the page [bytes]."""
+LAST_WORD_S = 5.0
+"""Longest time that the last answer may take to reach the page [s]."""
 Points = Mapping[str, Array]
 Pixel = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -64,7 +68,9 @@ class _Task:
 
     then: str
     points: Points
-    answer: Future[dict[str, Any]]
+    answer: Future[dict[str, Any]] = field(default_factory=Future)
+    answered: threading.Event = field(default_factory=threading.Event)
+    """Set when the page has the answer."""
 
 
 def edit_key_points(
@@ -86,17 +92,19 @@ def edit_key_points(
     app = _Page(edit, tasks, listener.getsockname()[1]).app(secret)
     with served(app, listener, "the page of the key points", "choose another --page-port") as address:
         announce(f"{address}/{secret}/")
-        while (task := tasks.get()).then != "cancel":
+        while True:
+            task, written = tasks.get(), None
             try:
-                written = (save if task.then == "save" else keep)(task.points)
+                if task.then != "cancel":
+                    written = (save if task.then == "save" else keep)(task.points)
             except (ConfigurationError, StorageError) as e:
                 task.answer.set_result({"refused": e.what, "hint": e.hint})
                 continue
-            task.answer.set_result({"written": written, "ended": task.then == "save"})
-            if task.then == "save":
-                return True
-        task.answer.set_result({"written": None, "ended": True})
-        return False
+            ended = task.then != "keep"
+            task.answer.set_result({"written": written, "ended": ended})
+            if ended:
+                task.answered.wait(LAST_WORD_S)
+                return task.then == "save"
 
 
 class _Page:
@@ -142,7 +150,7 @@ class _Page:
         except ValidationError:
             return _json({"refused": "the message is not valid"}, 400)
         self._latest = {name: np.array(place) for name, place in message.points.items()}
-        task = _Task(message.then, self._latest, Future())
+        task = _Task(message.then, self._latest)
         shown = await run_in_threadpool(self._edit.shown, task.points)
         if task.then == "check":
             return _json(shown)
@@ -150,8 +158,8 @@ class _Page:
             return _json({**shown, "refused": "no garment can be made of these key points"})
         self._tasks.put(task)
         answer: dict[str, Any] = await asyncio.wrap_future(task.answer)
-        return _json({**shown, **answer})
+        return _json({**shown, **answer}, then=BackgroundTask(task.answered.set))
 
 
-def _json(value: Mapping[str, Any], status: int = 200) -> Response:
-    return JSONResponse(to_json(value), status, HEADERS)
+def _json(value: Mapping[str, Any], status: int = 200, then: BackgroundTask | None = None) -> Response:
+    return JSONResponse(to_json(value), status, HEADERS, background=then)
