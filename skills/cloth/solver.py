@@ -438,7 +438,8 @@ def _solver_parameters(
     edge = float(np.quantile(mesh.edge_length, FINE_SHARE))
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # stiffness factor of the softer direction
     modulus = softer * membrane_modulus(material, settings.reference_drop)
-    room = IN_PLANE * modulus * edge**2 / flexural_rigidity(material)
+    stiffer = max(settings.bending_ratio, 1.0 / settings.bending_ratio) ** 0.5  # rigidity of the stiffer direction
+    room = IN_PLANE * modulus * edge**2 / (stiffer * flexural_rigidity(material))
     sharpest = min(SHARPEST, max(0.0, 1.0 - DAMPED / room))
     most = max(0.0, room * (1.0 - sharpest) - 1.0)
     gx, gy, gz = settings.gravity
