@@ -116,8 +116,8 @@ def _page(f: Mapping[str, Any]) -> str:
                  "paper's method within 10 mm"), garments),
         "## Reliability of the confidence", "",
         *_prose("""The table shows how often all key points were within 10 mm, for accepted scenes in a range of
-            stated confidence. Poor fits are refused, so nearly all accepted scenes have the highest confidence.
-            The confidence is right on average, but it hardly distinguishes accepted scenes."""),
+            stated confidence. The confidence is the probability of this, estimated from the picture
+            (`skills/perception/registration/accuracy.py`). Poor fits are refused by another measure."""),
         *_table(("scenes from", "confidence from", "scenes", "mean confidence", "within 10 mm"), bins),
         "![Stated confidence and measured rate](pictures/perception_reliability.png)", "",
         f"## After a fold: {f['inspection_folds_seen']} folds, {f['inspection_pictures']} pictures", "",

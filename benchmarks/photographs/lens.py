@@ -75,7 +75,7 @@ def random_camera(rng: np.random.Generator, outline: Points, tilt_deg: float, si
     middle = (outline.min(axis=0) + outline.max(axis=0)) / 2 + rng.normal(0, 0.015, 2)
     margin = rng.uniform(0.06, 0.16)
     tilt = np.radians(tilt_deg)
-    for distance in np.arange(0.6, 3.0, 0.02):
+    for distance in np.arange(0.6, 6.0, 0.02):
         position = (middle[0] - distance * np.sin(tilt), middle[1], distance * np.cos(tilt))
         camera = Camera(
             width, height, float(view), tuple(map(float, position)), (*map(float, middle), 0.0), float(k1)

@@ -39,6 +39,12 @@ def test_a_camera_s_pixels_map_back_to_the_table(tilt: float) -> None:
     assert np.allclose(camera.on_table(pixels), garment.outline, atol=1e-4)
 
 
+def test_a_long_garment_is_seen_whole_by_a_narrow_lens() -> None:
+    outline = np.array([[0.05, -0.3], [1.15, -0.3], [1.15, 0.3], [0.05, 0.3]])
+    pixels = random_camera(rng_of(34), outline, 20.0, (1280, 720)).pixels(outline)
+    assert np.all((pixels > 0) & (pixels < [1280, 720]))
+
+
 def test_the_picture_shows_what_is_farther_higher_and_what_is_left_on_the_left() -> None:
     garment = placed(GARMENTS[0](rng_of(1)), 0.0, np.array([0.6, 0.0]))
     camera = random_camera(rng_of(2), garment.outline, 10.0, (640, 480))
