@@ -75,7 +75,7 @@ class FoldContext:
     def after_repair(self) -> FoldContext:
         """Return the context after a repair, whether it succeeded or not. Unless it has completed the fold, how
         the garment lies is unknown."""
-        if self.repair is None:
+        if self.repair is None or self.attempt is None:
             return self
         return replace(self, repair=None, attempt=self.repair.ended(self.attempt), touched=True, estimate=None)
 

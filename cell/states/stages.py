@@ -133,20 +133,19 @@ class Repair:
     displaced: Fit
     failed: Attempt
 
-    def ended(self, performed: Attempt | None) -> Attempt:
-        """Return the failed attempt after its repair. performed: the attempt at the repair. If it has completed
-        the fold, the garment is expected as the repair was predicted to leave it, and is inspected as usual."""
-        completed = self.plan.goal is RepairGoal.COMPLETE and performed is not None and performed.carried
-        if not completed or performed is None:
-            return replace(self.failed, carried=False)
+    def ended(self, performed: Attempt) -> Attempt:
+        """Return the failed attempt after its repair, without what was seen and pressed before. performed: the
+        attempt at the repair. If it has completed the fold, the garment is expected as the repair was predicted to
+        leave it, and is inspected as usual."""
+        failed = replace(
+            self.failed, carried=False, inspection=None, claim=None, pressed=(), press_tries=0, press_plan=None,
+            unpressed=False,
+        )  # fmt: skip
+        if self.plan.goal is RepairGoal.UNDO or not performed.carried:
+            return failed
         # relative to the plan, which moves only when an inspection has measured the displacement
         vertices = self.displaced.taken_back(performed.predicted.vertices)
         return replace(
-            self.failed,
-            predicted=replace(performed.predicted, vertices=vertices),
-            dissimilarity_m=performed.dissimilarity_m,
-            carried=True,
-            repaired=True,
-            inspection=None,
-            claim=None,
-        )
+            failed, predicted=replace(performed.predicted, vertices=vertices),
+            dissimilarity_m=performed.dissimilarity_m, carried=True, repaired=True,
+        )  # fmt: skip

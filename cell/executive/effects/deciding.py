@@ -217,7 +217,7 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
-    fold = replace(answer.context.fold, attempt=None, touched=False)
+    fold = replace(answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False)
     return replace(answer, event=event, context=replace(_counted_anew(answer.context), fold=fold))
 
 

@@ -143,6 +143,7 @@ def judged_as_before(
 def next_step(cell: Workcell, context: RunContext) -> Result:
     """Advance to the next fold. The predicted shape, moved by the observed drift, becomes the believed shape.
     After the last fold, the run ends as folded, unless the operator skipped folds or the claim does not hold."""
+    context = replace(context, fold=context.fold.after_repair())
     ending, index, steps = context.failure, context.fold.index, context.steps
     advanced = replace(_with_step_note(context, cell.settings.inspection.enabled), failure=None)
     note = context.fold.note()

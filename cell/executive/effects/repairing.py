@@ -46,7 +46,8 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     fold, thickness = context.fold, plan.garment.material.thickness
     found = fold.estimate.best if fold.estimate is not None else None
     if found is None:
-        return _failed(context, "it is not known how the garment lies")
+        what = "the fold cannot be repaired: it is not known how the garment lies"
+        return _failed(context, Failure(FailureKind.HALF_FOLDED, what, "lay the garment as it was"))
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
     before, now = found.placed(plan.vertices), found.shape.vertices
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
@@ -59,7 +60,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     if not ways:
         failure = plans[RepairGoal.UNDO].failure
         assert failure is not None
-        return Result(Event.FAILED, context.with_failure(failure))
+        return _failed(context, failure)
 
     def work() -> list[_Candidate]:
         return [_simulated(cell, plan, way, now) for way in ways]
@@ -77,7 +78,9 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
         "dissimilarity_m": best.trajectory.dissimilarity,
     }  # fmt: skip
     cell.recorder.plan(cell.ports.clock.now(), goal_step)
-    fold = replace(fold, repair=repair, tried=(*fold.tried, best.plan.goal))
+    # until a motion is planned, nothing was carried in this repair
+    begun = replace(attempt, carried=False)
+    fold = replace(fold, repair=repair, attempt=begun, tried=(*fold.tried, best.plan.goal))
     return Result(Event.DONE, replace(context, fold=fold), record)
 
 
@@ -120,6 +123,7 @@ def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Cand
     return replace(way, trajectory=replace(way.trajectory, dissimilarity=error))
 
 
-def _failed(context: RunContext, why: str) -> Result:
-    failure = Failure(FailureKind.HALF_FOLDED, f"the fold cannot be repaired: {why}", "lay the garment as it was")
-    return Result(Event.FAILED, context.with_failure(failure))
+def _failed(context: RunContext, failure: Failure) -> Result:
+    """Return the failure without the estimate from which it follows: only another one can lead to another end."""
+    fold = replace(context.fold, estimate=None)
+    return Result(Event.FAILED, replace(context, fold=fold).with_failure(failure))

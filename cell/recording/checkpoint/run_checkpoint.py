@@ -27,7 +27,7 @@ from cell.recording.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition
+from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition, Repair
 from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
@@ -37,6 +37,9 @@ from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.result import Inspection
 from skills.perception.inspection.stack_heights import StackHeights
 from skills.perception.inspection.target_view import TargetView
+from skills.perception.state_estimate.comparison import Fit
+from skills.perception.state_estimate.estimate import StateEstimate
+from skills.planning.repair import RepairPlan
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
@@ -106,7 +109,7 @@ def _schema() -> str:
     where the fields can change while the version stays the same."""
     kinds = (
         RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
-        StepNote, Inspection, TargetView, StackHeights, Claim,
+        Repair, RepairPlan, StateEstimate, Fit, StepNote, Inspection, TargetView, StackHeights, Claim,
     )  # fmt: skip
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"

@@ -56,6 +56,7 @@ CARRIED = context_with(PLANNED, carried=True)
         (SEEN + FOLD, context_with(index=1), E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:4], S.CLEARING, S.RECOVERING, S.GIVING_UP, S.NOT_FOLDED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:6], S.CLEARING, S.MAKING_SAFE, S.FAULT], PLANNED, E.LOOK_AFTER),
+        ([*SEEN, *FOLD, S.RECOVERING, S.PLANNING_REPAIR], CARRIED, E.LOOK_AGAIN),  # the repair was not begun
         ([*SEEN, *FOLD[:4], S.PAUSED], PLANNED, E.LOOK_AGAIN),
         ([*SEEN, *FOLD[:4], S.STOPPED], PLANNED, E.LOOK_AGAIN),
         ([S.IDLE, S.RESUMING], replace(PLANNED, reentry=E.LOOK_AFTER), E.LOOK_AFTER),  # interrupted again

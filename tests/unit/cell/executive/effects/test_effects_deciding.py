@@ -22,6 +22,7 @@ from robots.errors import Failure, FailureKind
 from robots.ports import Side
 from skills.perception.state_estimate.estimate import StateEstimate
 from skills.perception.state_estimate.hypothesis import FoldState
+from skills.planning.repair import RepairGoal
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -442,8 +443,11 @@ def test_a_retry_by_the_operator_starts_the_attempt_anew() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
     cell.at(0.3, lambda: workcell.commands.put(Event.RETRY))
-    said = ask_operator(workcell, context_with(SEEN, carried=True, press_tries=2))
-    assert said.event is Event.RETRY and said.context.fold.attempt is None, "the new attempt has no history"
+    half_made: Any = {"repair": SimpleNamespace(), "tried": (RepairGoal.COMPLETE,), "touched": True}
+    said = ask_operator(workcell, context_with(SEEN, carried=True, press_tries=2, **half_made))
+    fold = said.context.fold
+    assert said.event is Event.RETRY and fold.attempt is None, "the new attempt has no history"
+    assert fold.repair is None and not fold.tried and fold.after_repair() is fold and not fold.uncertain
     blind = choose_next(workcell, failed(K.CAMERA_FAULT, context=said.context))
     assert blind.event is Event.LOOK_AGAIN
 

@@ -14,7 +14,7 @@ from cell.executive.effects.inspecting import figures, next_step
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
-from cell.states.stages import FirstLook
+from cell.states.stages import FirstLook, Repair
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
@@ -22,6 +22,7 @@ from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.result import Inspection
 from skills.perception.inspection.stack_heights import StackHeights
 from skills.perception.inspection.target_view import TargetView
+from skills.planning.repair import RepairGoal
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
@@ -294,3 +295,17 @@ def test_unseen_figures_are_left_out_of_the_journal() -> None:
     edge: Any = SimpleNamespace(corner=0.004, sag=nothing)
     half = figures(seen(edge=edge))
     assert half["edge_corner_m"] == 0.004 and half["height_m"] == 0.01 and "edge_sag_m" not in half
+
+
+@pytest.mark.parametrize("goal", list(RepairGoal))
+def test_a_fold_that_is_skipped_after_its_repair_does_not_count_as_made(goal: RepairGoal) -> None:
+    """Its inspection was before the repair. After an undone fold the garment is believed to lie as before it."""
+    failed = made(inspection=seen(K.SAG)).fold.attempt
+    plan: Any = SimpleNamespace(goal=goal)
+    displaced: Any = SimpleNamespace(taken_back=lambda vertices: vertices + 0.01)
+    nothing: Any = None
+    repair = Repair(plan, nothing, FLAT, FLAT, displaced, failed)
+    result = next_step(fake_workcell(FakeCell()), made(repair=repair))
+    assert result.event is Event.NEXT_FOLD and result.context.done == () and result.context.plan is not None
+    believed = FLAT if goal is RepairGoal.UNDO else FOLDED + 0.01
+    assert result.context.plan.vertices == pytest.approx(believed)

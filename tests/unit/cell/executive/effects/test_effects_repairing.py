@@ -15,7 +15,7 @@ from cell.executive.effects.gripping import STOP, STOPS, _goal
 from cell.executive.effects.planning import _task
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
-from robots.errors import CellError, FailureKind
+from robots.errors import CellError, Failure, FailureKind
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.perception.state_estimate.comparison import Fit
@@ -30,6 +30,7 @@ from skills.trajectory.frame import frames_of
 from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
+from tests.inspections import a_claim, inspection
 from tests.workcells import fake_workcell
 
 TOWEL = load_garment("small_towel")
@@ -62,7 +63,8 @@ def failed_fold(shape: Array | None) -> RunContext:
     if shape is not None:
         hypothesis = Hypothesis(FoldState.HALF_WAY, PredictedShape(shape, MESH.triangles, MESH.rest))
         best = Fit(hypothesis, FLAT[:, :2].mean(axis=0), DRIFT, 0.0, np.zeros((3, 2)), 1.0, 9, 0.0)
-    found = StateEstimate(FoldState.HALF_WAY, 0.95, best, {}, (), 12, np.zeros((3, 2)))
+    likely = dict.fromkeys(FoldState, 0.0) | {FoldState.HALF_WAY: 0.95}
+    found = StateEstimate(FoldState.HALF_WAY, 0.95, best, likely, (), 12, np.zeros((3, 2)))
     arcs = {i: initial_controls(f.start, f.end) for i, f in frames_of(HALF, THICKNESS).items()}
     return context_with(
         garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=FLAT, step=HALF, estimate=found,
@@ -146,6 +148,31 @@ def test_a_fold_that_cannot_be_repaired_says_why() -> None:
     assert failure is not None and failure.kind is FailureKind.HALF_FOLDED and "not known" in failure.what
 
 
+def test_a_repair_that_cannot_be_planned_is_not_planned_again_from_the_same_estimate() -> None:
+    covered = half_way()
+    covered[covered[:, 2] < 1.5 * THICKNESS, 2] += 2 * THICKNESS  # the layer that stayed lies on top
+    cell = fake_workcell(FakeCell())
+    half = Failure(FailureKind.HALF_FOLDED, "the fold is half made")
+    context = attempted(failed_fold(covered)).with_failure(half).with_failure(half)
+    assert EFFECTS[Effect.CHOOSE_RECOVERY](cell, context).event is Event.REPAIR
+    result = EFFECTS[Effect.PLAN_REPAIR](cell, context)
+    assert result.context.failure is not None and "under other cloth" in result.context.failure.what
+    assert EFFECTS[Effect.CHOOSE_RECOVERY](cell, result.context).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize("goal", list(RepairGoal))
+def test_a_refused_fold_counts_as_repaired_only_when_the_hands_have_carried_its_cloth(
+    monkeypatch: pytest.MonkeyPatch, goal: RepairGoal
+) -> None:
+    """The motion of the repair may not be found. The hands had carried the fold itself."""
+    predicting(monkeypatch, {RepairGoal.COMPLETE: 0.1 * (goal is RepairGoal.UNDO), RepairGoal.UNDO: 0.0})
+    refused = context_with(attempted(failed_fold(half_way())), carried=True)
+    fold = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), refused).context.fold
+    assert fold.repair is not None and fold.repair.plan.goal is goal and not fold.carried
+    after = fold.after_repair()
+    assert after.uncertain and after.attempt is not None and not after.attempt.repaired
+
+
 @pytest.mark.parametrize("goal", list(RepairGoal))
 @pytest.mark.parametrize("carried", [True, False])
 def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other_is_estimated_again(
@@ -153,7 +180,11 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
 ) -> None:
     poor = {RepairGoal.COMPLETE: 0.0 if goal is RepairGoal.COMPLETE else 0.1, RepairGoal.UNDO: 0.0}
     predicting(monkeypatch, poor)
-    context = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way()))).context
+    refused = context_with(
+        attempted(failed_fold(half_way())), carried=True, inspection=inspection(), claim=a_claim(),
+        pressed=(inspection(),), press_tries=1, unpressed=True,
+    )  # fmt: skip
+    context = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), refused).context
     failed, repair = context.fold.attempt, context.fold.repair
     assert failed is not None and repair is not None
     shape = PredictedShape(FOLDED + np.append(DRIFT, 0.0), MESH.triangles, MESH.rest)
@@ -162,6 +193,8 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
     completed = carried and goal is RepairGoal.COMPLETE
     assert after.repair is None and after.estimate is None and after.attempt is not None
     assert after.uncertain != completed and after.attempt.repaired == completed
+    assert after.attempt.inspection is None and after.attempt.claim is None, "the cloth has moved since"
+    assert not (after.attempt.pressed or after.attempt.press_tries or after.attempt.unpressed)
     if completed:
         assert after.attempt.predicted.vertices == pytest.approx(FOLDED), (
             "the inspection measures the displacement"
