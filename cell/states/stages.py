@@ -117,6 +117,12 @@ class Attempt:
         return self.step.grasps[self.motion.postures[arm].path]
 
 
+_DESTINATIONS = {
+    RepairGoal.COMPLETE: "on to the target of the fold",
+    RepairGoal.UNDO: "back where it lay before the fold",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Repair:
     """The repair of a fold that failed. It is planned, checked and performed like a fold.
@@ -132,6 +138,10 @@ class Repair:
     target: Array
     displaced: Fit
     failed: Attempt
+
+    def in_words(self) -> str:
+        """Return what the hands do."""
+        return f"the hands carry the moved cloth {_DESTINATIONS[self.plan.goal]}"
 
     def ended(self, performed: Attempt) -> Attempt:
         """Return the failed attempt after its repair, without what was seen and pressed before. performed: the

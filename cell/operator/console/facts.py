@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan
+from cell.states.stages import Attempt, Plan, Repair
 from cell.states.transition_table import Event, State
 from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
@@ -44,9 +44,16 @@ def plan_facts(context: RunContext) -> list[tuple[str, str]]:
     return facts
 
 
-def consequences(state: State, planned: bool) -> Mapping[str, str]:
-    """Return command -> what it does, for the question of a state. planned: whether folds were planned."""
+def consequences(state: State, planned: bool, repair: Repair | None) -> Mapping[str, str]:
+    """Return command -> what it does, for the question of a state. planned: whether folds were planned; repair: of
+    the present fold, if one is planned."""
     end = "the hands let go, the arms park, and the run ends as not folded"
+    if state is State.AWAITING_APPROVAL and repair is not None:
+        return {
+            Event.APPROVE: repair.in_words(),
+            Event.RETRY: "the cell looks and estimates again how the garment lies",
+            Event.ABORT: end,
+        }
     if state is State.AWAITING_APPROVAL:
         return {
             Event.APPROVE: "the arms go to the garment and make this fold",
@@ -72,13 +79,13 @@ def consequences(state: State, planned: bool) -> Mapping[str, str]:
 
 
 def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tuple[str, str]]:
+    repair = context.fold.repair
     source = "from the library" if attempt.trajectory.source == "library" else "optimised in this run"
     height = float(np.percentile(attempt.predicted.vertices[:, 2], PERCENTILE))
-    facts = [("Arc", source)]
+    facts = [("Arc", source) if repair is None else ("Repair", repair.in_words())]
     if attempt.dissimilarity_m >= 0.0:
-        facts.append(
-            ("Predicted error", f"{1e3 * attempt.dissimilarity_m:.1f} mm mean distance from the ideal fold")
-        )
+        aim = "the ideal fold" if repair is None else "the shape that is aimed at"
+        facts.append(("Predicted error", f"{1e3 * attempt.dissimilarity_m:.1f} mm mean distance from {aim}"))
     facts.append(("Predicted height", f"{1e3 * height:.0f} mm"))
     facts.append(
         (

@@ -163,7 +163,7 @@ class RunStatus:
         return {
             "number": self._question,
             "text": self._asked(),
-            "answers": dict(consequences(self._state, bool(self._context.steps))),
+            "answers": dict(consequences(self._state, bool(self._context.steps), self._context.fold.repair)),
             "pictured": self._state in ASKING and self._context.sight.frame is not None,
         }
 
@@ -191,6 +191,8 @@ class RunStatus:
             return f"{count} The fold is made and is {height}. Press it flat? Skip leaves it as it is."
         if attempt is None:
             return count
+        if fold.repair is not None:
+            return _sentences(f"{count} The fold is not as planned and can be repaired: {fold.repair.in_words()}")
         if fold.refused_edit:
             count = f"Your change is not possible ({fold.refused_edit}); this is the plan without it. {count}"
         elif fold.edits:

@@ -7,6 +7,7 @@ from typing import TextIO
 from cell.operator.progress.bar import ProgressBar
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
+from cell.states.stages import Repair
 from cell.states.transition_table import Event, State
 
 __all__ = ["ProgressLines"]
@@ -18,7 +19,7 @@ _HINTS = {
     " or end the run (q)",
     State.PAUSED: "resume (c) or end the run (q)",
 }
-
+_REPAIR_HINT = "approve the repair (a), look again (r) or end the run (q)"
 
 _LAST = frozenset({Event.ASK, Event.GIVE_UP})
 
@@ -29,14 +30,17 @@ class ProgressLines:
 
     def __init__(self, stream: TextIO | None) -> None:
         self._bar = ProgressBar(stream)
+        self._repair: Repair | None = None
 
     def entered(self, t: float, step: Step) -> None:
         hint = _HINTS.get(step.target)
+        if step.target is State.AWAITING_APPROVAL and self._repair is not None:
+            hint = f"{self._repair.in_words()}: {_REPAIR_HINT}"
         self._bar.line(f"{t:8.1f} s  {step.target.value.replace('_', ' ')}" + (f": {hint}" if hint else ""))
         self._bar.restart()
 
     def performed(self, t: float, step: Step, result: Result) -> None:
-        failure = result.context.failure
+        failure, self._repair = result.context.failure, result.context.fold.repair
         if failure is not None and result.event in FAILING:
             self._bar.line(f"{t:8.1f} s    {failure}")
         if result.event is Event.ASK and result.context.asking:

@@ -32,8 +32,8 @@ TOO_SHORT = 0.03
 
 
 def draw_plan(frame: CameraFrame, calibration: CameraCalibration, context: RunContext) -> Picture:
-    """Draw the planned fold: outline, key points, fold line, the arcs of the hands, and the predicted outline.
-    Returns (h, w, 3). The context has a plan and an attempt, else only the picture is returned."""
+    """Draw the planned fold, or its repair: outline, key points, fold line, the arcs of the hands, and the
+    predicted outline. Returns (h, w, 3): only the picture if the context has no plan or no attempt."""
     drawing, plan, attempt = ProjectedDrawing(frame, calibration), context.plan, context.fold.attempt
     if plan is None or attempt is None:
         return drawing.picture
@@ -44,7 +44,7 @@ def draw_plan(frame: CameraFrame, calibration: CameraCalibration, context: RunCo
         entries.append(("garment", OUTLINE, False))
     for contour in _contours(attempt.predicted):
         drawing.dashes(contour, EXPECTED, closed=True)
-    entries.append(("after the fold", EXPECTED, True))
+    entries.append(("after the repair" if context.fold.repair else "after the fold", EXPECTED, True))
     drawing.dashes(_fold_line(attempt, garment), FOLD_LINE, dash=0.006)
     entries.append(("fold line", FOLD_LINE, True))
     if context.fold.index == 0:

@@ -20,7 +20,6 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure
 from robots.ports import Array, CameraFrame
-from skills.planning.repair import RepairGoal
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["FailureStories", "FailureStory", "Scene"]
@@ -174,18 +173,11 @@ class FailureStories:
         return self._context.sight.calibration(self._nominal)
 
 
-_REPAIRS = {
-    RepairGoal.UNDO: "the way back of fold {fold}",
-    RepairGoal.COMPLETE: "the rest of fold {fold}, from where its edge lies",
-}
-
-
 def _planned(context: RunContext) -> str:
     assert context.plan is not None
     fold = context.plan.steps[context.fold.index].name.replace("_", " ")
-    if context.fold.repair is None:
-        return f"fold {fold}, once more"
-    return _REPAIRS[context.fold.repair.plan.goal].format(fold=fold)
+    repair = context.fold.repair
+    return f"fold {fold}, once more" if repair is None else f"fold {fold}: {repair.in_words()}"
 
 
 def _settled(effect: Effect, event: Event) -> str:

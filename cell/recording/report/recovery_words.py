@@ -33,7 +33,7 @@ _CHANGES: Mapping[Adjustment, str] = {
 }
 _LAYINGS: Mapping[Laying, str] = {
     Laying.BACK: "laid the cloth down where it was taken",
-    Laying.ONWARD: "laid the cloth down at the target of the fold",
+    Laying.ONWARD: "laid the cloth down at its target",
     Laying.RELEASE: "opened the hands where they were: they held no cloth",
 }
 

@@ -4,6 +4,8 @@ import io
 import os
 import re
 from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
 
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.terminal.keys import KEYS, TerminalOperator
@@ -12,6 +14,7 @@ from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
+from tests.builders.contexts import context_with
 
 
 def typed(text: str) -> tuple[CommandQueue, str]:
@@ -69,8 +72,14 @@ def test_progress_shows_state_and_time() -> None:
 def test_progress_shows_the_open_question() -> None:
     stream = io.StringIO()
     waiting = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
-    ProgressLines(stream).entered(1.0, waiting)
+    lines = ProgressLines(stream)
+    lines.entered(1.0, waiting)
     assert "approve the fold (a)" in stream.getvalue()
+    repair: Any = SimpleNamespace(in_words=lambda: "the hands carry the cloth on")
+    lines.performed(2.0, waiting, Result(Event.APPROVAL_NEEDED, context_with(repair=repair)))
+    lines.entered(3.0, waiting)
+    *_, asked = stream.getvalue().splitlines()
+    assert "the hands carry the cloth on: approve the repair (a)" in asked and "(s)" not in asked
 
 
 def test_progress_shows_a_failure_once() -> None:

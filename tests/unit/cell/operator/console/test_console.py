@@ -26,9 +26,11 @@ from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
+from cell.states.stages import Repair
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from skills.planning.plan import plan_folds
+from skills.planning.repair import RepairGoal
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection
@@ -270,6 +272,27 @@ def test_a_question_about_a_failure_says_what_retry_requires(board: RunStatus) -
         shown = board.snapshot()
         assert shown["question"]["text"] == f"It slipped. Look.{told}"
         assert shown["labels"]["retry"] == "Look again"
+
+
+@pytest.mark.parametrize("goal", list(RepairGoal))
+def test_a_question_about_a_repair_says_what_the_hands_do_and_offers_no_skip(
+    board: RunStatus, goal: RepairGoal
+) -> None:
+    nothing: Any = None
+    plan: Any = SimpleNamespace(goal=goal)
+    repair = Repair(plan, nothing, nothing, nothing, nothing, nothing)
+    steps: Any = (SimpleNamespace(name="half", variant=""),)
+    step = Step(State.PLANNING_REPAIR, Event.DONE, State.PLANNING_MOTION, Effect.PLAN_MOTION)
+    board.performed(
+        2.0, step, Result(Event.APPROVAL_NEEDED, context_with(steps=steps, repair=repair, carried=False))
+    )
+    enter(board, State.AWAITING_APPROVAL)
+    shown, where = board.snapshot(), {"undo": "back where it lay before", "complete": "on to the target of"}[goal]
+    text, answers = shown["question"]["text"], shown["question"]["answers"]
+    assert f"the hands carry the moved cloth {where} the fold." in text and text.startswith("Fold 1 of 1: half.")
+    assert where in answers["approve"] and list(answers) == ["approve", "retry", "abort"] == shown["allowed"]
+    facts = dict(shown["facts"])
+    assert where in facts["Repair"] and "Arc" not in facts and "ideal fold" not in facts["Predicted error"]
 
 
 @pytest.mark.parametrize("state", [State.FOLDING, State.AWAITING_APPROVAL, State.PAUSED, State.MAKING_SAFE])
