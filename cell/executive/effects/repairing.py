@@ -51,11 +51,12 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
     before, now = found.placed(plan.vertices), found.shape.vertices
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
-    plans = {goal: plan_repair(goal, plan.mesh, before, now, step, thickness) for goal in RepairGoal}
+    aims = {RepairGoal.COMPLETE: folded, RepairGoal.UNDO: before}
+    plans = {goal: plan_repair(goal, plan.mesh, before, now, step, thickness) for goal in aims}
     ways = [
-        _Candidate(repair, _trajectory(cell, plan, controls), folded if goal is RepairGoal.COMPLETE else before)
-        for goal, repair in ((goal, planned.value) for goal, planned in plans.items()) if repair is not None
-        for controls in repair_arcs(attempt.trajectory.control_points, repair, thickness)
+        _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal])
+        for goal, planned in plans.items() if planned.value is not None
+        for controls in repair_arcs(attempt.trajectory.control_points, planned.value, thickness)
     ]  # fmt: skip
     if not ways:
         failure = plans[RepairGoal.UNDO].failure
@@ -68,16 +69,15 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     predicted = cell.compute(len(ways) * cell.settings.computing.simulation_s, work)
     limit = acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m)
     best = _best(predicted, -np.inf if RepairGoal.COMPLETE in fold.tried else limit)
-    repair = Repair(best.plan, best.trajectory, now, best.target, found, attempt)
-    goal_step = best.plan.step
+    repair, motion = Repair(best.plan, best.trajectory, now, best.target, found, attempt), best.plan.step
     record = {
         "goal": best.plan.goal.value,
-        "hands": sorted(grasp_id.value for grasp_id in goal_step.grasps),
-        "distance_m": {i.value: float(np.linalg.norm(t[:2] - goal_step.grasps[i].point))
-                       for i, t in goal_step.targets.items()},
+        "hands": sorted(grasp_id.value for grasp_id in motion.grasps),
+        "distance_m": {i.value: float(np.linalg.norm(t[:2] - motion.grasps[i].point))
+                       for i, t in motion.targets.items()},
         "dissimilarity_m": best.trajectory.dissimilarity,
     }  # fmt: skip
-    cell.recorder.plan(cell.ports.clock.now(), goal_step)
+    cell.recorder.plan(cell.ports.clock.now(), motion)
     # until a motion is planned, nothing was carried in this repair
     begun = replace(attempt, carried=False)
     fold = replace(fold, repair=repair, attempt=begun, tried=(*fold.tried, best.plan.goal))
@@ -87,16 +87,12 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
 def _best(ways: Sequence[_Candidate], limit: float) -> _Candidate:
     """Return the best way to complete the fold, if its dissimilarity is at most `limit` [m] or if the fold cannot
     be undone, else the best way to undo it."""
-    best = {
-        goal: min(of_goal, key=lambda way: way.trajectory.dissimilarity)
-        for goal in RepairGoal
-        if (of_goal := [way for way in ways if way.plan.goal is goal])
-    }
-    complete, undo = best.get(RepairGoal.COMPLETE), best.get(RepairGoal.UNDO)
-    if complete is not None and (undo is None or complete.trajectory.dissimilarity <= limit):
-        return complete
-    assert undo is not None
-    return undo
+    ranked = sorted(ways, key=lambda way: way.trajectory.dissimilarity)
+    completing = [way for way in ranked if way.plan.goal is RepairGoal.COMPLETE]
+    undoing = [way for way in ranked if way.plan.goal is RepairGoal.UNDO]
+    if completing and (not undoing or completing[0].trajectory.dissimilarity <= limit):
+        return completing[0]
+    return undoing[0]
 
 
 def _trajectory(cell: Workcell, plan: Plan, controls: Mapping[GraspId, Array]) -> GraspTrajectory:
