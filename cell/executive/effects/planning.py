@@ -24,6 +24,7 @@ from skills.motion.moves.fold import FoldMotion, plan_fold_motion
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
+from skills.planning.repair import RepairGoal
 from skills.trajectory.acceptance import acceptance_limit, judge_prediction
 from skills.trajectory.bezier import evaluate
 from skills.trajectory.library import lookup, trajectory_from
@@ -46,13 +47,15 @@ _ARC = np.linspace(0.0, 1.0, 40)
 @dataclass(frozen=True, eq=False)
 class _Task:
     """A motion with the cloth: its arcs, its step and its tool paths, and the vertices (n, 3) of the garment
-    before it and in its target shape [m]."""
+    before it and in its target shape [m]. promised: D for which the motion was chosen [m]; None if any motion with
+    an acceptable D will do."""
 
     trajectory: GraspTrajectory
     step: FoldStep
     paths: Mapping[GraspId, ToolPath]
     vertices: Array
     target: Array
+    promised: float | None = None
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
@@ -218,7 +221,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         "dissimilarity_m": error,
         "search": dict(planned.notes),
     }  # fmt: skip
-    failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest))
+    failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest, task.promised))
     if failure is not None:
         return Result(Event.FAILED, context.with_failure(failure), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
@@ -289,7 +292,8 @@ def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: flo
     if repair is not None:
         step, arcs = repair.plan.step, repair.trajectory
         paths = turned_paths(tool_paths(arcs, step, speed), repair.plan.headings)
-        return _Task(arcs, step, paths, repair.vertices, repair.target)
+        completing = repair.plan.goal is RepairGoal.COMPLETE  # undone cloth is looked at and folded anew
+        return _Task(arcs, step, paths, repair.vertices, repair.target, arcs.dissimilarity if completing else None)
     inset = INWARD * fold.count(Adjustment.INWARD)
     inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
     target = target_vertices(plan.mesh, step.lines, plan.garment.material)

@@ -121,6 +121,7 @@ def test_a_fold_is_completed_if_it_is_then_as_good_as_planned_and_undone_otherwi
     task = _task(result.context.fold, result.context.plan, result.context.fold.trajectory, 0.3)
     assert task.step is repair.plan.step and task.vertices is repair.vertices and task.target is repair.target
     assert set(task.paths) == set(repair.plan.step.grasps)
+    assert task.promised == (None if goal is RepairGoal.UNDO else repair.trajectory.dissimilarity)
 
 
 def test_a_fold_that_was_not_begun_is_completed_only_if_it_cannot_be_undone(
