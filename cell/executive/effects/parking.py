@@ -65,7 +65,7 @@ def let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPE
     way home.
     """
     refusing = _refusing(cell)
-    open_hands(cell, set(Side) - set(refusing))
+    open_hands(cell, tuple(side for side in Side if side not in refusing))
     failure = wait(cell.loop, opening_s, cell.hands.recording())
     if failure is None and any(_in_doubt(cell, side) for side in refusing):
         failure = _recalibrate(cell)

@@ -60,6 +60,14 @@ def test_a_parked_cell_is_made_safe_by_opening_the_hands() -> None:
     assert result.context.failure is FIRST.failure, "the failure that ended the run is kept"
 
 
+def test_the_hands_open_in_the_same_order_in_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order of a set, which differs between processes, a replay made another decision."""
+    order: list[Side] = []
+    monkeypatch.setattr(parking, "open_hands", lambda cell, sides: order.extend(sides))
+    make_safe(fake_workcell(FakeCell()), FIRST)
+    assert order == list(Side)
+
+
 def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
     cell = FakeCell()
     workcell = fake_workcell(cell)
