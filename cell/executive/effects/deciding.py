@@ -41,7 +41,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     recovery = choose_recovery(
         kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
         max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
-        _repairable(fold),
+        _repairable(fold, _value(failed, "iou_aligned", 0.0)),
     )  # fmt: skip
     if _value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf):
         recovery = replace(recovery, adjust=Adjustment.HIGHER)
@@ -100,14 +100,20 @@ def _attempt(context: RunContext, kind: FailureKind) -> int:
 _OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.HIGHER, Adjustment.INWARD})
 
 
-def _repairable(fold: FoldContext) -> bool:
+IN_SHAPE = 0.85
+"""IoU of observed and predicted shape from which a refused fold is no heap, whatever the estimate says."""
+
+
+def _repairable(fold: FoldContext, overlap: float) -> bool:
     """Whether it is known well enough how the garment lies to repair the fold. Whether the edge of
-    a refused fold has come half the way or the whole way does not matter: the best fit shows where it lies."""
+    a refused fold has come half the way or the whole way does not matter: the best fit shows where it lies.
+    overlap: IoU of observed and predicted shape, if an inspection refused the fold."""
     found = fold.estimate
-    if found is None or found.best is None:
+    if found is None or found.likeliest_shape is None:
         return fold.repair is not None
     moved = sum(found.probabilities[state] for state in (FoldState.HALF_WAY, FoldState.AFTER))
-    return max(found.confidence, moved) >= SURE or fold.repair is not None
+    sure = found.best is not None and max(found.confidence, moved) >= SURE
+    return sure or overlap >= IN_SHAPE or fold.repair is not None
 
 
 def _lies_as_before(fold: FoldContext) -> bool:

@@ -44,7 +44,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     Motion planning follows, as for a fold.
     """
     fold, thickness = context.fold, plan.garment.material.thickness
-    found = fold.estimate.best if fold.estimate is not None else None
+    found = fold.estimate.likeliest_shape if fold.estimate is not None else None
     if found is None:
         what = "the fold cannot be repaired: it is not known how the garment lies"
         return _failed(context, Failure(FailureKind.HALF_FOLDED, what, "lay the garment as it was"))

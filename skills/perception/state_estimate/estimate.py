@@ -85,6 +85,11 @@ class StateEstimate:
     simulations: int
     contour: Array
 
+    @property
+    def likeliest_shape(self) -> Fit | None:
+        """The best fit of the most probable state; if this is a heap, the best fit of all."""
+        return self.best or next(iter(self.fits), None)
+
     def of_state(self, state: FoldState) -> Fit | None:
         """Return the best fit of a state, None if it has no hypothesis."""
         return next((f for f in self.fits if f.hypothesis.state is state), None)

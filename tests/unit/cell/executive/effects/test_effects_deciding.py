@@ -144,9 +144,10 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_none_is_left(kind: 
 def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldState.BEFORE) -> StateEstimate:
     """An estimate of the garment's state, with a shape that fits unless it is a heap. second: the next probable
     state."""
-    best: Any = None if state is FoldState.HEAP else SimpleNamespace(hypothesis=None)
+    fit: Any = SimpleNamespace(hypothesis=None)
+    best = None if state is FoldState.HEAP else fit
     probabilities = dict.fromkeys(FoldState, 0.0) | {second: 1.0 - confidence} | {state: confidence}
-    return StateEstimate(state, confidence, best, probabilities, (), 0, np.zeros((3, 2)))
+    return StateEstimate(state, confidence, best, probabilities, (fit,), 0, np.zeros((3, 2)))
 
 
 @pytest.mark.parametrize(
@@ -181,6 +182,14 @@ def test_a_fold_of_which_the_state_is_not_known_is_not_undone(estimate: StateEst
     context = failed(K.DROPPED_CORNER, 2, planned(carried=True, estimate=estimate))
     poor = Failure(K.DROPPED_CORNER, "it failed", "", {"iou_aligned": 0.5})
     assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.GIVE_UP
+
+
+@pytest.mark.parametrize(("overlap", "event"), [(0.93, Event.REPAIR), (0.80, Event.GIVE_UP)])
+@pytest.mark.parametrize("estimate", [lying(FoldState.HEAP, 0.5), lying(FoldState.HALF_WAY, 0.6)])
+def test_a_piled_up_fold_in_good_outline_is_no_heap(estimate: StateEstimate, overlap: float, event: Event) -> None:
+    context = failed(K.PILING, 2, planned(carried=True, estimate=estimate))
+    piled = Failure(K.PILING, "it failed", "", {"iou_aligned": overlap, "edge_deviation_m": 0.043})
+    assert choose_next(fake_workcell(FakeCell()), replace(context, failure=piled)).event is event
 
 
 @pytest.mark.parametrize("ends", [(FoldState.AFTER, FoldState.HALF_WAY), (FoldState.HALF_WAY, FoldState.AFTER)])
