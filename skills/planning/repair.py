@@ -91,7 +91,9 @@ def plan_repair(
         others = _other_layers(mesh, before, now, grasp.point, place[:2])
         if (others > top + COVERED * thickness).any():
             return Outcome(failure=_impossible(goal, step, f"{name} lies under other cloth"))
-        grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=top)
+        # the tips press lofty cloth down to the layers below it
+        height = (len(others) + grasp.layers) * thickness
+        grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=height)
         targets[grasp_id] = target
         headings[grasp_id] = heading, grasp.heading
     if not grasps:
@@ -147,7 +149,8 @@ def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, po
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
     over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
     over &= np.linalg.norm(before[mesh.triangles].mean(axis=1)[:, :2] - grasped, axis=1) > OWN
-    return np.asarray((a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2]))[over])
+    heights = (a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2]))[over]
+    return np.unique(np.round(heights, 6))  # a point on an edge lies on two triangles of one layer
 
 
 def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:

@@ -123,7 +123,8 @@ def test_cloth_that_is_lofty_where_it_is_grasped_does_not_cover_itself() -> None
     lofty[near, 2] += 0.25 * np.abs(flat[near, 1] - grasp.point[1])
     undo = plan_repair(RepairGoal.UNDO, mesh, flat, lofty, step(), THICKNESS).unwrap()
     assert set(undo.step.grasps) == set(step().grasps)
-    assert undo.step.grasps[GraspId.LEFT].height >= undo.step.grasps[GraspId.RIGHT].height
+    heights = [undo.step.grasps[grasp_id].height for grasp_id in GraspId]
+    assert heights == pytest.approx([2 * THICKNESS] * 2), "the tips press it down to the layer below"
 
 
 def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
@@ -133,8 +134,7 @@ def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
     now = folded_at(0.68, flat)
     undo = plan_repair(RepairGoal.UNDO, mesh, frozen(flat), now, two, THICKNESS).unwrap()
     grasp = undo.step.grasps[GraspId.LEFT]
-    middle = locate_grasp(flat, now, two.grasps[GraspId.LEFT])[0][2]
-    assert grasp.layers == 2 and grasp.height == pytest.approx(middle + THICKNESS)
+    assert grasp.layers == 2 and grasp.height == pytest.approx(3 * THICKNESS), "on the layer that stayed"
 
 
 @pytest.mark.parametrize("x", [0.64, 0.68])
@@ -146,7 +146,7 @@ def test_a_fold_that_ended_early_is_completed_from_the_mirrored_edge_to_its_targ
         assert grasp.point == pytest.approx([2 * x - 0.738, planned.point[1]], abs=1e-3)
         assert grasp.height == pytest.approx(2 * THICKNESS, abs=1e-4) and grasp.layers == 1
         assert plan.step.targets[grasp_id] == pytest.approx(step().targets[grasp_id])
-    assert plan.step.line is step().line
+    assert plan.step.line.direction == pytest.approx(step().line.direction)
 
 
 def test_only_the_corner_that_is_short_of_its_target_is_pulled_there() -> None:
