@@ -69,6 +69,8 @@ def locate_gap_end(
     show it: the legs touch, or cloth and table look alike."""
     settings = settings or GapSettings()
     length = float(np.linalg.norm(opening - guess))
+    if not length > settings.side:
+        return None
     along = (opening - guess) / length
     across = np.array([-along[1], along[0]])
     s = np.arange(-settings.beyond, 0.8 * length, settings.step)
@@ -81,8 +83,8 @@ def locate_gap_end(
     start = _start(s, v, gap, first)
     seen = np.isfinite(opacity[:, 0])
     used = seen & (s < s[first] + settings.wide)
-    if start is None or np.count_nonzero(used) < 8:
-        return None
+    if start is None or s[first] < s[0] + 0.015 or np.count_nonzero(used) < 8:
+        return None  # the gap is wide as far as it is followed
     starts = [
         np.array([s0, start[0] + start[1] * s0, start[1], start[2], 0.3, 0.0018])
         for s0 in np.arange(s[0] + 0.01, s[first], 0.01)

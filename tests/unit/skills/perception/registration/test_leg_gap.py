@@ -78,6 +78,10 @@ def test_no_end_is_found_where_no_gap_is_seen():
     assert locate_gap_end(legs(0.15, CLOTH, CLOTH + 5.0), TIP, OPENING) is None
 
 
+def test_a_gap_that_is_wide_as_far_as_it_is_followed_has_no_end():
+    assert locate_gap_end(legs(0.35), TIP + np.array([0.15, 0.0]), OPENING) is None
+
+
 def test_a_crotch_that_is_higher_than_the_template_s_is_found():
     """The legs of these trousers are 30 mm longer than those of the template, from the crotch down."""
     truth = trousers()
