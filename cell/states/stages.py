@@ -146,7 +146,7 @@ class Repair:
     def ended(self, performed: Attempt) -> Attempt:
         """Return the failed attempt after its repair, without what was seen and pressed before. performed: the
         attempt at the repair. If it has completed the fold, the garment is expected as the repair was predicted to
-        leave it, and is inspected as usual."""
+        leave it, and is inspected as usual; the report shows the repair."""
         failed = replace(
             self.failed, carried=False, inspection=None, claim=None, pressed=(), press_tries=0, press_plan=None,
             unpressed=False,
@@ -157,5 +157,6 @@ class Repair:
         vertices = self.displaced.taken_back(performed.predicted.vertices)
         return replace(
             failed, predicted=replace(performed.predicted, vertices=vertices),
-            dissimilarity_m=performed.dissimilarity_m, carried=True, repaired=True,
+            dissimilarity_m=performed.dissimilarity_m, plan_frames=performed.plan_frames,
+            pictures=performed.pictures, carried=True, repaired=True,
         )  # fmt: skip

@@ -189,7 +189,8 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
     failed, repair = context.fold.attempt, context.fold.repair
     assert failed is not None and repair is not None
     shape = PredictedShape(FOLDED + np.append(DRIFT, 0.0), MESH.triangles, MESH.rest)
-    performed = replace(failed, predicted=shape, carried=carried, dissimilarity_m=0.003)
+    pictures = (FakeCell().ports().camera.capture(),)
+    performed = replace(failed, predicted=shape, carried=carried, dissimilarity_m=0.003, pictures=pictures)
     after = replace(context.fold, attempt=performed).after_repair()
     completed = carried and goal is RepairGoal.COMPLETE
     assert after.repair is None and after.estimate is None and after.attempt is not None
@@ -201,6 +202,7 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
             "the inspection measures the displacement"
         )
         assert after.attempt.dissimilarity_m == 0.003 and after.attempt.step is failed.step
+        assert after.attempt.pictures is pictures, "the report shows the motion that made the fold"
     else:
         assert after.attempt.predicted is failed.predicted
 
