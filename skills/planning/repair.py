@@ -57,8 +57,9 @@ OWN = 0.040
 
 @dataclass(frozen=True, eq=False)
 class RepairPlan:
-    """step: the repair as a fold step: grasps where the moved cloth lies now, targets where it has to lie.
-    headings: of the held line at the grasp and at the target [rad]; the hand turns between them."""
+    """goal: where the moved cloth is carried. step: the repair as a fold step: grasps where this cloth lies now,
+    targets where it has to lie. headings: of the held line at the grasp and at the target [rad]; the hand turns
+    between them."""
 
     goal: RepairGoal
     step: FoldStep

@@ -21,8 +21,8 @@ def repair_arcs(
     """Return candidates for the control points (n + 1, 3) of a repair: the arcs of the fold, scaled to begin where
     the cloth lies now and reversed for the way back, and the plain initial arcs.
 
-    controls: of the fold's arcs; thickness: of a layer [m]. The tips begin in the middle of the lowest grasped
-    layer, so that they leave the layers below it.
+    controls: (n + 1, 3) of the fold's arcs [m]; thickness: of a layer [m]. The tips begin in the middle of the
+    lowest grasped layer, so that they leave the layers below it.
     """
     like_the_fold, plain = {}, {}
     for grasp_id, frame in frames_of(plan.step, thickness).items():

@@ -105,19 +105,22 @@ IN_SHAPE = 0.85
 
 
 def _repairable(fold: FoldContext, overlap: float) -> bool:
-    """Whether it is known well enough how the garment lies to repair the fold. Whether the edge of
-    a refused fold has come half the way or the whole way does not matter: the best fit shows where it lies.
-    overlap: IoU of observed and predicted shape, if an inspection refused the fold."""
+    """Whether it is known well enough how the garment lies to repair the fold. Whether the edge of a refused fold
+    has come half the way or the whole way does not matter: the best fit shows where it lies. After a repair that
+    failed, the next picture will show it. overlap: IoU of observed and predicted shape, if an inspection refused
+    the fold."""
+    if fold.repair is not None:
+        return True
     found = fold.estimate
     if found is None or found.likeliest_shape is None:
-        return fold.repair is not None
+        return False
     moved = sum(found.probabilities[state] for state in (FoldState.HALF_WAY, FoldState.AFTER))
     sure = found.best is not None and max(found.confidence, moved) >= SURE
-    return sure or overlap >= IN_SHAPE or fold.repair is not None
+    return sure or overlap >= IN_SHAPE
 
 
 def _lies_as_before(fold: FoldContext) -> bool:
-    """Whether the estimate says that the garment lies as before the fold, so that nothing is to be undone."""
+    """Whether the estimate says that the garment lies as before the fold, so that nothing is to be repaired."""
     return fold.estimate is not None and fold.estimate.state is FoldState.BEFORE
 
 

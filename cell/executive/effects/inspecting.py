@@ -113,9 +113,9 @@ def _earlier_look(attempt: Attempt) -> Inspection | None:
 def _estimated(
     cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
 ) -> tuple[RunContext, str]:
-    """Estimate the state of a garment that is not as predicted, once per fold, so that the fold can be undone.
-    Returns the context with the estimate, and the state in words for the failure; empty if the fold is made or
-    nothing was estimated. After a drift nothing is undone."""
+    """Estimate the state of a garment that is not as predicted, once per attempt, so that the fold can be
+    repaired. Returns the context with the estimate, and the state in words for the failure; empty if the fold is
+    made or nothing was estimated. After a drift nothing is repaired."""
     seen = attempt.inspection
     if context.fold.estimate is not None or seen is None or seen.diagnosis is FailureKind.DRIFT:
         return context, ""

@@ -30,8 +30,6 @@ PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
 ROLL = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0])
 PITCH_CHANGE = np.deg2rad([20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0])
 """Changes of pitch during the fold, tried only if no constant lean is feasible."""
-END_PITCH = np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0, 30.0, -30.0, 40.0, -40.0])
-"""Pitch at the release of a hand that grasps upright."""
 PITCH_UNIT = np.deg2rad(30.0)
 ROLL_UNIT = np.deg2rad(11.5)
 """A constant pitch of PITCH_UNIT costs 1, and so does a roll of ROLL_UNIT; the cost grows with the square of the
@@ -156,7 +154,7 @@ class _Lean(Enum):
 def _leans(kind: _Lean) -> tuple[tuple[float, float, float, float, bool], ...]:
     """Return all leans of a kind as (cost, pitch, roll, pitch_change, turned), the cheapest first."""
     if kind is _Lean.UPRIGHT_GRASP:
-        leans = [(0.0, 0.0, c) for c in END_PITCH.tolist()]
+        leans = [(0.0, 0.0, c) for c in PITCH.tolist()]
     elif kind is _Lean.CHANGING:
         max_pitch = float(PITCH.max()) + 1e-9
         leans = [(p, 0.0, c) for p in PITCH.tolist() for c in PITCH_CHANGE.tolist() if abs(p + c) <= max_pitch]

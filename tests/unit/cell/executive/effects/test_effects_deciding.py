@@ -161,7 +161,7 @@ def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldSta
         (K.OFF_TARGET, Adjustment.NONE),
     ],
 )
-def test_a_fold_that_failed_twice_in_the_same_way_is_undone_twice_at_most(
+def test_a_fold_that_failed_twice_in_the_same_way_is_repaired_twice_at_most(
     kind: FailureKind, change: Adjustment
 ) -> None:
     verdict = kind is not K.HALF_FOLDED
@@ -178,7 +178,7 @@ def test_a_fold_that_failed_twice_in_the_same_way_is_undone_twice_at_most(
 
 
 @pytest.mark.parametrize("estimate", [None, lying(FoldState.HEAP), lying(FoldState.HALF_WAY, 0.6)])
-def test_a_fold_of_which_the_state_is_not_known_is_not_undone(estimate: StateEstimate | None) -> None:
+def test_a_fold_of_which_the_state_is_not_known_is_not_repaired(estimate: StateEstimate | None) -> None:
     context = failed(K.DROPPED_CORNER, 2, planned(carried=True, estimate=estimate))
     poor = Failure(K.DROPPED_CORNER, "it failed", "", {"iou_aligned": 0.5})
     assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.GIVE_UP
@@ -193,14 +193,16 @@ def test_a_piled_up_fold_in_good_outline_is_no_heap(estimate: StateEstimate, ove
 
 
 @pytest.mark.parametrize("ends", [(FoldState.AFTER, FoldState.HALF_WAY), (FoldState.HALF_WAY, FoldState.AFTER)])
-def test_a_refused_fold_is_undone_whether_it_is_half_made_or_made_amiss(ends: tuple[FoldState, FoldState]) -> None:
+def test_a_refused_fold_is_repaired_whether_it_is_half_made_or_made_amiss(
+    ends: tuple[FoldState, FoldState],
+) -> None:
     """Its edge has moved, and the best fit shows where it lies."""
     context = failed(K.OFF_TARGET, 2, planned(carried=True, estimate=lying(ends[0], 0.6, ends[1])))
     poor = Failure(K.OFF_TARGET, "it failed", "", {"iou_aligned": 0.5})
     assert choose_next(fake_workcell(FakeCell()), replace(context, failure=poor)).event is Event.REPAIR
 
 
-def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_undoing() -> None:
+def test_a_refused_fold_of_which_nothing_has_moved_is_made_anew_without_a_repair() -> None:
     """The next look finds the garment as before the fold, because the hands did not take it along."""
     context = planned(carried=True, touched=True, estimate=lying(FoldState.BEFORE))
     poor = Failure(K.MISSED_LAYER, "it failed", "", {"iou_aligned": 0.5})

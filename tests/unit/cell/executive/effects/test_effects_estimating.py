@@ -107,7 +107,7 @@ def test_a_look_tells_whether_the_garment_was_touched() -> None:
     assert look(workcell, forgotten).event is Event.DONE
 
 
-def test_a_look_ends_the_way_back_of_a_fold_and_the_state_is_estimated_again() -> None:
+def test_a_look_ends_a_repair_and_the_state_is_estimated_again() -> None:
     """Also if the hands came to its end: whether the garment lies as before the fold is seen, not assumed."""
     cell = FakeCell()
     undone = touched(cell, carried=True).fold.attempt

@@ -87,7 +87,7 @@ def test_a_second_look_is_averaged_with_the_first_unless_the_fold_was_pressed(
 def test_the_state_is_estimated_after_each_refusal_but_a_drift(
     kind: FailureKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also within a good outline: only a garment whose state is known is undone."""
+    """Also within a good outline: only a fold whose state is known is repaired."""
     asked: list[Any] = []
     look(monkeypatch, seen(kind))
     nothing = Outcome[Any](failure=Failure(K.NO_GARMENT, "nothing there"))
