@@ -48,10 +48,11 @@ DEEPER = 0.002
 STOP = 0.85
 """Height in the lowest of the layers to be held at which a descent to the upper layers alone stops, in layers. The
 tips come to rest 0.5 mm lower, near the middle of the layer."""
-FINER = 0.25
-"""Shift of STOP for each adjustment HIGHER (up) or LOWER (down)."""
-STOPS = (0.3, 1.3)
-"""Range of the shifted STOP."""
+UP, DOWN = 0.25, 1.0
+"""Shift of STOP for each adjustment HIGHER and LOWER, in layers. A hand that held too little closed in the air
+above lofty or rumpled cloth, of which the layers are not known well."""
+LOWEST, HIGHEST = 0.3, 1.3
+"""Range of the shifted STOP: above the table and above the lowest of the layers to be held, in layers."""
 STRONGER = 1.4
 """Factor by which each adjustment STRONGER raises the grip force."""
 
@@ -187,7 +188,7 @@ def _descend(
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
             lowest = lowering[s].top - float(descent.depth[-1])
             table, tactile = fold.table_contact.get(s, 0.0), cell.settings.grasp.tactile
-            shift = FINER * (fold.count(Adjustment.HIGHER) - fold.count(Adjustment.LOWER))
+            shift = UP * fold.count(Adjustment.HIGHER) - DOWN * fold.count(Adjustment.LOWER)
             goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table, shift)
             state = start_descent(settings, goal, fold.biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
@@ -211,8 +212,8 @@ def _goal(
     whole = grasp.whole_stack(thickness)
     if whole:
         return DescentGoal(grasp.height, bottom, None if tactile else max(bottom, 0.0), through=grasp.height)
-    in_layer = float(np.clip(STOP + shift, *STOPS))
-    stop = table + grasp.height - (grasp.layers - in_layer) * thickness
+    below = grasp.height / thickness - grasp.layers
+    stop = table + max(below + min(STOP + shift, HIGHEST), LOWEST) * thickness
     return DescentGoal(grasp.height, min(bottom, stop), stop=stop)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS, repairing
-from cell.executive.effects.gripping import STOP, STOPS, _goal
+from cell.executive.effects.gripping import HIGHEST, LOWEST, STOP, _goal
 from cell.executive.effects.planning import _task
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -233,7 +233,7 @@ def test_the_tips_stop_between_the_layers_to_be_held_and_those_below(table: floa
 
 
 def test_recoveries_shift_where_the_tips_stop_within_bounds() -> None:
-    one = Grasp(np.zeros(2), 0.0, 1, 2 * THICKNESS)
-    stops = [_goal(one, -0.02, True, THICKNESS, 0.0, shift).stop for shift in (-2.0, -0.25, 0.0, 0.25, 2.0)]
-    expected = 1.0 + np.array([STOPS[0], STOP - 0.25, STOP, STOP + 0.25, STOPS[1]])
-    assert stops == pytest.approx(expected * THICKNESS)
+    three_below = Grasp(np.zeros(2), 0.0, 1, 4 * THICKNESS)
+    stops = [_goal(three_below, -0.02, True, THICKNESS, 0.0, shift).stop for shift in (-9.0, -1.0, 0.0, 0.25, 9.0)]
+    expected = [LOWEST, 2.0 + STOP, 3.0 + STOP, 3.25 + STOP, 3.0 + HIGHEST]
+    assert stops == pytest.approx(np.array(expected) * THICKNESS)
