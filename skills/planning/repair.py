@@ -49,10 +49,9 @@ SMOOTH = 0.6
 COVERED = 0.3
 """Cloth counts as covered if the middle of a layer lies higher than its top by this share of a thickness. The
 middle of the next layer lies half a thickness higher."""
-
-
-OWN = 0.040
-"""Cloth that lay nearer to a grasp than this before the fold is the grasped cloth itself [m]."""
+OWN = (0.010, 0.040)
+"""Cloth that lay nearer to a grasp than half the way that the grasped cloth has come, within this range, is this
+cloth itself [m]. Cloth below it that stayed lay as far from the grasp as the grasped cloth has come."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,20 +137,22 @@ def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float,
 
 
 def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, point: Array) -> Array:
-    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,): its triangles
-    lay further than OWN from the grasp (2,) before the fold. The grasped cloth itself may be lofty, for example
-    beside the crease of an earlier fold."""
-    a, b, c = np.moveaxis(now[mesh.triangles], 1, 0)
-    u, v, w = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], point - a[:, :2]
+    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,): it lay further
+    from the grasp (2,) before the fold (OWN). The grasped cloth itself may be lofty, for example beside the crease
+    of an earlier fold."""
+    a, b, c = np.moveaxis(now[mesh.triangles][..., :2], 1, 0)
+    u, v, w = b - a, c - a, point - a
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     flat = np.abs(area) > 1e-12
     area = np.where(flat, area, 1.0)
     s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
     over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
-    over &= np.linalg.norm(before[mesh.triangles].mean(axis=1)[:, :2] - grasped, axis=1) > OWN
-    heights = (a[:, 2] + s * (b[:, 2] - a[:, 2]) + t * (c[:, 2] - a[:, 2]))[over]
-    return np.unique(np.round(heights, 6))  # a point on an edge lies on two triangles of one layer
+    weights, corners = np.column_stack([1.0 - s - t, s, t])[over], mesh.triangles[over]
+    came_from = np.einsum("kc,kci->ki", weights, before[corners])[:, :2]
+    heights = np.einsum("kc,kc->k", weights, now[corners][..., 2])
+    other = np.linalg.norm(came_from - grasped, axis=1) > np.clip(0.5 * np.linalg.norm(point - grasped), *OWN)
+    return np.unique(np.round(heights[other], 6))  # a point on an edge lies on two triangles of one layer
 
 
 def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:

@@ -137,6 +137,16 @@ def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
     assert grasp.layers == 2 and grasp.height == pytest.approx(3 * THICKNESS), "on the layer that stayed"
 
 
+@pytest.mark.parametrize("goal", list(RepairGoal))
+@pytest.mark.parametrize("moved", [0.032, 0.036, 0.046])
+def test_the_upper_layer_is_taken_alone_also_shortly_after_the_fold_began(moved: float, goal: RepairGoal) -> None:
+    """The layer below it lay close to the grasp, too. Held with it, it would be dragged along."""
+    mesh, flat = sheet()
+    plan = plan_repair(goal, mesh, flat, folded_at(0.738 - 0.5 * moved, flat), step(), THICKNESS).unwrap()
+    for grasp in plan.step.grasps.values():
+        assert grasp.height == pytest.approx(2 * THICKNESS) and not grasp.whole_stack(THICKNESS)
+
+
 @pytest.mark.parametrize("x", [0.64, 0.68])
 def test_a_fold_that_ended_early_is_completed_from_the_mirrored_edge_to_its_target(x: float) -> None:
     mesh, flat = sheet()
