@@ -44,8 +44,8 @@ class FoldContext:
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
     """For each hand in use: its tactile bias, measured above the garment."""
     table_contact: Mapping[Side, float] = field(default_factory=dict)
-    """Height at which each hand felt the table through the cloth in its last grasp of a whole stack [m]. It shows
-    the error of the hand's height."""
+    """Height at which each hand felt the table through the cloth in its last grasp of a whole stack, corrected
+    for what arm and tips give way [m]. It shows the error of the hand's height."""
     touched: bool = False
     """Whether the hands may have moved the garment since it was last found."""
     estimate: StateEstimate | None = None

@@ -42,9 +42,10 @@ class GraspSettings:
     press_stiffness: float = 400.0
     """Increase of the contact force per height of cloth that the tips have to press flat [N/m]. Terry is assumed
     to need 250."""
-    compliance: float = 1.5e-3
-    """How far a hand reads too low for each newton with which the table pushes on a tip [m/N]: the arm (1500 N/m,
-    by one or both tips) and the tip's rubber (2500 N/m) give way."""
+    arm_stiffness: float = 1500.0
+    """Stiffness of an arm at the hand, along z [N/m]. What it gives way, the hand's own height does not show."""
+    tip_stiffness: float = 2500.0
+    """Stiffness of a tip's rubber [N/m]."""
     contact_readings: int = 3
     contact_effort: float = 9.0
     """Difference of a joint's effort from its running mean that counts as a contact [Nm]: about 12 N at the hand,
@@ -134,6 +135,11 @@ class GraspSettings:
     """Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
     drift_time: float = 120.0
     """Shortest assumed period of a cell's slow drift [s]."""
+
+    def yielding(self, force: float, tips: int) -> float:
+        """Return how far a hand reads too low while the table pushes on one or both of its tips [m]. force: on a
+        tip [N]."""
+        return force * (tips / self.arm_stiffness + 1.0 / self.tip_stiffness)
 
 
 def without_tactile(settings: GraspSettings) -> GraspSettings:

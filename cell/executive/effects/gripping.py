@@ -53,6 +53,8 @@ UP, DOWN = 0.25, 1.0
 above lofty or rumpled cloth, of which the layers are not known well."""
 LOWEST, HIGHEST = 0.3, 1.3
 """Range of the shifted STOP: above the table and above the lowest of the layers to be held, in layers."""
+LEANING = 0.0005
+"""A hand whose tips differ in height by twice this touches the table with one of them [m]."""
 STRONGER = 1.4
 """Factor by which each adjustment STRONGER raises the grip force."""
 
@@ -86,7 +88,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     to_table = all(attempt.grasp_of(s).whole_stack(stated) for s in fold.biases)
     depth = PRESS + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
     if to_table:
-        heights = {s: c.height + settings.compliance * c.force for s, c in contacts.unwrap().items()}
+        heights = {s: _table_height(cell, attempt.motion.postures[s], c) for s, c in contacts.unwrap().items()}
         fold = replace(fold, table_contact={**fold.table_contact, **heights})
     failure = _press(cell, attempt.motion.postures, depth, lowering, monitor)
     record: dict[str, object] = {
@@ -217,6 +219,18 @@ def _goal(
     return DescentGoal(grasp.height, min(bottom, stop), stop=stop)
 
 
+def _lower_tip(cell: Workcell, posture: Posture) -> float:
+    """Return how far the lower tip of a leaning hand is below the middle between its tips [m]."""
+    return float(0.5 * cell.settings.gripper.opening * abs(np.sin(posture.pitch)))
+
+
+def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
+    """Return where the table is by the hand's own height [m], from a contact with it. A leaning hand touches it
+    with one tip."""
+    lower_tip = _lower_tip(cell, posture)
+    return contact.height - lower_tip + cell.grasp.yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
+
+
 def _press(
     cell: Workcell,
     postures: Mapping[Side, Posture],
@@ -236,8 +250,7 @@ def _press(
         strokes = {}
         for s, hand in lowering.items():
             contact = cell.hands.depth(s, hand.descent, start.q)
-            tip_offset = 0.5 * cell.settings.gripper.opening * abs(np.sin(postures[s].pitch))
-            strokes[s] = contact, contact + float(tip_offset) + depth
+            strokes[s] = contact, contact + _lower_tip(cell, postures[s]) + depth
         max_force = cell.grasp.press_force
         return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 

@@ -207,6 +207,18 @@ def test_a_fault_at_any_time_of_a_grasp_ends_it_with_its_kind(
         assert again.now < moment + 0.13, "the effect ends within a tick, or as soon as a state is too old"
 
 
+def test_a_leaning_hand_feels_the_table_with_its_lower_tip(monkeypatch: pytest.MonkeyPatch) -> None:
+    felt = []
+    for pitch in (0.0, 0.1):
+        _, work, context, _ = over_cloth(monkeypatch)
+        postures = context.fold.attempt.motion.postures
+        postures.update({side: replace(posture, pitch=pitch) for side, posture in postures.items()})
+        felt.append(EFFECTS[Effect.GRASP](work, context).context.fold.table_contact[Side.LEFT])
+    lower_tip = 0.5 * work.settings.gripper.opening * np.sin(0.1)
+    force = (felt[0] - felt[1] - lower_tip) * work.grasp.arm_stiffness
+    assert 0.5 < force < 5.0, "of the other tip, which an upright hand has on the table, too"
+
+
 @pytest.mark.parametrize(("above", "event"), [(0, Event.DONE), (1, Event.FAILED)])
 def test_only_a_grasp_under_the_whole_stack_accepts_more_layers(
     monkeypatch: pytest.MonkeyPatch, above: int, event: Event
