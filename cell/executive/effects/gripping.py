@@ -45,9 +45,9 @@ PRESS = 0.001
 the cloth."""
 DEEPER = 0.002
 """Additional depth for each adjustment LOWER [m], in a grasp of all layers down to the table."""
-STOP = 0.85
+STOP = 0.65
 """Height in the lowest of the layers to be held at which a descent to the upper layers alone stops, in layers. The
-tips come to rest 0.5 mm lower, near the middle of the layer."""
+tips come to rest a little lower, near the middle of the layer."""
 UP, DOWN = 0.25, 1.0
 """Shift of STOP for each adjustment HIGHER and LOWER, in layers. A hand that held too little closed in the air
 above lofty or rumpled cloth, of which the layers are not known well."""
