@@ -46,8 +46,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     fold, thickness = context.fold, plan.garment.material.thickness
     found = fold.estimate.likeliest_shape if fold.estimate is not None else None
     if found is None:
-        what = "the fold cannot be repaired: it is not known how the garment lies"
-        return _failed(context, Failure(FailureKind.HALF_FOLDED, what, "lay the garment as it was"))
+        return _failed(context, _impossible("it is not known how the garment lies"))
     (step,) = translate_plan((attempt.step,), found.drift, found.drift_rad, found.about)
     before, now = found.placed(plan.vertices), found.shape.vertices
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
@@ -66,7 +65,10 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     def work() -> list[_Candidate]:
         return [_simulated(cell, plan, way, now) for way in ways]
 
-    predicted = cell.compute(len(ways) * cell.settings.computing.simulation_s, work)
+    simulated = cell.compute(len(ways) * cell.settings.computing.simulation_s, work)
+    predicted = [way for way in simulated if np.isfinite(way.trajectory.dissimilarity)]
+    if not predicted:
+        return _failed(context, _impossible("the cloth simulation fails on every way to repair it"))
     limit = acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m)
     best = _best(predicted, -np.inf if RepairGoal.COMPLETE in fold.tried else limit)
     repair, motion = Repair(best.plan, best.trajectory, now, best.target, found, attempt), best.plan.step
@@ -117,6 +119,10 @@ def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Cand
         return way
     error = dissimilarity(way.target, end.vertices, plan.mesh.triangles, plan.mesh.area)
     return replace(way, trajectory=replace(way.trajectory, dissimilarity=error))
+
+
+def _impossible(why: str) -> Failure:
+    return Failure(FailureKind.HALF_FOLDED, f"the fold cannot be repaired: {why}", "lay the garment as it was")
 
 
 def _failed(context: RunContext, failure: Failure) -> Result:

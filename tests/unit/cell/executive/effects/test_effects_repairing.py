@@ -207,19 +207,24 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
         assert after.attempt.predicted is failed.predicted
 
 
-def test_arcs_whose_simulation_fails_are_the_last_choice(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("failing", "goal"), [(1, RepairGoal.COMPLETE), (2, RepairGoal.UNDO), (4, None)])
+def test_arcs_whose_simulation_fails_are_not_chosen(
+    monkeypatch: pytest.MonkeyPatch, failing: int, goal: RepairGoal | None
+) -> None:
+    """Two arcs that complete the fold are simulated first, then two that undo it."""
     calls = []
 
     def simulated(*_: Any, **__: Any) -> Any:
         calls.append(1)
-        if len(calls) == 1:
+        if len(calls) <= failing:
             raise CellError("the cloth is torn")
-        return SimpleNamespace(vertices=FLAT)
+        return SimpleNamespace(vertices=(FOLDED if len(calls) <= 2 else FLAT) + np.append(DRIFT, 0.0))
 
     monkeypatch.setattr(repairing, "predict_fold", simulated)
     result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(half_way())))
-    repair = result.context.fold.repair
-    assert repair is not None and np.isfinite(repair.trajectory.dissimilarity)
+    repair, failure = result.context.fold.repair, result.context.failure
+    assert (None if repair is None else repair.plan.goal) is goal
+    assert (failure is None) == (goal is not None) and (failure is None or "simulation fails" in failure.what)
 
 
 @pytest.mark.parametrize("table", [0.0, 0.0011, -0.0006])
