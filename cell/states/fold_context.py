@@ -108,5 +108,5 @@ class FoldContext:
             plan_frames=attempt.plan_frames,
             pictures=attempt.pictures,
             claim=claim,
-            carrying_s=attempt.motion.fold.duration,
+            carrying_s=attempt.carrying_s,
         )

@@ -111,6 +111,14 @@ class Attempt:
     """Whether the operator skipped the pressing."""
     repaired: bool = False
     """Whether a repair has completed the fold, so that its own motion does not explain how the garment lies."""
+    repair_s: float | None = None
+    """Duration of the motion of that repair, from the lift to the release [s]."""
+
+    @property
+    def carrying_s(self) -> float:
+        """Duration of the motion that carried the garment, from the lift to the release: of the repair, if one has
+        completed the fold [s]."""
+        return self.motion.fold.duration if self.repair_s is None else self.repair_s
 
     def grasp_of(self, arm: Side) -> Grasp:
         """The grasp that this arm makes. The motion planner may have swapped the grasps between the arms."""
@@ -158,5 +166,5 @@ class Repair:
         return replace(
             failed, predicted=replace(performed.predicted, vertices=vertices),
             dissimilarity_m=performed.dissimilarity_m, plan_frames=performed.plan_frames,
-            pictures=performed.pictures, carried=True, repaired=True,
+            pictures=performed.pictures, carried=True, repaired=True, repair_s=performed.carrying_s,
         )  # fmt: skip

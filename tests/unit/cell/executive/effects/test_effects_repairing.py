@@ -190,7 +190,10 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
     assert failed is not None and repair is not None
     shape = PredictedShape(FOLDED + np.append(DRIFT, 0.0), MESH.triangles, MESH.rest)
     pictures = (FakeCell().ports().camera.capture(),)
-    performed = replace(failed, predicted=shape, carried=carried, dissimilarity_m=0.003, pictures=pictures)
+    motion: Any = SimpleNamespace(fold=SimpleNamespace(duration=3.5))
+    performed = replace(
+        failed, predicted=shape, carried=carried, dissimilarity_m=0.003, pictures=pictures, motion=motion
+    )
     after = replace(context.fold, attempt=performed).after_repair()
     completed = carried and goal is RepairGoal.COMPLETE
     assert after.repair is None and after.estimate is None and after.attempt is not None
@@ -203,6 +206,7 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
         )
         assert after.attempt.dissimilarity_m == 0.003 and after.attempt.step is failed.step
         assert after.attempt.pictures is pictures, "the report shows the motion that made the fold"
+        assert after.attempt.carrying_s == 3.5
     else:
         assert after.attempt.predicted is failed.predicted
 
