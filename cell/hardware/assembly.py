@@ -16,6 +16,7 @@ from cell.config.library.library_file import add_entry, entry_of, load_library, 
 from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
+from cell.planning.fold_planning import motion_rng
 from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
@@ -88,7 +89,7 @@ def assemble(
         approve=request.approve,
         tell=tell,
         progress=progress,
-        rng=_generator,
+        rng=motion_rng,
     )
 
 
@@ -110,11 +111,6 @@ class _RunLibrary:
         entry = entry_of(garment, step, trajectory, str(notes["method"]), initial)
         self._library = self._library.with_entry(entry)
         add_entry(self._logs, entry)
-
-
-def _generator() -> np.random.Generator:
-    """Return a random generator for the motion planner, with the same seed in every run."""
-    return np.random.default_rng(1)
 
 
 def _execution(settings: CellSettings) -> ExecutionLimits:

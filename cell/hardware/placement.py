@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.config.cell_settings import CellSettings
 from cell.hardware.camera import camera_calibration
+from cell.planning.fold_planning import motion_rng
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
 from robots.ports import Array
@@ -85,7 +86,7 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
                 model, checker, settings.table, step, plain_paths(step, garment), model.q_park,
                 limits=model.limits(settings.motion.accelerations, settings.motion.velocity_scale),
                 tool_speed=min(garment.max_tool_speed, settings.motion.tool_speed),
-                approach_height=settings.motion.approach_height, rng=np.random.default_rng(1),
+                approach_height=settings.motion.approach_height, rng=motion_rng(),
             )  # fmt: skip
             if motion.failure is None:
                 found = variant.name

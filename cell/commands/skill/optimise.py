@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.plan_optimisation import StepOptimisation, check_step, optimise_plan
+from cell.campaigns.plans.plan_optimisation import StepOptimisation, check_step, optimise_plan
 from cell.commands.options import cell_option, count, json_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings

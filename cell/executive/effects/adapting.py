@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.identify import MaterialEstimate, Noise, identify_material, outline_residual, predict_candidates
-from cell.executive.effects.planning import simulated_paths
 from cell.hardware.workcell import Workcell
+from cell.planning.fold_planning import simulated_paths
 from cell.states.stages import Attempt, Plan
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -39,7 +39,7 @@ def adapt(
     residual = outline_residual(contour, _on_table(view, predicted.vertices), predicted.triangles)
     if residual < noise.sigma:
         return garment, {"outline_residual_m": residual}
-    paths = simulated_paths(cell, attempt.motion)
+    paths = simulated_paths(cell.settings, attempt.motion)
 
     def learn() -> MaterialEstimate:
         candidates = predict_candidates(

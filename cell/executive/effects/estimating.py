@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cell.control.checks import stopped
-from cell.executive.effects.planning import simulated_paths
 from cell.hardware.workcell import Workcell
+from cell.planning.fold_planning import simulated_paths
 from cell.states.estimate_note import EstimateNote
 from cell.states.recovery_table import VERDICTS
 from cell.states.run_context import Result, RunContext
@@ -78,7 +78,7 @@ def _estimated(
     """Compute the estimate on a worker. The simulated cell charges its time for an inspection and for each
     simulation."""
     sight, costs = context.sight, cell.settings.computing
-    calibration, paths = sight.calibration(cell.calibration), simulated_paths(cell, attempt.motion)
+    calibration, paths = sight.calibration(cell.calibration), simulated_paths(cell.settings, attempt.motion)
     before = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
     top = context.recognition.perception.top if context.recognition else 0.0
     lift = max(top - float(plan.vertices[:, 2].min()), 0.0)

@@ -11,6 +11,15 @@ import numpy as np
 from cell.control.checks import fresh_state, stopped
 from cell.executive.effects.editing import edited_state, edited_step, edited_variant
 from cell.hardware.workcell import Workcell
+from cell.planning.fold_planning import (
+    plan_arms,
+    predict_motion,
+    search_rng,
+    search_trajectory,
+    simulated_paths,
+    stored_trajectory,
+    tool_speed,
+)
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import Result, RunContext
@@ -18,24 +27,21 @@ from cell.states.stages import Attempt, Plan, Recognition
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
-from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
-from skills.motion.moves.fold import FoldMotion, plan_fold_motion
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.planning.repair import RepairGoal
 from skills.trajectory.acceptance import acceptance_limit, judge_prediction
 from skills.trajectory.bezier import evaluate
-from skills.trajectory.library import lookup, trajectory_from
 from skills.trajectory.objective import dissimilarity
-from skills.trajectory.optimise import ClothPredictor, optimise_fold
-from skills.trajectory.paths import after_lift, tool_paths
+from skills.trajectory.optimise import ClothPredictor
+from skills.trajectory.paths import tool_paths
 from skills.trajectory.problem import Candidate, Predictor
 from skills.trajectory.repair_arcs import turned_paths
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
-__all__ = ["choose_trajectory", "plan_motion", "plan_steps", "simulated_paths", "tool_speed"]
+__all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 
 INWARD = 0.012
 """Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
@@ -150,14 +156,10 @@ def _optimise(
 
     return cell.compute(
         lambda outcome: float(outcome.notes.get("simulations", 1)) * each,
-        lambda: optimise_fold(
-            step, plan.mesh, plan.vertices, garment.material, method,
-            None if method == "initial" else settings.simulations,
-            threads=settings.threads, progress=progress, max_tool_speed=tool_speed(cell, garment),
-            predict=_until_stopped(cell), start=None if found is None else dict(found.control_points),
-            promised=found.dissimilarity if found is not None and trusted else None,
-            promised_initial=None if found is None else found.dissimilarity_initial, watch=watch,
-            lift_height=cell.settings.grasp.lift_height, bending_factors=garment.bending_factors,
+        lambda: search_trajectory(
+            cell.settings, garment, step, plan.mesh, plan.vertices, method,
+            None if method == "initial" else settings.simulations, found, trusted,
+            _until_stopped(cell), progress, watch,
         ),
     )  # fmt: skip
 
@@ -176,29 +178,25 @@ def _until_stopped(cell: Workcell) -> Predictor:
 
 
 def _draws(cell: Workcell, search: int) -> np.random.Generator:
-    """Return the motion planner's random generator. search: 0 for the first search; each further search gets a
-    different generator."""
-    return cell.rng().spawn(search)[-1] if search else cell.rng()
+    return search_rng(cell.rng(), search)
 
 
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Plan both arms' motion for the step, and predict the garment's shape after it."""
-    fold, speed = context.fold, tool_speed(cell, plan.garment)
+    fold, speed = context.fold, tool_speed(cell.settings, plan.garment)
     task = _task(fold, plan, trajectory, speed)
     step, paths = task.step, task.paths
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return Result(Event.FAILED, context.with_failure(state.failure))
     q_now = state.unwrap().q
-    layers_stay = not all(g.whole_stack(plan.garment.material.thickness) for g in step.grasps.values())
     searches = fold.count(Adjustment.OTHER_SEARCH)
     avoid = fold.avoided if searches else ()
     planned = cell.compute(
         cell.settings.computing.motion_s,
-        lambda: plan_fold_motion(
-            cell.robot, cell.checker, cell.table, step, paths, q_now, limits=cell.limits, tool_speed=speed,
-            approach_height=cell.settings.motion.approach_height, lift=cell.settings.grasp.lift_height,
-            rng=_draws(cell, searches), avoid=avoid, upright_grasps=layers_stay,
+        lambda: plan_arms(
+            cell.settings, cell.robot, cell.checker, cell.limits, plan.garment, step, paths, q_now,
+            _draws(cell, searches), avoid,
         ),
     )  # fmt: skip
     if planned.failure:
@@ -206,8 +204,12 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
     motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     prediction = cell.compute(
-        cell.settings.computing.simulation_s, lambda: _predict(cell, plan, task.vertices, motion)
-    )
+        cell.settings.computing.simulation_s,
+        lambda: predict_motion(
+            cell.settings, plan.garment, plan.mesh, task.vertices, simulated_paths(cell.settings, motion),
+            KEY_FRAMES,
+        ),
+    )  # fmt: skip
     predicted = PredictedShape(prediction.vertices, plan.mesh.triangles, plan.mesh.rest)
     error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
     attempt = Attempt(task.trajectory, step, paths, speed, motion, predicted, error, prediction.keyframes)
@@ -234,17 +236,8 @@ def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
     return next(g for g in cell.garments if g.name == recognition.perception.garment)
 
 
-def tool_speed(cell: Workcell, garment: Garment) -> float:
-    """Return the largest speed of the tools with this garment in hand [m/s]."""
-    return min(garment.max_tool_speed, cell.settings.motion.tool_speed)
-
-
 def _look_up(cell: Workcell, garment: Garment, step: FoldStep) -> GraspTrajectory | None:
-    arms = len(step.grasps)
-    entry = lookup(cell.library(), garment.category, step.name, garment.material, garment.size_m, arms=arms)
-    if entry is None:
-        return None
-    return trajectory_from(entry, step, garment.material.thickness, tool_speed(cell, garment))
+    return stored_trajectory(cell.settings, cell.library(), garment, step)
 
 
 def _described(trajectory: GraspTrajectory) -> dict[str, object]:
@@ -269,21 +262,6 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
         share = np.linspace(-1.0, 1.0, len(c))[:, None]
         controls[grasp_id] = frozen(c + share * np.append(shift, 0.0))
     return replace(trajectory, control_points=controls), replace(step, grasps=grasps, targets=targets)
-
-
-def _predict(cell: Workcell, plan: Plan, vertices: Array, motion: FoldMotion) -> FoldPrediction:
-    """Simulate the step with the tool paths that the arms will execute, including orientation and timing.
-    vertices: (n, 3) before it [m]."""
-    return predict_fold(
-        plan.mesh, vertices, plan.garment.material, simulated_paths(cell, motion),
-        pads=cell.settings.gripper.pads, keyframes=KEY_FRAMES, grip_force=cell.grasp.grip_force,
-    )  # fmt: skip
-
-
-def simulated_paths(cell: Workcell, motion: FoldMotion) -> dict[GraspId, ToolPath]:
-    """Return the tool paths of a motion by grasp, as input of a simulation: the lift, then the arc."""
-    height = cell.settings.grasp.lift_height
-    return {posture.path: after_lift(motion.tool_paths[arm], height) for arm, posture in motion.postures.items()}
 
 
 def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: float) -> _Task:

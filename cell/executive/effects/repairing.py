@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.executive.effects.planning import tool_speed
 from cell.hardware.workcell import Workcell
+from cell.planning.fold_planning import tool_speed
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt, Plan, Repair
 from cell.states.transition_table import Event
@@ -100,14 +100,14 @@ def _best(ways: Sequence[_Candidate], limit: float) -> _Candidate:
 def _trajectory(cell: Workcell, plan: Plan, controls: Mapping[GraspId, Array]) -> GraspTrajectory:
     """Return arcs as a trajectory that was not simulated yet."""
     return GraspTrajectory(
-        controls, fold_duration(controls, tool_speed(cell, plan.garment)), "repair", np.nan, np.inf, 1
+        controls, fold_duration(controls, tool_speed(cell.settings, plan.garment)), "repair", np.nan, np.inf, 1
     )
 
 
 def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Candidate:
     """Return the way with the dissimilarity between its aim and the garment after it. A simulation that fails has
     an infinite one. now: (n, 3) the garment as it lies [m]."""
-    height, speed = cell.settings.grasp.lift_height, tool_speed(cell, plan.garment)
+    height, speed = cell.settings.grasp.lift_height, tool_speed(cell.settings, plan.garment)
     paths = turned_paths(tool_paths(way.trajectory, way.plan.step, speed), way.plan.headings)
     paths = {grasp_id: lifted(path, height) for grasp_id, path in paths.items()}
     try:

@@ -14,7 +14,7 @@ from calibration.identify import BOUND, silhouette
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.adapting import FACTORS, adapt
-from cell.executive.effects.planning import simulated_paths
+from cell.planning.fold_planning import simulated_paths
 from cell.states.stages import Plan
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
@@ -61,7 +61,7 @@ def motion() -> Any:
 
 
 def folded(cell: Any, mesh: ClothMesh, material: Material) -> Array:
-    paths = simulated_paths(cell, motion())
+    paths = simulated_paths(cell.settings, motion())
     return predict_fold(mesh, mesh.lay_flat(material.thickness), material, paths).vertices
 
 

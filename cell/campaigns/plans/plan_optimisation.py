@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from cell.config.cell_settings import CellSettings
+from cell.planning.fold_planning import search_trajectory
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
-from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
+from skills.trajectory.optimise import METHODS, ClothPredictor
 from skills.trajectory.paths import lifted, tool_paths
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
@@ -63,7 +64,6 @@ def optimise_plan(
     if method not in METHODS:
         raise ConfigurationError(f"there is no method '{method}'", f"it is one of {', '.join(METHODS)}")
     budget = budget or (None if method == "initial" else settings.optimiser.simulations)
-    speed = min(garment.max_tool_speed, settings.motion.tool_speed)
 
     state = garment.flat_state(*garment.poses.middle)
     mesh = predictor_mesh(state, garment)
@@ -77,12 +77,9 @@ def optimise_plan(
         wanted = only in (None, step.index + 1)
         began = time.monotonic()
         begin()
-        outcome = optimise_fold(
-            step, mesh, vertices, garment.material,
-            method if wanted else "initial", budget if wanted else None,
-            threads=settings.optimiser.threads, predict=predict, max_tool_speed=speed,
-            progress=partial(progress, step), lift_height=settings.grasp.lift_height,
-            bending_factors=garment.bending_factors,
+        outcome = search_trajectory(
+            settings, garment, step, mesh, vertices, method if wanted else "initial", budget if wanted else None,
+            predict=predict, progress=partial(progress, step),
         )  # fmt: skip
         took = time.monotonic() - began
         if outcome.failure:
