@@ -1,4 +1,4 @@
-"""The tool paths of a fold's plain arc, for checks that need a path before anything is optimised."""
+"""A fold's plain arc and its tool paths, for checks that need a path before anything is optimised."""
 
 from __future__ import annotations
 
@@ -9,18 +9,22 @@ from skills.trajectory.optimise import PLAIN_H
 from skills.trajectory.paths import fold_duration, tool_paths
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
-__all__ = ["plain_paths"]
+__all__ = ["plain_paths", "plain_trajectory"]
 
 MAX_HEIGHT = 0.40
 """Maximum height of an arc above the table [m], as in the optimiser."""
 
 
-def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
-    """Compute the tool paths of the optimiser's plain arc (PLAIN_H, lower for a long fold), at the speed that the
-    cloth allows."""
+def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> GraspTrajectory:
+    """Compute the optimiser's plain arc (PLAIN_H, lower for a long fold) of each grasp. max_speed: of the tools
+    [m/s]. Its dissimilarity is not known."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
     controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
-    duration = fold_duration(controls, garment.max_tool_speed)
-    trajectory = GraspTrajectory(controls, duration, "plain", 0.0, 0.0)
-    return tool_paths(trajectory, step, garment.max_tool_speed)
+    return GraspTrajectory(controls, fold_duration(controls, max_speed), "plain", 0.0, 0.0)
+
+
+def plain_paths(step: FoldStep, garment: Garment) -> dict[GraspId, ToolPath]:
+    """Compute the tool paths of the plain arc at the speed that the cloth allows."""
+    speed = garment.max_tool_speed
+    return tool_paths(plain_trajectory(step, garment, speed), step, speed)

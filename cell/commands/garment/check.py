@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cell.commands.cell.check import write_drawing
 from cell.commands.garment.garment_drawing import draw_option, drawn
-from cell.commands.options import Commands, add_command, cell_option, json_option
+from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
 from cell.commands.output import print_json
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
@@ -30,42 +31,68 @@ __all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
-    action = add_command(actions, "check", "check garment files, and draw them", _run)
+    action = add_command(actions, "check", "check garment files, predict their folds, and draw them", _run)
     action.add_argument("garments", nargs="+", metavar="FILE", help="files or names")
     draw_option(action)
+    how = action.add_mutually_exclusive_group()
+    how.add_argument(
+        "--no-predictions", action="store_true", help="leave out the simulation of the folds, which takes a minute"
+    )
+    how.add_argument(
+        "--optimise", action="store_true", help="optimise each fold as a run does, also if a stored arc is good"
+    )
+    logs_option(action)
     cell_option(action)
     json_option(action)
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Check every file, including that its plan can be made. Returns 0 if all files are valid, 64 otherwise."""
-    settings, checked, bad = load_settings(options.cell), [], 0
+    """Check every file: it can be read, its plan can be made on this cell's table, and its folds are predicted to
+    go. Returns 64 if a file cannot be used, else 2 if a fold of one is predicted to fail, else 0."""
+    settings, checked = load_settings(options.cell), list[dict[str, Any]]()
     refuse_unfit_cell(settings)
     for name in options.garments:
         try:
-            garment = load_garment(name, settings.surface)
-            check_plan(name, garment)
-            drawing = drawn(garment, options.draw)
-            placed = _drawn_on_table(garment, settings, options.draw)
-            folds = _folds_on_table(name, garment, settings)
-            checked.append({
-                "file": name, "good": True, "drawing": drawing, "on_table": placed,
-                "variants": {fold.name: fold.variant for fold in folds},
-            })  # fmt: skip
-            _say(
-                options,
-                f"{name}: good, {len(folds)} folds" + (f", drawn in {drawing}, {placed}" if drawing else ""),
-            )
-            for fold in folds:
-                if fold.why:
-                    _say(options, f"  {fold.name} is folded as {fold.variant}: {fold.why}")
+            checked.append(_checked(name, options, settings))
         except ConfigurationError as e:
-            bad += 1
             checked.append({"file": name, "good": False, "error": e.what, "hint": e.hint})
             _say(options, str(e) if str(e).startswith(name) else f"{name}: {e}")
     if options.json:
         print_json({"checked": checked})
-    return 64 if bad else 0
+    if any("error" in found for found in checked):
+        return 64
+    return 0 if all(found["good"] for found in checked) else 2
+
+
+def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> dict[str, Any]:
+    """Check one file, and say what was found. Returns the figures for --json. Raises ConfigurationError for a file
+    that cannot be used."""
+    garment = load_garment(name, settings.surface)
+    check_plan(name, garment)
+    drawing = drawn(garment, options.draw)
+    placed = _drawn_on_table(garment, settings, options.draw)
+    folds = _folds_on_table(name, garment, settings)
+    pictures = [path for path in (drawing, placed) if path]
+    words, good, predicted = list[str](), True, None
+    if not options.no_predictions:
+        # loaded only now, because the simulation takes seconds to load, and a file is refused sooner
+        from cell.commands.garment.prediction import draw_prediction, figures, lines, predict
+
+        found = predict(options, garment, settings, folds)
+        shown = draw_prediction(options, garment, settings, found)
+        pictures += [shown] if shown else []
+        words, good, predicted = lines(found), found.good, figures(found, shown)
+    verdict = f"{'good' if good else 'will not go'}, {len(folds)} folds"
+    _say(options, f"{name}: {verdict}" + (f", drawn in {', '.join(pictures)}" if pictures else ""))
+    for fold in folds:
+        if fold.why:
+            _say(options, f"  {fold.name} is folded as {fold.variant}: {fold.why}")
+    for line in words:
+        _say(options, f"  {line}")
+    return {
+        "file": name, "good": good, "drawing": drawing, "on_table": placed,
+        "variants": {fold.name: fold.variant for fold in folds}, "prediction": predicted,
+    }  # fmt: skip
 
 
 def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | None) -> str | None:

@@ -29,7 +29,7 @@ from scipy.spatial.distance import pdist
 
 from robots.errors import InternalError
 from skills.fold_figures.fold_figures import CREASE_MARGIN, measure_cut_fold
-from skills.fold_figures.folded_mesh import doubled_area, fold_mesh
+from skills.fold_figures.folded_mesh import FoldedMesh, doubled_area, fold_mesh
 from skills.garments.garment import Garment
 from skills.planning.folding import fold_xy
 from skills.planning.plan import ways_to_fold
@@ -42,6 +42,7 @@ __all__ = [
     "Score",
     "ScoreLimits",
     "diagonal",
+    "keypoint_offsets",
     "named_edge_pairs",
     "score",
     "score_plan",
@@ -229,8 +230,8 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     """Score a folded garment. Raises InternalError if its vertices are not finite or too far apart."""
     _check(garment)
     folded = fold_mesh(garment.material, garment.triangles, garment.lines, garment.vertices)
-    final, corners = folded.attributes, folded.triangles
-    centres, target_centres = final[corners, :2].mean(axis=1), folded.target[corners].mean(axis=1)
+    final = folded.attributes
+    centres, target_centres = _centres(folded)
     align, drift, turn = _align(centres, target_centres, folded.area)
     error = np.linalg.norm(align(centres) - target_centres, axis=1)
 
@@ -252,6 +253,15 @@ def score(garment: FinalGarment, limits: ScoreLimits = DEFAULT_LIMITS) -> Score:
     }
     found = Score(figures, round(seen.layers), stack, tuple(garment.lines))
     return found if garment.ideal is None else found.with_ideal(garment.ideal, limits)
+
+
+def keypoint_offsets(garment: FinalGarment) -> dict[str, Array]:
+    """Return, for each key point, the vector (2,) from its place in the target to where it is now [m], with the
+    garment aligned as for its score. Raises InternalError like `score`."""
+    _check(garment)
+    folded = fold_mesh(garment.material, garment.triangles, garment.lines, garment.vertices)
+    align, _, _ = _align(*_centres(folded), folded.area)
+    return _offsets(garment, align)
 
 
 def score_plan(
@@ -344,12 +354,22 @@ def _largest_edge_distance(garment: FinalGarment, align: _Align) -> float:
     return largest
 
 
+def _centres(folded: FoldedMesh) -> tuple[Array, Array]:
+    """Return the barycentres (m, 2) of the triangles as they lie, and in the target."""
+    corners = folded.triangles
+    return folded.attributes[corners, :2].mean(axis=1), folded.target[corners].mean(axis=1)
+
+
 def _largest_keypoint_distance(garment: FinalGarment, align: _Align) -> float:
+    return max((float(np.linalg.norm(off)) for off in _offsets(garment, align).values()), default=0.0)
+
+
+def _offsets(garment: FinalGarment, align: _Align) -> dict[str, Array]:
     if not garment.keypoints:
-        return 0.0
+        return {}
     points = np.array(list(garment.keypoints.values()), dtype=float)
     now, wanted = align(_where_now(garment, points)), fold_xy(garment.lines, points)
-    return float(np.linalg.norm(now - wanted, axis=1).max())
+    return dict(zip(garment.keypoints, now - wanted, strict=True))
 
 
 def _length(polyline: Array) -> float:

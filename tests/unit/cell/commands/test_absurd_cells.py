@@ -98,7 +98,7 @@ def test_a_garment_that_lies_beside_the_table_is_told_where_it_can_be_folded(
     message = refused("garment check far.yaml", "poses", "x 1.45", "it can be folded at x ")
     x = float(message.split("folded at x ")[1].split(",")[0])
     write(tmp_path / "near.yaml", garment("small_towel", poses=poses | {"x": [x, x]}))
-    assert main(["garment", "check", "near.yaml"]) == 0
+    assert main(["garment", "check", "near.yaml", "--no-predictions"]) == 0
 
 
 def test_the_stated_camera_is_drawn_with_the_cell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
