@@ -27,6 +27,7 @@ from cell.campaigns.dashboard.history import History
 from cell.campaigns.dashboard.run_filter import RunFilter, page_of
 from cell.campaigns.dashboard.served_files import served_file
 from cell.operator.local_server import local_app, new_secret, served
+from cell.support.files.html_page import read_page
 
 __all__ = ["served_history"]
 
@@ -60,7 +61,7 @@ class _Pages:
         self._logs = logs
         self._history = History(logs)
         self._templates = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True,
+            loader=jinja2.FunctionLoader(lambda name: read_page(Path(__file__).with_name(name))), autoescape=True,
             undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         )  # fmt: skip
         self._templates.filters |= {

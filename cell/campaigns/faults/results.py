@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -19,6 +18,7 @@ from cell.campaigns.faults.judge import Verdict, due_ends, judge
 from cell.campaigns.statistics.proportions import wilson_interval
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
+from cell.support.files.html_page import read_page
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 
@@ -133,9 +133,7 @@ def _page(table: FaultTable, folder: CampaignFolder, results: Mapping[str, Any])
         "percent": lambda share: f"{100.0 * share:.0f} %",
         "words": lambda s: s.replace("_", " "),
     }
-    template = environment.from_string(
-        files("cell.campaigns.faults").joinpath("faults.html").read_text(encoding="utf-8")
-    )
+    template = environment.from_string(read_page(Path(__file__).with_name(PAGE)))
     runs = [{**run, "report": _report(folder, run)} for run in results["runs"]]
     return template.render(
         name=folder.path.name,

@@ -11,7 +11,6 @@ import base64
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,6 +23,7 @@ from cell.campaigns.statistics.comparison import Comparison, compare_trials
 from cell.campaigns.statistics.summary import ALL, Claims, Row, claims, part_claims, summarise
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
+from cell.support.files.html_page import read_page
 
 __all__ = ["PAGE", "campaign_page"]
 
@@ -87,9 +87,7 @@ def campaign_page(folder: CampaignFolder, trials: Sequence[Trial]) -> str:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"percent": _percent, "number": _number, "mm": _mm, "signed": _signed}
-    template = environment.from_string(
-        files("cell.campaigns.page").joinpath("campaign.html").read_text(encoding="utf-8")
-    )
+    template = environment.from_string(read_page(Path(__file__).with_name(PAGE)))
     return template.render(
         name=folder.path.name,
         about=campaign.about,

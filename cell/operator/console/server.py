@@ -35,6 +35,7 @@ from cell.operator.local_server import local_app, new_secret, origins, served
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import Event
+from cell.support.files.html_page import read_page
 from robots.errors import DriverError
 from robots.ports import Stop
 
@@ -121,7 +122,7 @@ class _Page:
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(VIEWER if self._viewer else None)
-        page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
+        page = read_page(PAGE).replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
         return HTMLResponse(page, headers=self._headers)
 
     async def picture(self, request: Request) -> Response:

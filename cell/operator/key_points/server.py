@@ -28,6 +28,7 @@ from starlette.routing import Route
 from cell.operator.key_points.editing import KeyPointEdit
 from cell.operator.local_server import local_app, new_secret, origins, served
 from cell.recording.camera_pictures.projected_drawing import jpeg_file
+from cell.support.files.html_page import read_page
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Array
@@ -127,7 +128,7 @@ class _Page:
     # Starlette runs functions that are not coroutines in its worker threads.
 
     def page(self, request: Request) -> Response:
-        return HTMLResponse(PAGE.read_bytes(), headers=HEADERS)
+        return HTMLResponse(read_page(PAGE), headers=HEADERS)
 
     def picture(self, request: Request) -> Response:
         return Response(jpeg_file(self._edit.rgb, QUALITY), media_type="image/jpeg", headers=HEADERS)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,7 @@ from cell.recording.report.pictures.outline_drawing import outline_drawing
 from cell.recording.report.verdict import FoldEnd, verdict
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import State
+from cell.support.files.html_page import read_page
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array
 
@@ -198,9 +198,7 @@ def render(run: RunRecord) -> str:
         "quantity": quantity, "seconds": seconds, "words": words,
     }  # fmt: skip
     environment.globals |= {"silhouettes": silhouettes, "webp_uri": webp_uri}
-    template = environment.from_string(
-        files("cell.recording.report").joinpath("page.html").read_text(encoding="utf-8")
-    )
+    template = environment.from_string(read_page(Path(__file__).with_name("page.html")))
     return template.render(
         run=run,
         verdict=RESULTS.get(run.result, words(run.result)),
