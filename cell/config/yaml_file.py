@@ -26,7 +26,7 @@ from pydantic_core import ErrorDetails
 
 from robots.errors import ConfigurationError
 
-__all__ = ["Document", "Key", "dotted", "merge", "parse_yaml", "read_yaml", "shown", "validated"]
+__all__ = ["Document", "Key", "dotted", "merge", "parse_yaml", "read_text", "read_yaml", "shown", "validated"]
 
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
@@ -57,7 +57,7 @@ class Document:
 
 def read_yaml(path: Path, what: str = "configuration file") -> Document:
     """Read one YAML mapping from a file. Raises ConfigurationError if it is unreadable or malformed."""
-    return parse_yaml(_read_text(path, what), path, what)
+    return parse_yaml(read_text(path, what), path, what)
 
 
 def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Document:
@@ -243,7 +243,7 @@ _StrictLoader.add_constructor(
 )
 
 
-def _read_text(path: Path, what: str) -> str:
+def read_text(path: Path, what: str) -> str:
     try:
         if path.is_dir():
             raise ConfigurationError(f"{path}: this is a folder; a {what} is expected", path=str(path))

@@ -3,6 +3,9 @@ and arms that reach the table."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -81,7 +84,8 @@ def _corners(shape: coal.CollisionGeometry) -> Array:
     return np.array([[(low, high)[k >> j & 1][j] for j in range(3)] for k in range(8)])
 
 
-def reached_places(model: RobotModel, table: Table) -> dict[Side, list[tuple[float, float, bool]]]:
+@lru_cache(maxsize=8)
+def reached_places(model: RobotModel, table: Table) -> Mapping[Side, Sequence[tuple[float, float, bool]]]:
     """Return for each arm the places (x, y) [m] in the table frame where garments lie, and whether the arm brings
     its hand there, pointing down, without touching anything while the other arm is parked."""
     checker = CollisionChecker(model, table)

@@ -69,7 +69,7 @@ class Checkpoint:
     _world: _World
 
     def save(self) -> bytes:
-        """Return the state of robot, hands, cloth, noise and time (a few hundred kB)."""
+        """Return the state of robot, hands, cloth, noise and time (1 to 12 MB)."""
         return self._world.checkpoint()
 
     def restore(self, saved: bytes) -> None:

@@ -35,7 +35,6 @@ from cell.simulation.robot.gripper import SimulatedGripper
 from cell.simulation.robot.tactile import SimulatedTactile
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.truth import GarmentTruth, Truth
-from cell.support.files.packing import packed
 from robots.bullet.body import pb
 from robots.camera_mount import CameraMount
 from robots.depth_averaging import EVERY_S, EXPOSURES
@@ -146,9 +145,10 @@ class World:
         for side in Side:
             self._place_hand(side)
         self._T_head_camera = _mounted(self._mount, noise.camera, rng["camera"], ideal=not settings.camera_noise)
-        scene = self._scene(rng["look"])
-        self._fabric = _mean_colour(scene.garment_texture)
-        self._renderer = Renderer(scene) if settings.render else None
+        self._renderer, self._fabric = None, (0, 0, 0)
+        if settings.render:
+            scene = self._scene(rng["look"])
+            self._renderer, self._fabric = Renderer(scene), _mean_colour(scene.garment_texture)
         self._camera = self._build_camera(int(rng["camera"].integers(2**31)))
         self._seen_slabs: Sequence[Slab] = ()
         self._camera_faults = CameraFaults(self.faults, self._camera) if self._camera else None
@@ -481,7 +481,9 @@ class World:
         }  # fmt: skip
         cloth = self.garment.checkpoint() or {}
         out = {f"robot.{name}": a for name, a in arrays.items()} | {f"cloth.{n}": a for n, a in cloth.items()}
-        return packed(plain=np.array(json.dumps(plain)), **out)
+        stream = io.BytesIO()
+        np.savez(stream, plain=np.array(json.dumps(plain)), **out)  # compression would take longer than writing it
+        return stream.getvalue()
 
     def restore(self, saved: bytes) -> None:
         """Restore a checkpoint of a world with the same settings and seed."""

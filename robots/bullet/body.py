@@ -96,9 +96,12 @@ class BulletBody:
             link = info[16]
         return link
 
+    def _has_shape(self, link: int) -> bool:
+        return bool(pb.getCollisionShapeData(self._body, link, physicsClientId=self._client))
+
     def _filter_collisions(self) -> None:
         disabled, fingers = self._description.disabled_pairs, self._description.fingers
-        names = list(self._links)
+        names = [name for name, link in self._links.items() if self._has_shape(link)]
         group = {name: self._rigid_group(self._links[name]) for name in names}
         for i, first in enumerate(names):
             for second in names[:i]:

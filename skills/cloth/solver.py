@@ -34,10 +34,13 @@ from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.state import (
+    ACTIVE,
     AWAKE,
+    EE,
     FITTED,
     HANDS,
     PACE,
+    VT,
     Body,
     Holds,
     Pairs,
@@ -337,7 +340,7 @@ class ClothSimulation:
     def checkpoint(self) -> dict[str, Array]:
         """Return the complete state as named arrays; `restore` continues from it bit for bit."""
         out = {f"state.{k}": v.copy() for k, v in self._state._asdict().items()}
-        out |= {f"pairs.{k}": v.copy() for k, v in self._pairs._asdict().items()}
+        out |= {f"pairs.{k}": v.copy() for k, v in _remembered(self._pairs, self._state.counts).items()}
         out |= {f"holds.{k}": v.copy() for k, v in self._holds._asdict().items()}
         out |= {f"intersections.{k}": v.copy() for k, v in self._intersections._asdict().items()}
         out |= {"tool_p": self._tool_p.copy(), "tool_r": self._tool_r.copy(), "time": np.array(self.time)}
@@ -364,11 +367,15 @@ class ClothSimulation:
             return {k.split(".")[1]: aligned(v) for k, v in saved.items() if k.startswith(name + ".")}
 
         self._state = State(**part("state"))
-        self._pairs = Pairs(**part("pairs"))
+        counts = self._state.counts
+        while counts[VT] > len(self._pairs.vt) or counts[EE] > len(self._pairs.ee):
+            self._grow_pairs()
+        for name, rows in _remembered(self._pairs, counts).items():
+            rows[...] = saved[f"pairs.{name}"][: len(rows)]
         self._holds = Holds(**part("holds"))
         self._intersections = Intersections(**part("intersections"))
         self._tool_p, self._tool_r = saved["tool_p"].copy(), saved["tool_r"].copy()
-        self._state.counts[FITTED] = 0  # the clusters are not part of the checkpoint
+        counts[FITTED] = 0  # the clusters are not part of the checkpoint
         self.time = float(saved["time"])
 
     def _grow_pairs(self) -> None:
@@ -377,6 +384,18 @@ class ClothSimulation:
         for name, a in old._asdict().items():
             getattr(new, name)[tuple(slice(0, k) for k in a.shape)] = a
         self._pairs = new
+
+
+def _remembered(pairs: Pairs, counts: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """Return views of what the loop remembers from one call to the next: the pairs, and the vertices of the latest
+    contacts, which keep their neighbours awake. The loop fills all other lists anew, because each call begins with
+    a narrow phase."""
+    lengths = {
+        VT: ("vt", "side", "vt_due", "vt_j"),
+        EE: ("ee", "near", "normal", "ee_due", "ee_j"),
+        ACTIVE: ("contact_vertices",),
+    }
+    return {name: getattr(pairs, name)[: counts[k]] for k, names in lengths.items() for name in names}
 
 
 def _body(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -24,7 +25,7 @@ from pydantic_core import PydanticCustomError
 
 from cell.config.garments.fabric_file import load_fabrics
 from cell.config.garments.plan_check import check_lines_and_grasps
-from cell.config.yaml_file import Document, Key, dotted, read_yaml, shown
+from cell.config.yaml_file import Document, Key, dotted, parse_yaml, read_text, shown
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
@@ -40,6 +41,8 @@ __all__ = [
 ]
 
 DEFAULT_SURFACE = "bare_table"
+WHAT = "garment file"
+"""Name of these files in error messages."""
 
 AVERAGE = {
     "stretch_fraction": 0.024,
@@ -71,7 +74,15 @@ def load_garment(name_or_path: str | Path, surface: str = DEFAULT_SURFACE) -> Ga
 
     Raises ConfigurationError with the file, the line, the key, the value and the allowed values.
     """
-    document = read_yaml(garment_path(name_or_path), "garment file")
+    path = garment_path(name_or_path)
+    return _parsed(path, read_text(path, WHAT), surface)
+
+
+@lru_cache(maxsize=64)
+def _parsed(path: Path, text: str, surface: str) -> Garment:
+    """Return the garment of a file with this text. A run asks for each garment several times, and checking all
+    ways to fold it takes long."""
+    document = parse_yaml(text, path, WHAT)
     try:
         file = _GarmentFile.model_validate(document.data)
     except ValidationError as error:

@@ -15,6 +15,7 @@ import io
 import json
 import pickle
 from enum import Enum
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> N
     except (pickle.PicklingError, TypeError, AttributeError) as e:
         raise InternalError(f"a value of the context cannot be written: {e}") from e
     body = stream.getvalue()
-    head = {"foldcell": metadata.version("foldcell"), "schema": _schema(), "sha256": _hash(body)}
+    head = {"foldcell": _version(), "schema": _schema(), "sha256": _hash(body)}
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
@@ -86,9 +87,9 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
         version, schema, digest = head["foldcell"], head["schema"], head["sha256"]
     except (OSError, ValueError, KeyError, TypeError) as e:
         raise _damaged(path, e) from None
-    if (version, schema) != (metadata.version("foldcell"), _schema()):
+    if (version, schema) != (_version(), _schema()):
         raise ConfigurationError(
-            f"{path} was written by another foldcell (version {version}, this is {metadata.version('foldcell')})",
+            f"{path} was written by another foldcell (version {version}, this is {_version()})",
             "resume with the version that began the run, or start a new run",
         )
     if digest != _hash(body):
@@ -104,6 +105,12 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
     return context
 
 
+@lru_cache(maxsize=1)
+def _version() -> str:
+    return metadata.version("foldcell")
+
+
+@lru_cache(maxsize=1)
 def _schema() -> str:
     """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
     where the fields can change while the version stays the same."""

@@ -63,6 +63,7 @@ class WorldGarment:
             outline.contour, COARSEST, garment.layers, turn, creases_of(garment, outline.keypoints,
             outline.contour), self.material.bending_length, self._edge
         )  # fmt: skip
+        self._corners = np.ascontiguousarray(self.mesh.triangles.T)
         self.keypoints: Mapping[str, Array] = {n: self.pose.place(p) for n, p in outline.keypoints.items()}
         share = 0.0 if ideal else 1.0
         damping = 1.0 + share * noise.damping * rng.uniform(-1.0, 1.0)
@@ -232,8 +233,12 @@ class WorldGarment:
         if not self.laid:
             return 0.0
         x = self._cloth.positions
-        near = np.linalg.norm(x[:, :2] - point[:2], axis=1) < 2.0 * self._edge
-        corners = x[self.mesh.triangles[np.all(near[self.mesh.triangles], axis=1)]]
+        along, across = x[:, 0] - point[0], x[:, 1] - point[1]
+        near = np.sqrt(along * along + across * across) < 2.0 * self._edge
+        if not near.any():
+            return 0.0
+        a, b, c = self._corners
+        corners = x[self.mesh.triangles[near[a] & near[b] & near[c]]]
         if len(corners) == 0:
             return 0.0
         a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

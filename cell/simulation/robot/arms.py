@@ -91,6 +91,8 @@ class SimulatedRobot:
         self._head_goal = self._head = 0.0
         self._step = 0
         self._t = 0.0
+        self._read: tuple[int, JointState] | None = None
+        """The last reading, and the physics step after which it was taken."""
         body.place(q_start - self._bias, 0.0, dict.fromkeys(Side, 0.0))
 
     # called by the ports
@@ -129,6 +131,11 @@ class SimulatedRobot:
     def state(self) -> JointState:
         """Return the measured state. Its noise depends only on the physics step, so that the number of readings
         changes no other random number."""
+        if self._read is None or self._read[0] != self._step:
+            self._read = self._step, self._measured()
+        return self._read[1]
+
+    def _measured(self) -> JointState:
         q, qd, _, pan = self._body.read()
         q, qd, effort = q + self._bias, qd.copy(), self._effort.copy()
         if not self._ideal:
@@ -180,6 +187,7 @@ class SimulatedRobot:
         self._hung.clear()
         self._hanging.clear()
         self._circuit_open = False
+        self._read = None
         self._body.place(arrays["q"], plain["pan"], opening)
 
     # called by the world

@@ -116,7 +116,7 @@ class SimulatedGripper:
         opening, force = self.opening, self.pressing
         if not self._ideal:
             n = np.random.default_rng((self._seed, self._step)).standard_normal(2)
-            opening = float(np.clip(opening + self._noise.opening_noise * n[0], 0.0, self.max_opening))
+            opening = min(max(opening + self._noise.opening_noise * float(n[0]), 0.0), self.max_opening)
             force = max(0.0, force + self._noise.force_noise * float(n[1]))
         arrived = self.holding and self._goal <= self._between
         moving = self._calibrating is not None or (
@@ -161,7 +161,7 @@ class SimulatedGripper:
         before = self.opening
         stop = self._between if self.holding else 0.0
         step = self._noise.speed * dt
-        self.opening += float(np.clip(max(self._goal, stop) - before, -step, step))
+        self.opening += min(max(max(self._goal, stop) - before, -step), step)
         contact = self._noise.contact_opening
         if self._calibrating is None and before > contact >= self.opening:
             self._between = min(self._caught(self._stroke, self.force), contact)

@@ -295,7 +295,7 @@ def test_pair_lists_have_a_maximum_size(monkeypatch):
     monkeypatch.setattr(kernel, "run_frames", lambda *_: kernel.PAIRS_FULL)
     with pytest.raises(InternalError, match="lost its positions"):
         s.advance(1)
-    assert len(s.checkpoint()["pairs.vt"]) <= 4 * MOST_PAIRS * len(s.positions)
+    assert len(s._pairs.vt) <= 4 * MOST_PAIRS * len(s.positions)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 2.0, 3.4])
