@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import shipped_garment_path
 from cell.executive.effects import EFFECTS
 from cell.hardware.driver import OpenCell
 from cell.hardware.workcell import Workcell
@@ -26,7 +27,15 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
 
-__all__ = ["FEW_PICTURES", "PLAIN", "LastCommand", "Onlooker", "decided_again", "fold_request"]
+__all__ = [
+    "FEW_PICTURES",
+    "PLAIN",
+    "LastCommand",
+    "Onlooker",
+    "decided_again",
+    "fold_request",
+    "once_folded_towel",
+]
 
 PLAIN: Mapping[str, Mapping[str, Any]] = {"optimiser": {"method": "initial", "use_library": False}}
 """One simulation instead of an optimisation, for tests in which the quality of the fold does not matter."""
@@ -55,6 +64,16 @@ def fold_request(
         garment=garment, seed=seed, driver="sim", settings=load_settings(path), settings_path=path,
         logs=folder / "logs", **options,
     )  # fmt: skip
+
+
+def once_folded_towel(folder: Path) -> str:
+    """The path of a new garment file in `folder`: the small towel, whose plan ends after its first fold. No run
+    that folds a garment is shorter."""
+    data = yaml.safe_load(shipped_garment_path("small_towel").read_text(encoding="utf-8"))
+    data["plan"], data["edge_pairs"], data["final_layers"] = data["plan"][:1], data["edge_pairs"][1:], 2
+    path = folder / "small_towel.yaml"
+    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    return str(path)
 
 
 def decided_again(logs: Path, run: str = "last") -> Verdict:

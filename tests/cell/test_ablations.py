@@ -11,7 +11,7 @@ import pytest
 from cell.campaigns.trials.campaign import read_campaign
 from cell.config.cell_settings import load_settings
 from cell.runs.fold_run import fold_once
-from tests.runs import fold_request
+from tests.runs import fold_request, once_folded_towel
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +27,7 @@ def settings_of(variant: str) -> Any:
 
 @pytest.mark.parametrize("variant", ["initial_arcs", "no_tactile", "one_look"])
 def test_a_small_towel_is_folded_without_a_part_of_the_method(variant: str, tmp_path: Path) -> None:
-    request = fold_request(tmp_path, settings_of(variant), garment="small_towel", seed=1, record=False)
+    request = fold_request(tmp_path, settings_of(variant), garment=once_folded_towel(tmp_path), record=False)
     result = fold_once(request)
     assert (result.result, result.failure) == ("folded", None)
     assert all(step["done"] for step in result.steps)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.optional_parts import ROS
-from tests.runs import decided_again
+from tests.runs import decided_again, once_folded_towel
 
 pytestmark = [
     pytest.mark.slow,
@@ -46,12 +46,13 @@ def foldcell(*arguments: str) -> tuple[int, dict[str, Any]]:
 
 def test_a_towel_is_folded_over_ros(tmp_path: Path) -> None:
     """The run is in real time, so its quality depends on the machine. Trials measure how often it passes."""
-    code, result = foldcell("fold", "small_towel", "--seed", "1", "--logs", str(tmp_path))
+    towel = once_folded_towel(tmp_path)
+    code, result = foldcell("fold", towel, "--seed", "1", "--logs", str(tmp_path / "logs"))
     assert (result["driver"], result["simulated"], result["world"]) == ("emulator", True, "xpbd")
     assert code in (0, 2), result["failure"]
     assert result["steps"][0]["done"], "at least one fold was made and accepted"
-    assert result["score"]["simulated"] and result["robot_time_s"] > 20.0
-    again = decided_again(tmp_path)
+    assert result["score"]["simulated"] and result["robot_time_s"] > 10.0
+    again = decided_again(tmp_path / "logs")
     assert again.same and again.broken_off is None, "the decisions depend only on messages from the network"
 
 

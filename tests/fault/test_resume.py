@@ -94,9 +94,13 @@ def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it
         Onlooker(before={Effect.RETREAT: die}).fold(request)
     before = decided_again(request.logs)
     assert before.same and before.broken_off == "the transcript breaks off here"
-    result, resumed = after_the_restart(request)
-    assert [e for e, _ in resumed.performed][:3] == [Effect.REENTER, Effect.LOOK, Effect.INSPECT]
-    assert (result.result, resumed.count(Effect.FOLD)) == ("folded", 1)
+    interrupted = last_run(request)
+    resumed = Onlooker(before={Effect.APPROACH: lambda ports, commands, n: commands.put(Event.ABORT)})
+    result = resumed.fold(interrupted.request, interrupted=interrupted)
+    assert resumed.performed[:3] == [
+        (Effect.REENTER, Event.LOOK_AFTER), (Effect.LOOK, Event.DONE), (Effect.INSPECT, Event.NEXT_FOLD),
+    ]  # fmt: skip
+    assert [step["done"] for step in result.steps] == [True, False], "the second fold was next"
     after = decided_again(request.logs)
     assert after.same and after.broken_off is None, "the replay starts from the context at the resume"
     assert after.set_points == len(resumed.set_points)
