@@ -1,5 +1,5 @@
-"""Ten garments of a lab's own: each is drawn as a photograph, `foldcell garment new` makes its file, and the file
-is folded in the simulated cell.
+"""Ten garments of a lab's own: each is drawn as a photograph, `foldcell garment new` makes its file, `foldcell
+garment check` predicts its folds, and the file is folded in the simulated cell.
 
     python -m benchmarks.own_garments --out DIR [--first-seed 7701]
 
@@ -159,9 +159,15 @@ def made_and_folded(own: OwnGarment, seed: int, folder: Path) -> dict[str, Any]:
     template = load_garment(file, "bare_table").template
     off = np.linalg.norm((template - template.mean(axis=0)) - (outline - outline.mean(axis=0)), axis=1)
     found |= {"made": True, "worst_keypoint_m": float(off.max())}
-    code, _, error = foldcell("garment", "check", str(file))
-    if code != 0:
+    code, checked, error = foldcell("garment", "check", str(file), "--logs", str(folder / "logs"))
+    if code not in (0, 2):  # 2: a fold is predicted to fail
         return found | {"fits": False, "why": error}
+    prediction = checked["checked"][0]["prediction"]
+    found |= {
+        "predicted": prediction["good"],
+        "reasons": [reason["what"] for fold in prediction["folds"] for reason in fold["reasons"]],
+        "predicted_iou": prediction["folds"][-1].get("iou"),
+    }
     _, result, error = foldcell("fold", str(file), "--seed", str(seed), "--logs", str(folder / "logs"))
     score = result.get("score") or {}
     return found | {
@@ -187,11 +193,11 @@ def main() -> int:
         print(f"{k + 1}/{len(OWN)} {own.name}: {rows[-1]}", file=sys.stderr, flush=True)
         (options.out / "own_garments.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
     print_table(
-        ("garment", "like", "made", "worst key point [mm]", "fits", "result", "passed"),
+        ("garment", "like", "made", "worst key point [mm]", "fits", "predicted", "result", "passed"),
         [
             (
                 r["name"], r["like"], r["made"], f"{1000 * r['worst_keypoint_m']:.0f}" if r["made"] else "-",
-                r.get("fits", "-"), r.get("result", "-"), r.get("passed", "-"),
+                r.get("fits", "-"), r.get("predicted", "-"), r.get("result", "-"), r.get("passed", "-"),
             )
             for r in rows
         ],

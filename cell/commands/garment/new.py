@@ -201,7 +201,8 @@ def _say(
         print(f"points   {found['key_points_file']}   (--key-points reads it)")
     for doubt in found.get("doubts", []):
         print(f"doubt    {doubt}")
-    print(f"next     foldcell garment check {output} --draw .   then measure its fabric: foldcell calibrate")
+    print(f"next     foldcell garment check {output} --draw .   (will its folds go?)")
+    print("         then measure its fabric: foldcell calibrate")
     return 0
 
 
