@@ -41,8 +41,8 @@ def plan_along(
 ) -> Outcome[ArmTrajectory]:
     """Plan the motion from q_now (joints,), at rest, to the end of `path` (n, joints).
 
-    The motion joins the path at its sample nearest to q_now, and the distance from it fades out. The fingers may
-    touch the table. tool_speed: maximum speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a
+    The motion joins the path at its sample nearest to q_now, and the distance from it fades out; if this is in
+    collision, the arms first move straight to this sample. The fingers may touch the table. tool_speed: maximum speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a
     valid state), UNREACHABLE (q_now is too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
     """
     invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
@@ -54,12 +54,36 @@ def plan_along(
     if abs(offset[joint]) > FARTHEST:
         return Outcome(failure=_too_far(model, joint, float(offset[joint])))
     rest = _spaced(path[k:])
-    left = 1.0 - np.clip(_travelled(rest) / min(FADE, max(float(_travelled(rest)[-1]), SPACING)), 0.0, 1.0)
-    q = rest + (left**2 * (3.0 - 2.0 * left))[:, None] * offset
-    if np.abs(q[-1] - path[-1]).max() > 1e-9:  # the rest of the path is shorter than the fade
-        q = np.vstack([q, path[-1:]])
-    if np.abs(q - q_now).max() < 1e-6:
+    fading = _fading(rest, offset)
+    if np.abs(fading - q_now).max() < 1e-6:
         return Outcome(hold(q_now))
+    planned = _timed(model, checker, fading, sides, limits, tool_speed)
+    if planned.failure and planned.failure.kind is FailureKind.IN_COLLISION:
+        joining = np.linspace(q_now, rest[0], int(np.ceil(np.abs(offset).max() / SPACING)) + 1)
+        straight = _timed(model, checker, np.vstack([joining[:-1], rest]), sides, limits, tool_speed)
+        return straight if straight.ok else planned
+    return planned
+
+
+def _fading(rest: Array, offset: Array) -> Array:
+    """Return the path `rest` (n, joints), displaced by `offset` (joints,) at its start; this fades out along it."""
+    travelled = _travelled(rest)
+    left = 1.0 - np.clip(travelled / min(FADE, max(float(travelled[-1]), SPACING)), 0.0, 1.0)
+    q = rest + (left**2 * (3.0 - 2.0 * left))[:, None] * offset
+    if np.abs(q[-1] - rest[-1]).max() > 1e-9:  # the rest of the path is shorter than the fade
+        q = np.vstack([q, rest[-1:]])
+    return np.asarray(q)
+
+
+def _timed(
+    model: RobotModel,
+    checker: CollisionChecker,
+    q: Array,
+    sides: tuple[Side, ...],
+    limits: JointLimits | None,
+    tool_speed: float | None,
+) -> Outcome[ArmTrajectory]:
+    """Return the motion along q (n, joints), if it is free."""
     lengths = np.stack([_tool_travelled(model, side, q) for side in sides], axis=1)
     try:
         motion = time_path(q, limits or model.planning, lengths=lengths, speed=tool_speed)

@@ -26,6 +26,8 @@ TABLE_MARGIN = 0.015
 FINGERTIP_MARGIN = 0.02
 """Minimum distance between the table and the fingers while the arms move freely [m]. It is larger than the height
 of folded cloth."""
+ROUNDING = 1e-4
+"""Decrease of a distance that counts as none [m]."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,33 @@ class CollisionChecker:
             if contact is not None:
                 return contact
         return None
+
+    def first_contact_after_parting(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
+        """Return the first contact along joint vectors (n, joints) whose first one is in contact, or None.
+
+        The pairs that are too near at the start are no contact as long as their distance does not shrink from one
+        vector to the next, and is large enough at the end.
+        """
+        near = self._near(path[0], allow_fingertips)
+        for i, q in enumerate(path):
+            last, near = near, self._near(q, allow_fingertips)
+            for pair, distance in near.items():
+                if pair not in last or distance < last[pair] - ROUNDING:
+                    return Contact(*self._names()[pair], i)
+        return Contact(*self._names()[next(iter(near))], len(path) - 1) if near else None
+
+    def _near(self, q: Array, allow_fingertips: bool) -> dict[int, float]:
+        """Return the distance of each pair that is nearer than its margin at q (joints,) [m]; it is negative where
+        the pair overlaps."""
+        data = self._grasp if allow_fingertips else self._free
+        pin.computeCollisions(
+            self.model.pin_model, self._data, self._geometry, data, self.model.configuration(q), False
+        )
+        return {
+            i: float(pin.computeDistance(self._geometry, data, i).min_distance)
+            for i in range(self.pairs)
+            if data.activeCollisionPairs[i] and data.collisionResults[i].isCollision()
+        }
 
     def clearance(self, q: Array, *, allow_fingertips: bool = False) -> float:
         """Compute the smallest distance of all pairs at q (joints,) [m]. allow_fingertips: ignore the pairs of

@@ -144,10 +144,14 @@ def contact_along(
     """Return the first contact along a trajectory, with the index of its sample, or None.
 
     Samples about CHECK_STEP apart are checked. Planners use the same spacing, because two hands can pass through
-    each other between samples that are further apart.
+    each other between samples that are further apart. Arms that a fault has brought too near to each other, or to
+    something else, may move apart: nothing else leads them out.
     """
     indices = _spaced_samples(trajectory.q, CHECK_STEP)
     contact = checker.first_collision(trajectory.q[indices], allow_fingertips=allow_fingertips)
+    if contact is not None and contact.index == 0:
+        path = trajectory.q[indices]
+        contact = checker.first_contact_after_parting(path, allow_fingertips=allow_fingertips)
     return None if contact is None else replace(contact, index=int(indices[contact.index]))
 
 

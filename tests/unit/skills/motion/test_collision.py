@@ -135,3 +135,32 @@ def test_a_straight_motion_is_checked_at_a_maximum_spacing_and_at_its_end(model,
     assert checker.edge_free(a, b)
     way = np.sort([np.abs(q - a).max() for q in met])
     assert way[-1] == pytest.approx(distance) and np.diff([0.0, *way]).max() <= 0.05 + 1e-9
+
+
+def hands_at(model, distance):
+    """Joints (14,) with both hands `distance` [m] apart, 0.2 m above the table."""
+    q = hand_at(model, Side.LEFT, 0.6, distance / 2, 0.2)
+    q[arm_slice(Side.RIGHT, 14)] = hand_at(model, Side.RIGHT, 0.6, -distance / 2, 0.2)[arm_slice(Side.RIGHT, 14)]
+    return q
+
+
+def test_hands_that_are_too_near_may_part_but_not_come_nearer_or_stay(model, checker):
+    apart, inwards = hands_at(model, 0.3), np.r_[-0.01, np.zeros(6), 0.01, np.zeros(6)]
+    near = apart
+    while not checker.in_collision(near):
+        near = near + inwards
+    parting = near + np.linspace(0.0, 1.0, 40)[:, None] * (apart - near)
+    assert checker.first_contact_after_parting(parting) is None
+    back_and_forth = np.vstack([parting[:3], parting[1::-1], parting])
+    for refused in (parting[:1], back_and_forth, parting[0] - 0.2 * (parting - parting[0])):
+        contact = checker.first_contact_after_parting(refused)
+        assert contact is not None
+        assert {contact.first.split("_")[0][0], contact.second.split("_")[0][0]} == {"l", "r"}
+
+
+def test_hands_that_part_may_touch_nothing_else(model, checker):
+    near, down = hands_at(model, 0.13), hand_at(model, Side.LEFT, 0.6, 0.25, -0.05)
+    down[arm_slice(Side.RIGHT, 14)] = near[arm_slice(Side.RIGHT, 14)]
+    assert checker.in_collision(near)
+    contact = checker.first_contact_after_parting(near + np.linspace(0.0, 1.0, 30)[:, None] * (down - near))
+    assert contact is not None and contact.index > 0 and contact.second == "table"

@@ -87,6 +87,22 @@ def test_arms_far_from_the_path_are_not_led_to_it(checker: CollisionChecker) -> 
     assert "degrees from the path" in planned.failure.what and planned.failure.hint
 
 
+def test_hands_that_are_too_near_are_led_apart_onto_the_path(checker: CollisionChecker) -> None:
+    """A fault has turned both arms inwards, until the hands nearly touch; the path itself is free."""
+    inwards = np.r_[-0.01, np.zeros(6), 0.01, np.zeros(6)]
+    path = outward()[::-1]
+    while checker.first_collision(path[::10] + 10 * inwards) is None:
+        path = path + inwards
+    near = path[len(path) // 2]
+    while not checker.in_collision(near):
+        near = near + inwards
+    planned = plan_along(MODEL, checker, near, path)
+    assert planned.ok, planned.failure
+    motion = planned.unwrap()
+    assert motion.q[0] == pytest.approx(near) and motion.q[-1] == pytest.approx(path[-1])
+    assert check_trajectory(MODEL, checker, motion, near, MODEL.planning, allow_fingertips=True).ok
+
+
 def test_a_path_that_is_no_longer_free_is_refused(checker: CollisionChecker) -> None:
     """Its end is in the table, with the hands and not only their fingers."""
     down = np.array(PARK)

@@ -151,6 +151,9 @@ class Looked:
         self.path, self.fingers = path, allow_fingertips
         return None if self.meets is None else Contact("left hand", "right hand", self.meets)
 
+    def first_contact_after_parting(self, path, *, allow_fingertips=False):
+        return self.first_collision(path, allow_fingertips=allow_fingertips)
+
 
 def there_and_back(distance, seconds):
     """All joints move there and back with minimum jerk. The last joint moves furthest."""
