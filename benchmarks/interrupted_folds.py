@@ -28,6 +28,7 @@ from skills.cloth.predict import HANDS, predict_fold, sample_paths
 from skills.garments.garment import Garment
 from skills.perception.perceive import perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
+from skills.perception.state_estimate.hand_course import HandCourse
 from skills.perception.state_estimate.hypothesis import FoldState
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
@@ -107,6 +108,36 @@ class WorldFold:
             self.world.frame(p[[now, following]], r[[now, following]], None)
         self._let_go(p[course[-1]], r[course[-1]])
         return self.world.seen
+
+    def swerving(self, share: float, aside: float) -> tuple[Array, HandCourse]:
+        """Fold the world's garment until `share` of the motion's time. From there the hands fall onto the table
+        within 0.3 s, while they swerve by `aside` [m] along the fold line, and lose the cloth. Returns the
+        vertices (n, 3) at rest, and the course of the hands as an ideal sensor measures it."""
+        self.world.restore(self.start)
+        duration = max(float(path.t[-1]) for path in self.paths.values())
+        p, r = sample_paths(self.paths, round(duration * FRAME_RATE), 1.0 / FRAME_RATE)
+        last = round(share * duration * FRAME_RATE)
+        sink = np.linspace(0.0, 1.0, round(0.3 * FRAME_RATE) + 1)[1:]
+        fallen = np.repeat(p[last : last + 1], len(sink), axis=0)
+        fallen[..., :2] += (aside * sink)[:, None, None] * self.step.line.direction
+        fallen[..., 2] += sink[:, None] * (p[0, :, 2] - p[last, :, 2])
+        p, r = (
+            np.vstack([p[: last + 1], fallen]),
+            np.vstack([r[: last + 1], np.repeat(r[last : last + 1], len(sink), 0)]),
+        )
+        for hand, grasp_id in enumerate(HANDS):
+            if grasp_id in self.paths:
+                self.world.grip(hand, p[0, hand] - (0.0, 0.0, DEEPER), r[0, hand], STROKE, FORCE)
+        for k in range(len(p) - 1):
+            self.world.frame(p[k : k + 2], r[k : k + 2], None)
+        self._let_go(p[-1], r[-1])
+        hands = {grasp_id: HANDS.index(grasp_id) for grasp_id in self.paths}
+        t = np.arange(len(p)) / FRAME_RATE
+        course = HandCourse(
+            t, {g: p[:, h] for g, h in hands.items()}, {g: r[:, h] for g, h in hands.items()},
+            dict.fromkeys(hands, float(t[-1])),
+        )  # fmt: skip
+        return self.world.seen, course
 
     def heaped(self, rng: np.random.Generator) -> Array:
         """Lift the garment by a random point and drop it. Returns the vertices (n, 3) at rest."""

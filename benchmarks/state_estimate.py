@@ -23,6 +23,7 @@ from benchmarks.interrupted_folds import WorldFold, open_fold, shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.results_page import table
 from skills.perception.state_estimate.estimate import StateEstimate, estimate_state
+from skills.perception.state_estimate.hand_course import HandCourse
 from skills.perception.state_estimate.hypothesis import FoldState, Interruption
 from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
 from skills.perception.state_estimate.observation import observe
@@ -89,20 +90,24 @@ def cases(fold: WorldFold, rng: np.random.Generator) -> Iterator[Case]:
         yield case("dropped in a heap", 0.0, fold.heaped(rng))
 
 
-def estimate(fold: WorldFold, frame: CameraFrame) -> StateEstimate | None:
-    """Estimate the state in one picture; None if no garment can be judged in it."""
+def estimate(fold: WorldFold, frame: CameraFrame, course: HandCourse | None = None) -> StateEstimate | None:
+    """Estimate the state in one picture; None if no garment can be judged in it. course: of the hands, if it was
+    measured."""
     seen = observe(frame, fold.calibration, TABLE, fold.reference)
     if seen.failure:
         return None
 
     def simulate(ways: Sequence[Interruption]) -> list[Array]:
         material = fold.garment.material
-        return simulate_interruptions(fold.mesh, fold.before.vertices, material, fold.paths, ways)
+        return simulate_interruptions(
+            fold.mesh, fold.before.vertices, material, fold.paths, ways, course=course
+        )  # fmt: skip
 
     several_layers = any(grasp.layers > 1 for grasp in fold.step.grasps.values())
     return estimate_state(
-        seen.unwrap(), fold.before, fold.after, list(fold.paths), simulate, fold.lift, several_layers
-    )
+        seen.unwrap(), fold.before, fold.after, list(fold.paths), simulate, fold.lift, several_layers,
+        measured=course is not None,
+    )  # fmt: skip
 
 
 def rows(name: str, index: int, seed: int) -> Iterator[Row]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cell.control.checks import ExecutionLimits, fresh_state, stopped
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
-from robots.ports import Array, Ports
+from robots.ports import Array, JointState, Ports
 
 __all__ = ["REST_S", "await_rest", "stand_by"]
 
@@ -19,12 +21,18 @@ REST_S = 3.0
 """Longest wait for arms that a transient has moved, or whose state is unknown [s]."""
 
 
-def await_rest(ports: Ports, limits: ExecutionLimits, longest_s: float = REST_S) -> Failure | None:
+def await_rest(
+    ports: Ports,
+    limits: ExecutionLimits,
+    longest_s: float = REST_S,
+    note: Callable[[JointState], None] = lambda state: None,
+) -> Failure | None:
     """Wait until the arms' state is fresh and has not changed for STILL_S, at most `longest_s` [s].
 
     No set-point is sent, because a position that is commanded to moving arms, or to arms that something has pushed
     aside, is soon the wrong one. The driver brakes and holds the arms after its command timeout. A stop does not
-    end the wait. Returns the failure of the last tick: STOPPED, STALE_STATE, TRACKING_ERROR (the arms still move).
+    end the wait. note: gets each fresh state. Returns the failure of the last tick: STOPPED, STALE_STATE,
+    TRACKING_ERROR (the arms still move).
     """
     clock = ports.clock
     deadline = clock.now() + longest_s
@@ -33,6 +41,8 @@ def await_rest(ports: Ports, limits: ExecutionLimits, longest_s: float = REST_S)
     while True:
         read = fresh_state(ports, limits)
         failure = stopped(ports) or read.failure
+        if read.value is not None:
+            note(read.value)
         if read.failure:
             reference = None
         elif reference is None or (moved := float(np.abs(read.unwrap().q - reference).max())) > STILL_RAD:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cell.config.cell_settings import CellSettings
 from cell.control.checks import ExecutionLimits, stopped
+from cell.control.hand_record import HandRecord
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
@@ -77,6 +78,8 @@ class Workcell:
     """The last set-point sent to the arms."""
     path: PathRecord = field(default_factory=PathRecord)
     """The set-points sent since the arms last stood parked."""
+    hand_record: HandRecord = field(default_factory=HandRecord)
+    """The course of the hands since they took cloth."""
     watched_stop: Stop | None = None
     """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
     wait. Whether the run stops is decided by `ports.stop`, which is read once after the wait."""
@@ -87,7 +90,7 @@ class Workcell:
 
     @property
     def hands(self) -> Hands:
-        return Hands(self.ports, self.robot, self.table, self.recorder)
+        return Hands(self.ports, self.robot, self.table, self.recorder, self.hand_record)
 
     def compute(self, charge_s: Callable[[T], float] | float, work: Callable[[], T]) -> T:
         """Run a skill on a worker thread and poll the stop meanwhile. Returns the skill's result.

@@ -8,11 +8,12 @@ with the first failure. It cannot be paused.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
 import numpy as np
 
+from cell.control.hand_record import HandRecord
 from cell.control.last_command import LastCommand, blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, SetPoint, Tick, Watch
@@ -21,9 +22,11 @@ from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, GripperState, JointState, Ports, Side, TactileReading, arm_slice
 from skills.grasping.hand_reading import GripCommand, HandReading
+from skills.grasping.settings import GraspSettings
 from skills.motion.kinematics.ik import tool_pose
 from skills.motion.moves.grasp import Descent
-from skills.vocabulary import Outcome, Table
+from skills.perception.state_estimate.hand_course import HandCourse, held_until, without_gaps
+from skills.vocabulary import GraspId, Outcome, Table
 
 __all__ = ["Control", "Hands", "Telemetry", "commanding", "control_hands", "each_hand"]
 
@@ -51,6 +54,7 @@ class Hands:
     robot: RobotModel
     table: Table
     telemetry: Telemetry
+    record: HandRecord = field(default_factory=HandRecord)
 
     def height(self, side: Side, q: Array) -> float:
         """Height of a tool centre point above the table [m] at joints q (joints,)."""
@@ -74,6 +78,29 @@ class Hands:
         gripper = self.ports.grippers[side]
         gripper.command(min(command.opening, gripper.max_opening), command.force)
 
+    def note(self, state: JointState) -> None:
+        """Record the grippers, and the course of the hands. state: of the arms at the same moment."""
+        grippers = {side: self.ports.grippers[side].state() for side in Side}
+        for gripper in grippers.values():
+            self.telemetry.gripper(gripper)
+        self.record.add(state, {side: gripper.opening for side, gripper in grippers.items()})
+
+    def course(self, grasps: Mapping[Side, GraspId], settings: GraspSettings) -> HandCourse | None:
+        """Return the course of the hands since they lifted the cloth; None if none was recorded. grasps: of each
+        hand."""
+        stamps, q, openings = self.record.readings()
+        if len(stamps) < 2:
+            return None
+        t = without_gaps(stamps)
+        position, rotation, until = {}, {}, {}
+        for side, grasp_id in grasps.items():
+            poses = np.array([tool_pose(self.robot.chains[side], row) for row in q[:, self.robot.arm(side)]])
+            position[grasp_id] = poses[:, :3, 3] - np.array([0.0, 0.0, self.table.height])
+            rotation[grasp_id] = poses[:, :3, :3]
+            opening = openings[:, list(Side).index(side)]
+            until[grasp_id] = held_until(t, opening, settings.empty_opening, settings.slip_opening_fraction)
+        return HandCourse(t, position, rotation, until)
+
     def recording(self, watch: Watch | None = None) -> Watch:
         """Return a watch that records the arms and both hands, then calls `watch`."""
 
@@ -81,7 +108,7 @@ class Hands:
             self.telemetry.joints(tick.state)
             for side in Side:
                 self.telemetry.tactile(self.ports.tactile[side].reading())
-                self.telemetry.gripper(self.ports.grippers[side].state())
+            self.note(tick.state)
             return watch(tick) if watch else None
 
         return look

@@ -83,6 +83,7 @@ def _estimated(
     top = context.recognition.perception.top if context.recognition else 0.0
     lift = max(top - float(plan.vertices[:, 2].min()), 0.0)
     several_layers = any(grasp.layers > 1 for grasp in attempt.step.grasps.values())
+    course = cell.hands.course({arm: p.path for arm, p in attempt.motion.postures.items()}, cell.grasp)
     settings = EstimateSettings(priors=COMPLETED) if _uneventful(context) else EstimateSettings()
 
     def proceed() -> None:
@@ -93,7 +94,7 @@ def _estimated(
     def simulate(ways: Sequence[Interruption]) -> list[Array]:
         return simulate_interruptions(
             plan.mesh, plan.vertices, plan.garment.material, paths, ways, cell.grasp.grip_force, proceed,
-            cell.settings.gripper.pads,
+            cell.settings.gripper.pads, course,
         )  # fmt: skip
 
     def work() -> Outcome[tuple[Observation, StateEstimate]]:
@@ -101,7 +102,15 @@ def _estimated(
         if seen.failure:
             return Outcome(failure=seen.failure)
         found = estimate_state(
-            seen.unwrap(), before, attempt.predicted, list(paths), simulate, lift, several_layers, settings
+            seen.unwrap(),
+            before,
+            attempt.predicted,
+            list(paths),
+            simulate,
+            lift,
+            several_layers,
+            settings,
+            course is not None,
         )
         return Outcome((seen.unwrap(), found))
 
@@ -129,5 +138,6 @@ def _record(found: StateEstimate, says: str) -> dict[str, object]:
         "probabilities": {state.value: p for state, p in found.probabilities.items()},
         "simulations": found.simulations,
         "interrupted_at": how.begins if how else None,
+        "as_measured": how is not None and how.measured,
         **moved,
     }

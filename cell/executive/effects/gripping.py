@@ -113,6 +113,8 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
 def lift(cell: Workcell, context: RunContext) -> Result:
     """Lift the garment a little and check that every hand still holds it."""
     fold, q = context.fold, cell.ports.arms.state().q
+    if fold.repair is None:  # how the garment lay before a repair is less certain than how it lies after it
+        cell.hand_record.begin()
     up = plan_lift(
         cell.robot,
         cell.execution_checker,

@@ -46,7 +46,7 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     cause, fold, control = context.cause or context.failure, context.fold, pausable(cell)
     assert cause is not None
     ending = _ENDINGS.get(cause.kind)
-    failure = await_rest(cell.ports, cell.execution)
+    failure = await_rest(cell.ports, cell.execution, note=cell.hands.note)
     path, q = carried_path(fold.carrying), cell.ports.arms.state().q
     done = progress(fold.carrying, q)
     holding = still_holding(cell, fold, cause)
@@ -109,7 +109,7 @@ def _follow(cell: Workcell, path: Array, tool_speed: float, control: PathControl
             return failure
         if attempt < LAYING_TRIES:
             stand_by(cell.ports, LAYING_DWELL_S)
-            failure = await_rest(cell.ports, cell.execution)
+            failure = await_rest(cell.ports, cell.execution, note=cell.hands.note)
             if failure:
                 return failure
     return failure

@@ -84,6 +84,7 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Move above the grasps. The grasping hands open as wide as in the prediction."""
     for side in attempt.motion.postures:
         cell.hands.command(side, GripCommand(cell.settings.gripper.opening, cell.grasp.release_force))
+    cell.hand_record.forget()
     control = pausable(cell)
     failure = move(cell, attempt.motion.approach, control=control)
     attempt = replace(attempt, before=context.sight.frame, carried=False)
@@ -110,7 +111,9 @@ def clear(cell: Workcell, context: RunContext) -> Result:
     The failure that led here stays the one for which the recovery is chosen, also if the clearing fails.
     """
     control, cause = pausable(cell), context.cause or context.failure
-    failure = as_failure(lambda: await_rest(cell.ports, cell.execution) or let_go_and_park(cell, control))
+    failure = as_failure(
+        lambda: await_rest(cell.ports, cell.execution, note=cell.hands.note) or let_go_and_park(cell, control)
+    )
     context = with_waiting_time(context, control)
     if failure is None:
         return Result(Event.DONE, replace(context, failure=cause, cause=None))

@@ -42,8 +42,9 @@ def plan_along(
     """Plan the motion from q_now (joints,), at rest, to the end of `path` (n, joints).
 
     The motion joins the path at its sample nearest to q_now, and the distance from it fades out; if this is in
-    collision, the arms first move straight to this sample. The fingers may touch the table. tool_speed: maximum speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a
-    valid state), UNREACHABLE (q_now is too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
+    collision, the arms first move straight to this sample. The fingers may touch the table. tool_speed: maximum
+    speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE (q_now is
+    too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
     """
     invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
     if invalid:
@@ -66,7 +67,7 @@ def plan_along(
 
 
 def _fading(rest: Array, offset: Array) -> Array:
-    """Return the path `rest` (n, joints), displaced by `offset` (joints,) at its start; this fades out along it."""
+    """Return the path `rest` (n, joints) with `offset` (joints,) added at its start, which fades out along it."""
     travelled = _travelled(rest)
     left = 1.0 - np.clip(travelled / min(FADE, max(float(travelled[-1]), SPACING)), 0.0, 1.0)
     q = rest + (left**2 * (3.0 - 2.0 * left))[:, None] * offset

@@ -22,6 +22,7 @@ ONE_HAND = 2
 """The loss of the cloth by one hand is simulated at every second moment."""
 NEARLY_ALL = 0.98
 """Share of the vertices that decides which state a simulated shape amounts to."""
+MEASURED = Interruption(measured=True)
 REACTION = 0.12
 """Share of the way that the hands cover from the slip of one until the other opens, at first."""
 
@@ -40,6 +41,9 @@ class EstimateSettings:
     """temperature: misfit that changes the odds of a hypothesis by a factor of e; it makes the confidence agree
     with the share of correct estimates (docs/results/state_estimate.md). heap: misfit for each cell with cloth
     that a heap has. priors: of the states.
+
+    measured: misfit for each cell below which the measured course of the hands explains the picture; it is larger
+    than that of shapes before and after the fold, because a shape half way is less certain.
 
     explained, explained_m2: if the misfit for each cell and the unexplained area [m2] of the shape before or after
     the fold are smaller, nothing else is simulated. moments: shares of the hands' way at which interruptions are
@@ -60,6 +64,7 @@ class EstimateSettings:
             FoldState.HEAP: 0.10,
         }
     )
+    measured: float = 0.4
     explained: float = 0.15
     explained_m2: float = 0.0030
     moments: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)
@@ -109,13 +114,15 @@ def estimate_state(
     lift: float = 0.0,
     several_layers: bool = False,
     settings: EstimateSettings | None = None,
+    measured: bool = False,
 ) -> StateEstimate:
     """Estimate the state of a garment.
 
     before, after: shapes before the fold and after it, as believed and predicted. grasps: of the hands of the
     fold. simulate: simulates interrupted folds; it is called only if neither shape explains the picture. lift:
     height by which the camera sees the flat garment above its mesh [m]. several_layers: whether the hands grasp
-    more than one layer, so that one can be missed.
+    more than one layer, so that one can be missed. measured: whether the course of the hands is known, so that it
+    can be simulated; the other interruptions are simulated only if the result does not explain the picture.
     """
     settings = settings or EstimateSettings()
 
@@ -128,21 +135,29 @@ def estimate_state(
             found, fit(seen, hypothesis, lift, settings.turns, settings.misfit), key=lambda f: _cost(f, settings)
         )
 
+    def simulated_fits(ways: Sequence[Interruption]) -> list[Fit]:
+        shapes = [replace(before, vertices=vertices) for vertices in simulate(ways)]
+        return [
+            fitted(Hypothesis(_state_of(shape, before, after, settings), shape, how))
+            for shape, how in zip(shapes, ways, strict=True)
+        ]
+
     ends = [Hypothesis(FoldState.BEFORE, before), Hypothesis(FoldState.AFTER, after)]
     fits = [fitted(h) for h in ends]
     if any(_explained(f, settings) for f in fits):
         return _judge(seen, fits, 0, settings)
     simulated = 0
+    if measured:
+        fits += simulated_fits((MEASURED,))
+        simulated = 1
+        if fits[-1].misfit < settings.measured * fits[-1].cells:
+            return _judge(seen, fits, simulated, settings)
     chosen: Sequence[Interruption] = interruptions_of(grasps, settings.moments, several_layers)
     for halvings in range(settings.refinements + 1):
-        shapes = [replace(before, vertices=vertices) for vertices in simulate(chosen)]
+        fits += simulated_fits(chosen)
         simulated += len(chosen)
-        fits += [
-            fitted(Hypothesis(_state_of(shape, before, after, settings), shape, how))
-            for shape, how in zip(shapes, chosen, strict=True)
-        ]
         best = min(fits, key=lambda f: _cost(f, settings)).hypothesis.interruption
-        if best is None or best.missed_layer:
+        if best is None or best.missed_layer or best.measured:
             break
         chosen = _between(best, 0.5 ** (halvings + 1) * _spacing(best, settings.moments))
     return _judge(seen, fits, simulated, settings)
@@ -204,9 +219,21 @@ def _cost(found: Fit, settings: EstimateSettings) -> float:
     return found.misfit / settings.temperature + 0.5 * moved
 
 
+def _share(found: Fit, fits: Sequence[Fit]) -> float:
+    """Return the share of a hypothesis in the prior of its state."""
+    alike = [f for f in fits if f.hypothesis.state is found.hypothesis.state]
+    group = [f for f in alike if _measured(f) == _measured(found)]
+    return 1.0 / len(group) if len(group) == len(alike) else 0.5 / len(group)
+
+
+def _measured(found: Fit) -> bool:
+    how = found.hypothesis.interruption
+    return how is not None and how.measured
+
+
 def _judge(seen: Observation, fits: Sequence[Fit], simulations: int, settings: EstimateSettings) -> StateEstimate:
-    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses."""
-    count = {state: sum(f.hypothesis.state is state for f in fits) for state in FoldState}
+    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, but the
+    measured course of the hands has half of it: nothing is guessed in it."""
     ordered = tuple(sorted(fits, key=lambda f: _cost(f, settings)))
     cells = min(f.cells for f in fits)
     score = {
@@ -214,7 +241,7 @@ def _judge(seen: Observation, fits: Sequence[Fit], simulations: int, settings: E
     }
     for f in fits:
         state = f.hypothesis.state
-        prior = float(np.log(settings.priors[state] / count[state]))
+        prior = float(np.log(settings.priors[state] * _share(f, fits)))
         score.setdefault(state, []).append(prior - _cost(f, settings))
     total = {state: float(np.logaddexp.reduce(values)) for state, values in score.items()}
     norm = float(np.logaddexp.reduce(list(total.values())))

@@ -26,18 +26,20 @@ class Interruption:
 
     lost: share at which a hand loses its cloth, for each hand that loses it. end: share at which the remaining
     hands open. laid_back: from `end`, the remaining hands first return to the grasps along the same way, and open
-    there. missed_layer: the hands hold one layer less than planned.
+    there. missed_layer: the hands hold one layer less than planned. measured: the hands moved and lost their cloth
+    as their sensors measured it; nothing else is assumed.
     """
 
     lost: Mapping[GraspId, float] = field(default_factory=dict)
     end: float = 1.0
     laid_back: bool = False
     missed_layer: bool = False
+    measured: bool = False
 
     @property
     def begins(self) -> float:
         """Share of the way at which the motion first differs from the planned fold."""
-        return 0.0 if self.missed_layer else min([self.end, *self.lost.values()])
+        return 0.0 if self.missed_layer or self.measured else min([self.end, *self.lost.values()])
 
 
 @dataclass(frozen=True, eq=False)

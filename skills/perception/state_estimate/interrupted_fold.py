@@ -10,6 +10,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import HANDS, sample_paths
 from skills.cloth.solver import ClothSimulation
+from skills.perception.state_estimate.hand_course import HandCourse
 from skills.perception.state_estimate.hypothesis import Interruption
 from skills.vocabulary import Array, GraspId, Material, ToolPath, frozen
 
@@ -30,24 +31,29 @@ def simulate_interruptions(
     grip_force: float = 20.0,
     proceed: Callable[[], None] = lambda: None,
     pads: PadGeometry | None = None,
+    course: HandCourse | None = None,
 ) -> list[Array]:
     """Simulate a fold from `positions` (n, 3) along the tools' paths, once for each interruption. Returns the
     positions (n, 3) in which the cloth comes to rest, in the order of the interruptions.
 
     The fold up to the first difference from the plan is simulated only once. proceed: called before each
     interruption is simulated; it may raise an exception to end the computation. pads: of the hands; None: the
-    default pads.
+    default pads. course: of the hands, for the interruptions that were measured.
     """
     fold = _Fold(mesh, positions, material, paths, grip_force, pads)
     results: dict[int, Array] = {}
     for missed in (False, True):
-        chosen = [i for i, k in enumerate(interruptions) if k.missed_layer == missed]
+        chosen = [i for i, k in enumerate(interruptions) if k.missed_layer == missed and not k.measured]
         if chosen:
             fold.begin(RAISED * material.thickness if missed else 0.0)
         for i in sorted(chosen, key=lambda i: interruptions[i].begins):
             proceed()
             fold.go_to(fold.frame_at(interruptions[i].begins))
             results[i] = fold.end_by(interruptions[i])
+    for i, how in enumerate(interruptions):
+        if how.measured and course is not None:
+            proceed()
+            results[i] = fold.along(course)
     return [results[i] for i in range(len(interruptions))]
 
 
@@ -95,6 +101,18 @@ class _Fold:
         if len(course) > 1:
             self._simulation.advance_along(self._position[course], self._rotation[course])
         self._now = frame
+
+    def along(self, course: HandCourse) -> Array:
+        """Simulate the fold as the hands were measured to move, and return the positions (n, 3) at rest."""
+        heights = {grasp_id: float(path.position[0, 2]) for grasp_id, path in self._paths.items()}
+        self._position, self._rotation = course.sampled(self._frame_s, heights)
+        self._last = len(self._position) - 1
+        self.begin(0.0)
+        for grasp_id, until in sorted(course.until.items(), key=lambda item: item[1]):
+            self.go_to(min(round(until / self._frame_s), self._last))
+            self._simulation.release(HANDS.index(grasp_id))
+        self._simulation.advance(round(SETTLE_S / self._frame_s))
+        return frozen(self._simulation.positions)
 
     def end_by(self, how: Interruption) -> Array:
         """Simulate the rest of the fold with an interruption, and return to the present moment."""

@@ -50,6 +50,8 @@ def _moved(found: Fit) -> str:
 def _cause(how: Interruption, names: Mapping[GraspId, str]) -> str:
     if how.missed_layer:
         return "a layer was left behind"
+    if how.measured:
+        return "it lies where the hands lost it, as their sensors show"
     back = ", and the rest was laid back" if how.laid_back else ""
     if not how.lost:
         return f"the hands let go {_share(how.end)} along the way"

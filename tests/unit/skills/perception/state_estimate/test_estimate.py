@@ -73,6 +73,17 @@ def test_a_corner_that_slipped_out_is_named(fold, share, end, slipped):
     assert f"the {slipped.other} corner slipped out" in describe(found, swapped)
 
 
+@pytest.mark.parametrize("aside", [-0.10, 0.10])
+def test_cloth_that_falling_hands_dragged_aside_is_recognised_by_their_measured_course(fold, aside):
+    vertices, course = fold.swerving(0.7, aside)
+    frame = fold.shoot(vertices)
+    found, guessed = estimate(fold, frame, course), estimate(fold, frame)
+    assert found.state is FoldState.HALF_WAY and found.confidence > 0.8
+    assert found.simulations == 1 and found.best.hypothesis.interruption.measured and "sensors" in describe(found)
+    measured = found.best.misfit / found.best.cells
+    assert measured < 0.5 * min(f.misfit / f.cells for f in guessed.fits)
+
+
 def test_a_dropped_garment_lies_in_a_heap(fold, rng):
     found = judged(fold, fold.heaped(rng))
     assert found.state is FoldState.HEAP and found.confidence > 0.95 and found.best is None

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from robots.errors import DriverError, FailureKind
-from skills.cloth.predict import predict_fold
+from skills.cloth.predict import HANDS, predict_fold, sample_paths
+from skills.perception.state_estimate.hand_course import HandCourse
 from skills.perception.state_estimate.hypothesis import Interruption
 from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
 from skills.vocabulary import GraspId
@@ -61,6 +62,31 @@ def test_cloth_that_is_laid_back_lies_nearly_as_before_the_fold(fold):
     back, dropped = simulated(fold, Interruption(end=0.6, laid_back=True), Interruption(end=0.6))
     assert farthest(back, fold.before.vertices) < 0.02
     assert farthest(dropped, fold.before.vertices) > 0.1
+
+
+def test_hands_that_were_measured_on_their_planned_path_make_the_planned_fold(fold):
+    """Measured heights have an error that does not change; times do not begin at zero."""
+    p, r = sample_paths(fold.paths, frames := round(max(path.t[-1] for path in fold.paths.values()) * 60), 1 / 60)
+    hands, t = {g: HANDS.index(g) for g in fold.paths}, np.arange(frames + 1) / 60
+    course = HandCourse(
+        t, {g: p[:, h] - (0.0, 0.0, 0.004) for g, h in hands.items()}, {g: r[:, h] for g, h in hands.items()},
+        dict.fromkeys(hands, float(t[-1])),
+    )  # fmt: skip
+    complete, measured = simulated(fold, Interruption(), Interruption(measured=True), course=course)
+    assert farthest(complete, measured) < 0.003
+
+
+def test_a_hand_that_was_measured_to_lose_its_cloth_leaves_it_behind(fold):
+    p, r = sample_paths(fold.paths, 60, 1 / 60)
+    hands, t = {g: HANDS.index(g) for g in fold.paths}, np.arange(61) / 60
+    where = {g: p[:, h] for g, h in hands.items()}
+    course = HandCourse(t, where, {g: r[:, h] for g, h in hands.items()}, {LEFT: 0.25, RIGHT: 1.0})
+    (measured,) = simulated(fold, Interruption(measured=True), course=course)
+    moved = np.linalg.norm(measured - fold.before.vertices, axis=1)
+    left, right = (
+        moved[np.linalg.norm(fold.before.vertices - where[g][0], axis=1).argmin()] for g in (LEFT, RIGHT)
+    )
+    assert left < 0.5 * right
 
 
 def test_the_computation_can_be_ended_between_two_simulations(fold):

@@ -1,0 +1,52 @@
+"""The course of the hands while they carry cloth, as their sensors measured it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robots.ports import Array, JointState, Side
+
+__all__ = ["HandRecord"]
+
+LONGEST = 12000
+"""Largest number of recorded readings; older ones are dropped."""
+
+
+@dataclass(eq=False)
+class HandRecord:
+    """The measured joints and the openings of both grippers since the hands lifted cloth.
+
+    The set-points tell where the hands should be. After an arm has fallen or hung, only these readings tell where
+    they were, and when the cloth was lost.
+    """
+
+    _begun: bool = False
+    _readings: deque[tuple[float, Array, tuple[float, ...]]] = field(default_factory=lambda: deque(maxlen=LONGEST))
+
+    def begin(self) -> None:
+        """Record from now on, because the hands lift cloth."""
+        self.forget()
+        self._begun = True
+
+    def forget(self) -> None:
+        """Forget the readings, and record no others."""
+        self._readings.clear()
+        self._begun = False
+
+    def add(self, state: JointState, openings: Mapping[Side, float]) -> None:
+        """Record the arms' state and the gripper openings [m], unless the state is not newer than the last one or
+        is not finite."""
+        newer = not self._readings or state.stamp > self._readings[-1][0]
+        if self._begun and newer and np.isfinite(state.q).all():
+            self._readings.append((state.stamp, np.array(state.q), tuple(openings[side] for side in Side)))
+
+    def readings(self) -> tuple[Array, Array, Array]:
+        """Return times (n,) [s], joints (n, joints) [rad] and openings (n, 2) [m], in the order of Side."""
+        if not self._readings:
+            return np.zeros(0), np.zeros((0, 0)), np.zeros((0, len(Side)))
+        t, q, openings = zip(*self._readings, strict=True)
+        return np.array(t), np.array(q), np.array(openings)

@@ -1,0 +1,81 @@
+"""How the hands moved with the cloth and when they lost it, as their sensors measured it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from robots.ports import Array
+from skills.cloth.predict import HANDS
+from skills.vocabulary import GraspId
+
+__all__ = ["HandCourse", "held_until", "without_gaps"]
+
+AT_FIRST_S = 0.2
+"""For this time after the beginning, the hands hold their cloth; its openings are the ones with cloth [s]."""
+OPENED = 0.0015
+"""A hand has let go if its opening is larger than with the cloth by this [m]."""
+LONGEST_GAP_S = 0.5
+"""Longest time between two readings in which the hands move; the rest of a longer gap is left out [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandCourse:
+    """The measured course of the hands of a fold, from the lift on; each value by the grasp of the hand.
+
+    t: (n,) times [s] from 0; position: (n, 3) of the tool in the table frame [m]; rotation: (n, 3, 3)
+    R_table_tool; until: the time until which the hand held its cloth [s].
+    """
+
+    t: Array
+    position: Mapping[GraspId, Array]
+    rotation: Mapping[GraspId, Array]
+    until: Mapping[GraspId, float]
+
+    def sampled(self, frame_s: float, heights: Mapping[GraspId, float]) -> tuple[Array, Array]:
+        """Return the poses of both hands at the bounds of the frames until the last hand loses its cloth:
+        positions (frames + 1, 2, 3), rotations (frames + 1, 2, 3, 3).
+
+        heights: of each tool when it grasps [m]. A measured height has an error of some millimetres; it is
+        measured from the one at the beginning. Tips that press on the table press no cloth through it.
+        """
+        last = max(1, round(max(self.until.values()) / frame_s))
+        t = np.minimum(np.arange(last + 1) * frame_s, self.t[-1])
+        position = np.zeros((last + 1, len(HANDS), 3))
+        rotation = np.tile(np.diag([1.0, -1.0, -1.0]), (last + 1, len(HANDS), 1, 1))
+        for hand, grasp_id in enumerate(HANDS):
+            if grasp_id not in self.position:
+                continue
+            p = self.position[grasp_id]
+            position[:, hand] = np.column_stack([np.interp(t, self.t, p[:, k]) for k in range(3)])
+            rise = np.maximum(position[:, hand, 2] - p[0, 2], 0.0)
+            position[:, hand, 2] = heights[grasp_id] + rise
+            rotation[:, hand] = Slerp(self.t, Rotation.from_matrix(self.rotation[grasp_id]))(t).as_matrix()
+        return position, rotation
+
+
+def without_gaps(stamps: Array) -> Array:
+    """Return times from 0 (n,) [s] whose steps are at most LONGEST_GAP_S: a clock that was set ahead moves no
+    hand."""
+    return np.asarray(np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(stamps), LONGEST_GAP_S))]))
+
+
+def held_until(t: Array, opening: Array, empty: float, slip_fraction: float) -> float:
+    """Return the time at which a hand loses its cloth or opens [s]; the last time if it does neither.
+
+    t: (n,) [s]; opening: (n,) between the pads [m]. empty: opening of closed, empty pads [m]. slip_fraction: share
+    of the opening with cloth that is left when the cloth is gone.
+    """
+    known = np.isfinite(opening)
+    if not known.any():
+        return float(t[-1])
+    t, opening = t[known], opening[known]
+    confirmed = float(np.median(opening[t <= t[0] + AT_FIRST_S]))
+    gone: NDArray[np.bool_] = (opening - empty < slip_fraction * (confirmed - empty)) | (
+        opening > confirmed + OPENED
+    )
+    return float(t[gone.argmax()]) if gone.any() else float(t[-1])

@@ -1,0 +1,37 @@
+"""The record of the hands keeps good readings since the cloth was lifted, and no others."""
+
+import numpy as np
+
+from cell.control.hand_record import HandRecord
+from robots.ports import JointState, Side
+
+OPENINGS = {Side.LEFT: 0.002, Side.RIGHT: 0.003}
+
+
+def state(stamp, q=0.0):
+    return JointState(stamp, np.full(14, q), np.zeros(14), np.zeros(14), 0.0)
+
+
+def test_only_newer_finite_readings_are_kept_and_only_after_the_lift():
+    record = HandRecord()
+    record.add(state(1.0), OPENINGS)
+    assert len(record.readings()[0]) == 0
+    record.begin()
+    for stamp, q in ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (2.1, np.nan), (2.2, 0.4)):
+        record.add(state(stamp, q), OPENINGS)
+    t, joints, openings = record.readings()
+    np.testing.assert_array_equal(t, [2.0, 2.2])
+    np.testing.assert_array_equal(joints[:, 0], [0.1, 0.4])
+    np.testing.assert_array_equal(openings, [[0.002, 0.003]] * 2)
+
+
+def test_a_new_lift_begins_a_new_record():
+    record = HandRecord()
+    record.begin()
+    record.add(state(1.0), OPENINGS)
+    record.begin()
+    record.add(state(2.0), OPENINGS)
+    assert record.readings()[0].tolist() == [2.0]
+    record.forget()
+    record.add(state(3.0), OPENINGS)
+    assert len(record.readings()[0]) == 0
