@@ -1,4 +1,5 @@
-"""Controller that checks, after release and retreat, whether cloth clings to a finger.
+"""Controller that checks, after the release, whether cloth clings to a finger: with the hand at rest above the
+stack, and while it moves away. Light cloth is felt only then, when it drags the rest of the garment along.
 
 Open, unloaded pads should read their bias. If a residual force on one pad is larger than noise, and drift since
 the tare, can explain, cloth clings to this pad.
@@ -15,7 +16,7 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
-__all__ = ["Clear", "StuckCheck", "check_stuck", "start_stuck_check"]
+__all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check", "watch_drag"]
 
 
 @dataclass(frozen=True)
@@ -49,14 +50,51 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
     invalid = validate_reading(reading, s)
     if invalid:
         return Outcome(failure=invalid)
-    if reading.tactile.stamp <= state.stamp:
-        return state
-    state = replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.bias.pads(reading)))
+    state = _with(reading, state)
     if len(state.pads) < s.stuck_readings:
         return state
-    mean = np.mean(state.pads, axis=0)
+    return _judged(reading, state)
+
+
+@dataclass(frozen=True, eq=False)
+class DragWatch:
+    """check: with the latest readings. first: (2,) mean force of the pads when the hand began to move [N], from
+    which a pull is measured, so that the drift since the tare does not count; None until it is known."""
+
+    check: StuckCheck
+    first: Array | None = None
+
+
+def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
+    """Process the reading of one tick, while the open hand moves away.
+
+    Returns STUCK_ON_FINGER if the force on a pad rises: cloth on the finger drags the garment along. Readings that
+    cannot be used are passed over.
+    """
+    s = state.check.settings
+    if validate_reading(reading, s) is not None:
+        return state
+    check = _with(reading, state.check)
+    if len(check.pads) < s.stuck_readings:
+        return DragWatch(check, state.first)
+    if state.first is None:
+        bias = replace(check.bias, stamp=reading.stamp)
+        return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
+    check = replace(check, pads=check.pads[-s.stuck_readings :])
+    return _judged(reading, check, state.first).failure or DragWatch(check, state.first)
+
+
+def _with(reading: HandReading, state: StuckCheck) -> StuckCheck:
+    """Return the check with a reading, unless the sensor has sent none since the last tick."""
+    if reading.tactile.stamp <= state.stamp:
+        return state
+    return replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.bias.pads(reading)))
+
+
+def _judged(reading: HandReading, state: StuckCheck, unloaded: Array | float = 0.0) -> Outcome[Clear]:
+    mean = np.mean(state.pads, axis=0) - unloaded
     pad = int(mean.argmax())
-    residual, bound = float(mean[pad]), residual_bound(state.bias, reading.stamp, s)
+    residual, bound = float(mean[pad]), residual_bound(state.bias, reading.stamp, state.settings)
     if residual < bound:
         return Outcome(Clear(residual, bound))
     return Outcome(

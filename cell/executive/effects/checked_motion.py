@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cell.control.checks import fresh_state
+from cell.control.motion import Watch
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
 from cell.hardware.workcell import Workcell
@@ -30,10 +31,14 @@ def unpausable(cell: Workcell) -> PathControl:
 
 
 def move(
-    cell: Workcell, trajectory: ArmTrajectory, fingertips: bool = False, control: PathControl | None = None
+    cell: Workcell,
+    trajectory: ArmTrajectory,
+    fingertips: bool = False,
+    control: PathControl | None = None,
+    watch: Watch | None = None,
 ) -> Failure | None:
     """Check a trajectory that starts at the arms' present posture, then stream it. control: None means
-    pausable(cell)."""
+    pausable(cell). watch: is called on every tick, and may end the motion."""
     state = fresh_state(cell.ports, cell.execution)
     if state.failure:
         return state.failure
@@ -43,7 +48,7 @@ def move(
     )  # fmt: skip
     if checked.failure:
         return checked.failure
-    failure = stream(cell.loop, trajectory, cell.hands.recording(), control or pausable(cell)).failure
+    failure = stream(cell.loop, trajectory, cell.hands.recording(watch), control or pausable(cell)).failure
     if failure is None and np.abs(trajectory.q[-1] - cell.robot.q_park).max() < cell.execution.settled:
         cell.path.forget()
     return failure

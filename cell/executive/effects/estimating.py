@@ -110,7 +110,7 @@ def _estimated(
             lift,
             several_layers,
             settings,
-            course is not None,
+            measured=course is not None,
         )
         return Outcome((seen.unwrap(), found))
 

@@ -9,7 +9,7 @@ from cell.control.checks import hold, stopped
 from cell.control.motions.hold_position import wait
 from cell.control.rest import await_rest, stand_by
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.freeing import rise_free
+from cell.executive.effects.freeing import leave_freely
 from cell.executive.effects.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
 from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S, transient
@@ -100,8 +100,7 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     if planned.failure:
         return _ended(context, planned.failure)
     control = pausable(cell)
-    failure = rise_free(cell, planned.unwrap().retreat, biases, control)
-    failure = failure or move(cell, planned.unwrap().park, control=control)
+    failure = leave_freely(cell, planned.unwrap(), biases, control)
     return _ended(with_waiting_time(context, control), failure)
 
 

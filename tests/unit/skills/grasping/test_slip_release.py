@@ -14,7 +14,7 @@ from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.release import Released, ReleaseState, release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import NORMAL_DIFFERENCE, SlipWatch, start_slip_watch, watch_slip
-from skills.grasping.stuck_on_finger import Clear, check_stuck, start_stuck_check
+from skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Failure, Outcome
 from tests.hands import ClosingHand, SensedHand
@@ -382,3 +382,56 @@ def test_cloth_on_one_finger_is_detected(scale: float, weight: float, pad: int) 
         if end.failure is not None:
             found += end.failure.kind is FailureKind.STUCK_ON_FINGER and end.failure.values["pad"] == pad
     assert found >= N - N // 100
+
+
+LEAVING_S = 2.6
+"""Duration of the hands' way to the parked posture [s]."""
+
+
+def leave(hand: SensedHand, pads: TactileBias, pull: Callable[[float], float], pad: int = 0) -> Failure | None:
+    """Lead the hand away. pull: force on one pad [N] at a time after the start [s]."""
+    watch, begun = DragWatch(start_stuck_check(SETTINGS, pads)), hand.now
+    while hand.now - begun < LEAVING_S:
+        hand.pads = np.where(np.arange(2) == pad, pull(hand.now - begun), 0.0)
+        after = watch_drag(hand.read(), watch)
+        if isinstance(after, Failure):
+            return after
+        watch = after
+    return None
+
+
+@pytest.mark.parametrize(("scale", "most"), [(1.0, 2), (2.0, 4)])
+def test_a_free_hand_raises_no_alarm_on_its_way(scale: float, most: int) -> None:
+    """40 s after the tare, with drift: at most 0.5 % false alarms in 400 ways (1 % at twice the noise)."""
+    alarms = 0
+    for seed in range(400):
+        hand = SensedHand(seed, scale)
+        pads = bias_of(hand)
+        hand.wait(40.0)
+        alarms += leave(hand, pads, lambda t: 0.0) is not None
+    assert alarms <= most
+
+
+@pytest.mark.parametrize("pad", [0, 1])
+def test_a_cuff_that_is_too_light_to_be_felt_at_rest_is_felt_when_it_drags_the_garment(pad: int) -> None:
+    """20 s after the tare; the cuff weighs 0.1 N, and dragging the garment takes 0.5 N more within a second."""
+    felt_at_rest, felt = 0, 0
+    for seed in range(N):
+        hand = SensedHand(seed, 1.0)
+        pads = bias_of(hand)
+        hand.wait(20.0)
+        hand.pads = np.where(np.arange(2) == pad, 0.1, 0.0)
+        felt_at_rest += not stuck_check(hand, pads).ok
+        failure = leave(hand, pads, lambda t: 0.1 + 0.5 * min(t, 1.0), pad)
+        felt += (
+            failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER and failure.values["pad"] == pad
+        )
+    assert felt_at_rest < N // 2 and felt >= N - N // 100
+
+
+def test_readings_that_cannot_be_used_do_not_stop_the_way() -> None:
+    hand = SensedHand(1, 1.0)
+    watch = DragWatch(start_stuck_check(SETTINGS, bias_of(hand)))
+    reading = hand.read()
+    for spoilt in (replace(reading, stamp=reading.stamp + 9.0), replace(reading, height=np.nan)):
+        assert watch_drag(spoilt, watch) is watch

@@ -35,7 +35,7 @@ def estimated(
     workcell = fake_workcell(cell)
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None, GraspId.RIGHT: None})
     monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(SimpleNamespace()))
-    monkeypatch.setattr(estimating, "estimate_state", lambda *_: found)
+    monkeypatch.setattr(estimating, "estimate_state", lambda *_, **__: found)
     monkeypatch.setattr(estimating, "draw_estimate", lambda *_: PICTURE)
     return EFFECTS[Effect.ESTIMATE](workcell, touched(cell))
 
@@ -135,7 +135,7 @@ def test_a_fold_in_which_no_loss_was_noticed_is_probably_made(
     cell = FakeCell()
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None})
     monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(SimpleNamespace()))
-    monkeypatch.setattr(estimating, "estimate_state", lambda *given: (used.append(given[-1]), found)[1])
+    monkeypatch.setattr(estimating, "estimate_state", lambda *given, **_: (used.append(given[-1]), found)[1])
     monkeypatch.setattr(estimating, "draw_estimate", lambda *_: PICTURE)
     context = touched(cell, carried=carried)
     for kind in failed:

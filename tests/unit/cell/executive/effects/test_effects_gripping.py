@@ -207,26 +207,38 @@ def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch)
 
 
 def retreating(
-    monkeypatch: pytest.MonkeyPatch, clings: dict[Side, int]
+    monkeypatch: pytest.MonkeyPatch, clings: dict[Side, int], light: bool = False
 ) -> tuple[FakeCell, Workcell, RunContext, list[str]]:
     """The hands have released the cloth. clings: for each hand on which cloth clings, how often it has to close
-    until the cloth comes off. Also returns the list of what was done."""
+    until the cloth comes off. light: the cloth is felt only when it drags the garment along. Also returns the list
+    of what was done."""
     cell, workcell, context = holding(monkeypatch)
-    cell.openings, cell.pads = dict.fromkeys(Side, 0.02), {s: 0.5 if s in clings else 0.0 for s in Side}
+    cell.openings, cell.pads = (
+        dict.fromkeys(Side, 0.02),
+        {s: 0.5 if s in clings and not light else 0.0 for s in Side},
+    )
     done: list[str] = []
     rise = np.array([np.zeros(14), np.full(14, 0.1)])
-    up, home = SimpleNamespace(q=rise, name="up"), SimpleNamespace(name="home")
+    up, home = SimpleNamespace(q=rise, name="up"), SimpleNamespace(q=rise + 0.1, name="home")
     away: Any = SimpleNamespace(retreat=up, park=home)
     monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: Outcome(away))
 
     def along(cell: Workcell, path: Any) -> Outcome[Any]:
-        return Outcome(SimpleNamespace(name="up" if path[-1, 0] > path[0, 0] else "down"))
+        way = "home" if path[-1, 0] > 0.15 else "up" if path[-1, 0] > path[0, 0] else "down"
+        return Outcome(SimpleNamespace(name=way))
 
-    def move(cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None) -> None:
+    def move(
+        cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None, watch: Any = None
+    ) -> Failure | None:
         assert fingertips is (motion.name != "home"), (
             "the hands are near the cloth only while they rise or descend"
         )
         done.append(motion.name)
+        assert (watch is not None) == (motion.name == "home")
+        caught = [side for side, times in clings.items() if times > 0]
+        if not (light and caught and watch):
+            return None
+        return Failure(FailureKind.STUCK_ON_FINGER, "cloth drags", values={"side": caught[0].value})
 
     for side, gripper in workcell.ports.grippers.items():
         command = gripper.command
@@ -236,7 +248,7 @@ def retreating(
             command(opening, force)
             if opening == 0.0 and side in clings:
                 clings[side] -= 1
-                cell.pads[side] = 0.5 if clings[side] > 0 else 0.0
+                cell.pads[side] = 0.5 if clings[side] > 0 and not light else 0.0
 
         monkeypatch.setattr(gripper, "command", told)
     monkeypatch.setattr(freeing, "_plan", along)
@@ -259,6 +271,15 @@ def test_cloth_on_a_finger_is_laid_down_and_freed_by_closing_and_opening_the_han
     assert moving.retreat(workcell, context).event is Event.DONE
     assert done == ["up", "down", f"{side} closes", f"{side} opens", "up", "home"]
     assert cell.openings[side] == pytest.approx(parking.RELEASE_OPENING)
+
+
+@pytest.mark.parametrize("side", Side)
+def test_light_cloth_that_is_felt_on_the_way_home_is_led_back_before_it_is_freed(
+    side: Side, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, workcell, context, done = retreating(monkeypatch, {side: 1}, light=True)
+    assert moving.retreat(workcell, context).event is Event.DONE
+    assert done == ["up", "home", "down", f"{side} closes", f"{side} opens", "up", "home"]
 
 
 def test_both_hands_are_freed_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
