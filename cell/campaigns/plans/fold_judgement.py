@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cell.simulation.scoring.score import Score, ScoreLimits
+from cell.simulation.scoring.score import Score, ScoreLimits, named_edge_pairs
 from robots.ports import Array
 from skills.cloth.predict import FoldPrediction
 from skills.garments.garment import Garment
 from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.planning.folding import fold_xy
 from skills.trajectory.acceptance import judge_prediction
-from skills.vocabulary import FoldStep, GraspId
+from skills.vocabulary import FoldLine, FoldStep, GraspId
 
-__all__ = ["Reason", "claim_limits", "judge_fold", "judge_hands"]
+__all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
 
 MENDED_BY_TENSION = 0.060
 """A key point that is farther from its place [m] is not brought there by releasing the cloth farther out."""
@@ -61,6 +61,22 @@ def judge_hands(step: FoldStep, prediction: FoldPrediction) -> tuple[Reason, ...
         if grasp_id in prediction.dropped:
             hint = "grip harder (grasp.grip_force), fold more slowly (max_tool_speed), or grasp farther inside"
             found.append(Reason(f"{hand} loses its cloth before the fold ends", hint))
+    return tuple(found)
+
+
+def judge_edges(
+    garment: Garment, lines: Sequence[FoldLine], keypoints: Mapping[str, Array], limit: float
+) -> tuple[Reason, ...]:
+    """Return which edges that belong together (`edge_pairs` of the garment file) do not meet even after the ideal
+    folds about `lines`. keypoints: name -> (2,) place on the flat garment [m]; limit: largest distance [m]."""
+    found = []
+    pairs = named_edge_pairs(garment.edge_pairs, keypoints)
+    for names, (first, second) in zip(garment.edge_pairs, pairs, strict=True):
+        apart = float(np.linalg.norm(fold_xy(lines, first) - fold_xy(lines, second), axis=1).max())
+        if apart > limit:
+            edges = " and ".join(" to ".join(ends) for ends in names)
+            what = f"even after the ideal folds, the edges {edges} lie {_mm(apart)} apart (limit {_mm(limit)})"
+            found.append(Reason(what, "correct these key points, or move the fold lines between them", arc=False))
     return tuple(found)
 
 

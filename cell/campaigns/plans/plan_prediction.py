@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cell.campaigns.plans.fold_judgement import Reason, claim_limits, judge_fold, judge_hands
+from cell.campaigns.plans.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
 from cell.config.cell_settings import CellSettings
 from cell.planning.fold_planning import (
     motion_rng,
@@ -193,7 +193,7 @@ class _Prediction:
         folds: list[PredictedFold] = []
         self.begin()
         for step in self.steps:
-            self.progress(step.index, len(self.steps), f"fold {step.index + 1} {step.name}: predicting it")
+            self.progress(step.index, len(self.steps), f"predicting fold {step.index + 1} {step.name}")
             folds.append(self._fold(step, vertices, optimise))
             vertices = folds[-1].shape.vertices
             if not folds[-1].good:
@@ -267,15 +267,16 @@ class _Prediction:
             return replace(fold, reasons=(*fold.reasons, *unreached, reason))
         reasons: tuple[Reason, ...] = ()
         if last:
+            reasons = judge_edges(garment, step.lines, self.state.keypoints, limits.edges)
             try:
                 seen = seen.with_ideal(self.ideal.heights(), limits)
             except CellError as e:
                 what = f"not even an ideal fold of this fabric can be simulated: {e.what}"
-                reasons = (Reason(what, _FIGURES, arc=False),)
+                reasons = (*reasons, Reason(what, _FIGURES, arc=False))
         target = target_vertices(self.mesh, step.lines, garment.material)
         error = dissimilarity(target, prediction.vertices, self.mesh.triangles, self.mesh.area)
         judged = judge_fold(garment, step, self.state.keypoints, offsets, error, fold.limit_m, seen)
-        found = (*unreached, *judge_hands(step, prediction), *judged, *reasons)
+        found = (*unreached, *judge_hands(step, prediction), *reasons, *judged)
         return replace(
             fold, shape=self._shape(prediction.vertices), dissimilarity_m=error, score=seen,
             reasons=found or fold.reasons,

@@ -84,6 +84,7 @@ def _words(fold: PredictedFold) -> list[str]:
     seen, arc = fold.score.figures, fold.trajectory
     words = [
         f"simulated, {1e3 * fold.dissimilarity_m:.1f} mm off on average (limit {1e3 * fold.limit_m:.0f})",
+        f"key points up to {1e3 * seen['keypoints_m'].value:.0f} mm (limit {1e3 * seen['keypoints_m'].limit:.0f})",
         f"overlap {seen['iou'].value:.2f} (at least {seen['iou'].limit:.2f})",
     ]
     if fold.score.ideal is not None:

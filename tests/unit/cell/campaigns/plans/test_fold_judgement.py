@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.campaigns.plans.fold_judgement import Reason, claim_limits, judge_fold, judge_hands
+from cell.campaigns.plans.fold_judgement import Reason, claim_limits, judge_edges, judge_fold, judge_hands
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.simulation.scoring.score import (
@@ -95,6 +95,15 @@ def test_heights_are_judged_against_the_ideal_fold_alone() -> None:
     reasons = judged(high, ideal=IdealHeights(0.006, 0.010))
     assert [reason.what.split(" 3")[0] for reason in reasons] == ["it stands", "its creases stand"]
     assert judged(high, ideal=IdealHeights(0.033, 0.033)) == (), "such a fabric stands as high when folded ideally"
+
+
+def test_edges_that_do_not_match_are_told_of_the_plan_and_not_of_the_simulation() -> None:
+    """A key point that lies 50 mm off spoils the fold, however well it is made."""
+    assert judge_edges(TOWEL, QUARTER.lines, STATE.keypoints, LIMITS.edges) == ()
+    wrong = {**STATE.keypoints, "far_left": STATE.keypoints["far_left"] + np.array([0.0, 0.05])}
+    reasons = judge_edges(TOWEL, QUARTER.lines, wrong, LIMITS.edges)
+    assert reasons and all("far_left" in reason.what and "50 mm apart" in reason.what for reason in reasons)
+    assert not any(reason.arc for reason in reasons)
 
 
 def hands(dropped: tuple[GraspId, ...] = (), **pinches: tuple[int, int]) -> Any:
