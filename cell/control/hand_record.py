@@ -32,6 +32,10 @@ class HandRecord:
         self.forget()
         self._begun = True
 
+    def end(self) -> None:
+        """Record no more, because the hands are open and leave the cloth. The readings are kept."""
+        self._begun = False
+
     def forget(self) -> None:
         """Forget the readings, and record no others."""
         self._readings.clear()

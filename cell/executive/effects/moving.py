@@ -95,6 +95,7 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 def retreat(cell: Workcell, context: RunContext) -> Result:
     """Rise straight up from the released garment, free it if it clings to a finger, then park."""
+    cell.hand_record.end()
     biases = context.fold.biases
     planned = plan_rise(cell, tuple(biases))
     if planned.failure:

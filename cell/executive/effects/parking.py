@@ -148,6 +148,7 @@ def park(cell: Workcell, control: PathControl) -> Failure | None:
     """Move to the parked posture. The ways out are tried in turn: directly, straight up and then to it, and back
     along the path that the arms came. Each is planned, checked and executed once; between two of them the arms
     come to rest. Returns the last failure."""
+    cell.hand_record.end()
     if np.abs(cell.ports.arms.state().q - cell.robot.q_park).max() < cell.execution.settled:
         return None
     failure: Failure | None = None

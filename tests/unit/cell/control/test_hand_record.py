@@ -32,6 +32,9 @@ def test_a_new_lift_begins_a_new_record():
     record.begin()
     record.add(state(2.0), OPENINGS)
     assert record.readings()[0].tolist() == [2.0]
+    record.end()
+    record.add(state(2.5), OPENINGS)
+    assert record.readings()[0].tolist() == [2.0], "open hands that leave do not carry the cloth"
     record.forget()
     record.add(state(3.0), OPENINGS)
     assert len(record.readings()[0]) == 0
