@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import frozen
+from robots.ports import Array, frozen
 from skills.perception.camera_fault import camera_fault, same_picture, table_unseen
 from skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
 from skills.perception.classify import Match, classify, polygon_iou
@@ -17,8 +17,8 @@ from skills.perception.garment_height import garment_height, height_above
 from skills.perception.limb_poses import best_poses
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
-from skills.perception.registration.cloth_picture import ClothPicture
-from skills.perception.registration.picture_refinement import refine_by_picture
+from skills.perception.registration.details.cloth_picture import ClothPicture
+from skills.perception.registration.details.picture_refinement import refine_by_picture
 from skills.perception.registration.register import Registration, register
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstructed
@@ -107,7 +107,7 @@ def perceive(
     empty = view.rectify(reference) if reference is not None else None
     if (hidden := obstructed(view, seen, empty)) is not None:
         return Outcome(failure=hidden, notes=stages.notes)
-    picture = _Picture(view, seen, empty, height_above(seen, empty))
+    picture = _Picture(view, seen, empty, height_above(seen, empty), frame.rgb)
     stages.done("view")
     looks = _looks(picture, garments, wanted, settings, stages)
     decided = _best(looks, settings)
@@ -119,12 +119,13 @@ def perceive(
 @dataclass(frozen=True, eq=False)
 class _Picture:
     """The input of the stages. seen: the rectified picture. empty: that of the empty table, or None. height:
-    (H, W) above the table [m]."""
+    (H, W) above the table [m]. photo: (rows, columns, 3), as the camera took it."""
 
     view: TableView
     seen: RectifiedView
     empty: RectifiedView | None
     height: NDArray[np.float32]
+    photo: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +227,7 @@ def _perceive_region(
         return failed(failure or Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
     garment = next(g for g in garments if g.name == chosen.name)
     registration = register(contour, garment, settings.registration)
-    cloth = ClothPicture(seen.rgb, segmentation.mask, lambda points: view.at_height(points, top))
+    cloth = _cloth_picture(picture, segmentation.mask, top)
     registration = refine_by_picture(registration, nominal[garment.name], contour, cloth)
     stages.done("register")
 
@@ -255,6 +256,8 @@ def _perceive_region(
                 {"fit": fit, "iou": iou, "boundary_rms_m": registration.residual},
             )
         )
+    if confidence < settings.least_confidence:
+        return failed(_ambiguous(garment.name, sigmas, confidence))
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
@@ -262,3 +265,27 @@ def _perceive_region(
         state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top, fit
     )
     return Outcome(value=value, notes=dict(stages.notes))
+
+
+def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float) -> Failure:
+    """The refusal of a garment whose key points are not visible well enough. sigmas: name -> [m]."""
+    name = max(sigmas, key=lambda name: sigmas[name])
+    return Failure(
+        FailureKind.LOW_CONFIDENCE,
+        f"the picture does not show where the {name} of {garment} is: its key points are accurate only with a "
+        f"probability of {confidence:.2f}",
+        "lay sleeves and legs apart, or use a table of another colour or more even light",
+        {"confidence": confidence, "keypoint": name, "sigma_m": sigmas[name]},
+    )
+
+
+def _cloth_picture(picture: _Picture, mask: NDArray[np.bool_], top: float) -> ClothPicture:
+    """The picture of a garment whose upper side is at the height `top` [m]."""
+    view = picture.view
+
+    def to_photo(points: Array) -> Array:
+        return view.to_image(np.column_stack([points, np.full(len(points), top)]))
+
+    return ClothPicture(
+        picture.seen.rgb, mask, lambda points: view.at_height(points, top), picture.photo, to_photo
+    )

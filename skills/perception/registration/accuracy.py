@@ -19,8 +19,8 @@ from scipy.special import stdtr
 
 from robots.ports import Array
 from skills.perception.registration.boundary import smooth_closed
+from skills.perception.registration.details.picture_refinement import notches
 from skills.perception.registration.energy import Boundary
-from skills.perception.registration.picture_refinement import notches
 from skills.perception.registration.register import Registration
 from skills.perception.template import GarmentOutline, polygon_area
 
@@ -34,20 +34,23 @@ _SMOOTH = 0.008
 """Standard deviation of the Gaussian that smooths the boundary [m]. The roughness is the root mean square distance
 of the boundary from the smooth one."""
 _NEAR = (0.015, 0.060)
-"""Roughness counts at these distances from a key point [m]. Nearer, its own corner is not smooth."""
+"""Roughness counts up to the second distance from a key point, but not within the first of any key point, because
+corners are not smooth [m, for a garment of its nominal size]."""
 
 
 def keypoint_sigmas(registration: Registration, garment: GarmentOutline, contour: Array) -> Mapping[str, float]:
     """Compute the scale of each key point's error: name -> [m]. contour: (n, 2) observed boundary [m]."""
     boundary = Boundary(contour if polygon_area(contour) > 0 else contour[::-1])
     step = boundary.length / len(boundary.points)
-    away = np.linalg.norm(boundary.points - smooth_closed(boundary.points, _SMOOTH / step), axis=1)
-    hidden = notches(registration, garment)
+    size = registration.scale
+    away = np.linalg.norm(boundary.points - smooth_closed(boundary.points, size * _SMOOTH / step), axis=1)
+    from_all = np.array([np.linalg.norm(boundary.points - p, axis=1) for p in registration.keypoints.values()])
+    between_corners = from_all.min(axis=0) > size * _NEAR[0]
+    hidden = (*notches(registration, garment), *registration.by_picture)
     sigmas = {}
-    for name, place in registration.keypoints.items():
-        distance = np.linalg.norm(boundary.points - place, axis=1)
-        near = (distance > _NEAR[0]) & (distance < _NEAR[1])
-        # The boundary does not show the end of a gap.
+    for name, distance in zip(registration.keypoints, from_all, strict=True):
+        near = between_corners & (distance < size * _NEAR[1])
+        # The boundary does not show the end of a gap, and was not used for what the picture shows.
         rough = 0.0 if name in hidden or not near.any() else float(np.sqrt(np.mean(away[near] ** 2)))
         sigmas[name] = float(np.hypot(_BY_PLACE * registration.sigmas[name], _BY_ROUGHNESS * rough))
     return sigmas

@@ -227,7 +227,7 @@ def _arc_position(X: Array, segment: NDArray[np.intp], t: Array) -> Array:
 def _line(points: Array) -> tuple[Array, Array] | None:
     """Fit a total least-squares line (point, unit direction), and fit it again without the worst fifth of the
     points; None for too few points."""
-    if len(points) < 6:
+    if len(points) < 4:  # on a short edge, as the strap of a vest, few points are left
         return None
     for _ in range(2):
         middle = points.mean(axis=0)

@@ -68,7 +68,8 @@ class Registration:
     template [rad]. scale: observed size over the template's size. ambiguous: symmetries of the template, see
     `symmetries`; if there are any, the orientation nearest to that of the template is chosen. history: energy
     before the first and after each round. stages: the contours that have these energies. least_turn: see
-    `corners.least_turn`.
+    `corners.least_turn`. by_picture: names of the key points that were located in the picture
+    afterwards, see `details`.
     """
 
     keypoints: Mapping[str, Array]
@@ -82,6 +83,7 @@ class Registration:
     history: tuple[float, ...]
     stages: tuple[Array, ...]
     least_turn: float
+    by_picture: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,6 +45,16 @@ def test_the_same_picture_gives_the_same_state(towel_picture, calibration, towel
     assert all(np.array_equal(a.keypoints[n], b.keypoints[n]) for n in TOWEL_NAMES)
 
 
+def test_a_garment_whose_key_points_are_uncertain_is_refused(towel_picture, calibration, towels):
+    _, _, picture, bare = towel_picture(1)
+    sure = perceive(picture, calibration, TABLE, bare, towels).unwrap().state.confidence
+    strict = replace(PerceptionSettings(), least_confidence=sure + 1e-6)
+    refused = perceive(picture, calibration, TABLE, bare, towels, settings=strict)
+    assert failure(refused) is FailureKind.LOW_CONFIDENCE
+    assert refused.failure.values["keypoint"] in TOWEL_NAMES
+    assert refused.failure.values["confidence"] == sure
+
+
 def test_an_empty_table_is_no_garment(bare_table, calibration, towels):
     picture = render(Scene(seed=0), sequence=5)
     assert failure(perceive(picture, calibration, TABLE, bare_table, towels)) is FailureKind.NO_GARMENT

@@ -63,6 +63,20 @@ def test_an_armpit_is_uncertain_where_the_outline_hardly_bends():
     assert probability_within(blunt, 0.010) < probability_within(clear, 0.010)
 
 
+def test_the_corners_of_a_narrow_strap_do_not_make_each_other_uncertain():
+    """The two corners at the end of a strap are 45 mm apart."""
+    right = np.array([[-0.31, -0.22], [0.0, -0.22], [0.28, -0.13], [0.3, -0.09]])
+    strap = np.vstack([right, [[0.15, 0.0]], right[::-1] * [1, -1]])
+    names = (
+        "hem_right", "armpit_right", "shoulder_right", "collar_right", "neck", "collar_left", "shoulder_left",
+        "armpit_left", "hem_left",
+    )  # fmt: skip
+    found = sigmas(strap, "vest", names, strap)
+    for name in ("shoulder_left", "shoulder_right", "collar_left", "collar_right"):
+        assert found[name] < 0.0025
+    assert probability_within(found, 0.010) > 0.9
+
+
 @pytest.mark.parametrize(("sigma", "expected"), [(1e-9, 1.0), (0.010, 0.6261), (1.0, 0.0075)])
 def test_the_probability_is_that_of_a_t_distribution(sigma, expected):
     """Values of Student's t-distribution with 4 degrees of freedom."""

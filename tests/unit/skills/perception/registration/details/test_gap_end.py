@@ -1,12 +1,15 @@
-"""The gap between two drawn legs, whose end is known. The pixels are 2 mm wide, as in the table's view."""
+"""The gap between two drawn pieces of cloth, whose end is known.
+
+The pixels are 2 mm wide, as in the table's view.
+"""
 
 import cv2
 import numpy as np
 import pytest
 
-from skills.perception.registration.cloth_picture import ClothPicture
-from skills.perception.registration.leg_gap import locate_gap_end
-from skills.perception.registration.picture_refinement import refine_by_picture
+from skills.perception.registration.details.cloth_picture import ClothPicture
+from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
+from skills.perception.registration.details.picture_refinement import refine_by_picture
 from skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TROUSERS_NAMES, trousers
@@ -42,10 +45,10 @@ def legs(growth, cloth=CLOTH, table=TABLE, shade=0.0, resolved=0.008, stripes=0.
 @pytest.mark.parametrize("guess", [-0.03, 0.0, 0.03])
 @pytest.mark.parametrize("growth", [0.1, 0.2, 0.35])
 def test_the_gap_ends_at_the_tip_of_the_wedge(growth, guess):
-    end = locate_gap_end(legs(growth), TIP + np.array([guess, 0.002]), OPENING)
+    end = locate_gap_end(legs(growth), TIP + np.array([guess, 0.002]), OPENING, 0.12)
     assert end is not None
     assert np.linalg.norm(end.place - TIP) < 0.004
-    assert np.sqrt(end.covariance[0, 0]) < 0.010
+    assert end.sigma < 0.010
 
 
 @pytest.mark.parametrize("shade", [0.3, 0.6])
@@ -53,13 +56,13 @@ def test_the_gap_ends_at_the_tip_of_the_wedge(growth, guess):
     ("cloth", "table"), [(CLOTH, TABLE), (np.full(3, 20.0), np.full(3, 170.0)), (TABLE, CLOTH)]
 )
 def test_the_shade_between_the_legs_does_not_hide_the_end(cloth, table, shade):
-    end = locate_gap_end(legs(0.13, cloth, table, shade), TIP + np.array([0.02, 0.0]), OPENING)
+    end = locate_gap_end(legs(0.13, cloth, table, shade), TIP + np.array([0.02, 0.0]), OPENING, 0.12)
     assert end is not None
     assert np.linalg.norm(end.place - TIP) < 0.010
 
 
 def test_the_gap_is_followed_in_patterned_cloth():
-    end = locate_gap_end(legs(0.15, stripes=0.5), TIP + np.array([-0.02, 0.0]), OPENING)
+    end = locate_gap_end(legs(0.15, stripes=0.5), TIP + np.array([-0.02, 0.0]), OPENING, 0.12)
     assert end is not None
     assert np.linalg.norm(end.place - TIP) < 0.008
 
@@ -67,19 +70,54 @@ def test_the_gap_is_followed_in_patterned_cloth():
 def test_a_narrow_gap_is_less_certain_than_a_wide_one():
     sigmas = []
     for growth in (0.08, 0.15, 0.3):
-        end = locate_gap_end(legs(growth), TIP, OPENING)
+        end = locate_gap_end(legs(growth), TIP, OPENING, 0.12)
         assert end is not None
-        sigmas.append(end.covariance[0, 0])
+        sigmas.append(end.sigma)
     assert sigmas == sorted(sigmas, reverse=True)
 
 
 def test_no_end_is_found_where_no_gap_is_seen():
-    assert locate_gap_end(legs(0.0), TIP, OPENING) is None
-    assert locate_gap_end(legs(0.15, CLOTH, CLOTH + 5.0), TIP, OPENING) is None
+    assert locate_gap_end(legs(0.0), TIP, OPENING, 0.12) is None
+    assert locate_gap_end(legs(0.15, CLOTH, CLOTH + 5.0), TIP, OPENING, 0.12) is None
 
 
 def test_a_gap_that_is_wide_as_far_as_it_is_followed_has_no_end():
-    assert locate_gap_end(legs(0.35), TIP + np.array([0.15, 0.0]), OPENING) is None
+    assert locate_gap_end(legs(0.35), TIP + np.array([0.15, 0.0]), OPENING, 0.12) is None
+
+
+@pytest.mark.parametrize("guess", [-0.01, 0.008, 0.018])
+@pytest.mark.parametrize("growth", [0.7, 1.0])
+def test_the_narrow_corner_between_sleeve_and_body_is_followed_to_its_end(growth, guess):
+    """The segmentation fills the corner up to where it is 15 mm wide."""
+    picture = legs(growth, resolved=0.015)
+    end = locate_gap_end(picture, TIP + np.array([guess, 0.001]), OPENING, growth, HOLLOW)
+    assert end is not None
+    assert np.linalg.norm(end.place - TIP) < 0.003
+    assert end.sigma < 0.004
+
+
+def test_the_camera_s_own_picture_is_used_where_it_is_finer():
+    """In the view, whose pixels show only stripes, the gap is invisible."""
+    picture = legs(0.12)
+    blank = np.zeros_like(picture.rgb)
+    finer = ClothPicture(blank, picture.mask, picture.to_pixel, picture.rgb, picture.to_pixel)
+    assert locate_gap_end(ClothPicture(blank, picture.mask, picture.to_pixel), TIP, OPENING, 0.12) is None
+    end = locate_gap_end(finer, TIP, OPENING, 0.12)
+    assert end is not None
+    assert np.linalg.norm(end.place - TIP) < 0.005
+
+
+def test_lengths_follow_the_size_of_the_garment():
+    """The same picture, at a scale where all lengths are half as long."""
+    picture = legs(0.15)
+    half = ClothPicture(picture.rgb, picture.mask, lambda p: picture.to_pixel(2.0 * p))
+    guess = TIP + np.array([0.02, 0.0])
+    whole = locate_gap_end(picture, guess, OPENING, 0.12)
+    small = locate_gap_end(half, 0.5 * guess, 0.5 * OPENING, 0.12, NARROW, 0.5)
+    assert whole is not None
+    assert small is not None
+    np.testing.assert_allclose(2.0 * small.place, whole.place, atol=1e-4)
+    assert 2.0 * small.sigma == pytest.approx(whole.sigma, rel=0.01)
 
 
 def test_a_crotch_that_is_higher_than_the_template_s_is_found():

@@ -1,8 +1,9 @@
 """Moves key points of a registered contour to details that only the picture shows.
 
-A notch, such as a crotch, moves to the end of the gap between two limbs (`leg_gap`), because the segmented
-boundary ends before it. A shoulder moves to the end of the sleeve's seam (`sleeve_seam`), because the outline
-hardly bends there. Where the picture does not show such a detail, the key point stays.
+A notch, such as a crotch, and a hollow corner, such as the armpit of a shirt, move to the end of the gap between
+the two pieces of cloth (`gap_end`), because the segmented boundary ends before it. A shoulder moves to the end of
+the sleeve's seam (`sleeve_seam`), because the outline hardly bends there. Where the picture does not show such a
+detail, the key point stays.
 """
 
 from __future__ import annotations
@@ -13,20 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.registration.cloth_picture import ClothPicture
 from skills.perception.registration.corners import CornerSettings
+from skills.perception.registration.details.cloth_picture import ClothPicture
+from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
+from skills.perception.registration.details.sleeve_seam import locate_seam
 from skills.perception.registration.energy import Boundary, interior_angles
-from skills.perception.registration.leg_gap import GapEnd, locate_gap_end
 from skills.perception.registration.register import Registration
-from skills.perception.registration.sleeve_seam import locate_seam
 from skills.perception.template import GarmentOutline, polygon_area
 
 __all__ = ["notches", "refine_by_picture"]
 
-_BY_EDGES = 0.010
-"""Standard deviation of the registration's place of a notch along the gap [m]."""
-_ASIDE = 0.004
-"""The same across the gap [m]."""
+_HOLLOW_ANGLE = 4.9
+"""A corner with a larger interior angle than this is hollow, as the armpit of a shirt [rad]."""
+_LEG_GROWTH = 0.12
+"""Least expected growth of the width of a gap, per length, because legs can touch in a template."""
+_UNSEEN_SIGMA = 0.020
+"""Standard deviation of the place of a gap's end that the picture does not show [m]."""
 _SEAM_SIGMA = 0.0016
 """Standard deviation of the end of a seam [m]."""
 
@@ -54,13 +57,21 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
 
 def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
     names, places = garment.keypoints, registration.keypoints
-    for name in notches(registration, garment):
+    narrow = notches(registration, garment)
+    lying = _interior_angles(np.array([places[name] for name in names]))
+    sleeved = [name for name in names if name.replace("armpit_", "cuff_lower_") in set(names) - {name}]
+    hollow = [name for name in sleeved if lying[names.index(name)] > _HOLLOW_ANGLE]
+    for name in dict.fromkeys((*narrow, *hollow)):
         k = names.index(name)
-        beside = (names[k - 1], names[(k + 1) % len(names)])
-        opening = _between(places[name], places[beside[0]], places[beside[1]])
-        end = locate_gap_end(picture, places[name], opening)
+        first, second = places[names[k - 1]], places[names[(k + 1) % len(names)]]
+        opening = _between(places[name], first, second)
+        growth = max(2.0 * float(np.tan(0.5 * (2.0 * np.pi - lying[k]))), _LEG_GROWTH)
+        settings = NARROW if name in narrow else HOLLOW
+        end = locate_gap_end(picture, places[name], opening, growth, settings, registration.scale)
         if end is not None:
-            registration = _moved(registration, name, *_combined(places[name], opening, end))
+            registration = _moved(registration, name, end.place, end.sigma)
+        else:
+            registration = replace(registration, sigmas={**registration.sigmas, name: _UNSEEN_SIGMA})
     return registration
 
 
@@ -96,21 +107,6 @@ def _between(notch: Array, first: Array, second: Array) -> Array:
     return np.asarray(0.5 * (first + second))
 
 
-def _combined(place: Array, opening: Array, end: GapEnd) -> tuple[Array, float]:
-    """Combine the registration's place (2,) of a notch and the end of the gap by their covariances. The more they
-    differ, the less the first one counts, because legs have other proportions than those of the template.
-    Returns the place and its standard deviation [m]."""
-    along = (opening - place) / np.linalg.norm(opening - place)
-    across = np.array([-along[1], along[0]])
-    away = end.place - place
-    variances = _BY_EDGES**2 + float(away @ along) ** 2, _ASIDE**2 + float(away @ across) ** 2
-    weight = np.outer(along, along) / variances[0] + np.outer(across, across) / variances[1]
-    seen = np.linalg.inv(end.covariance)
-    covariance = np.linalg.inv(weight + seen)
-    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
-    return np.asarray(covariance @ (weight @ place + seen @ end.place)), sigma
-
-
 def _moved(registration: Registration, name: str, place: Array, sigma: float) -> Registration:
     contour = registration.contour.copy()
     contour[np.argmin(np.linalg.norm(contour - registration.keypoints[name], axis=1))] = place
@@ -119,4 +115,5 @@ def _moved(registration: Registration, name: str, place: Array, sigma: float) ->
         keypoints={**registration.keypoints, name: frozen(place)},
         sigmas={**registration.sigmas, name: sigma},
         contour=frozen(contour),
+        by_picture=(*registration.by_picture, name),
     )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.registration.cloth_picture import ClothPicture, sample
+from skills.perception.registration.details.cloth_picture import ClothPicture, sample
 from skills.perception.registration.energy import Boundary
 
 __all__ = ["SeamSettings", "locate_seam"]
@@ -35,7 +35,7 @@ class SeamSettings:
     levels].
     """
 
-    search: float = 0.040
+    search: float = 0.055
     bow: float = 0.024
     beside: float = 0.005
     margin: float = 0.008

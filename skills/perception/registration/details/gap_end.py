@@ -1,0 +1,190 @@
+"""Locates the end of the gap between two pieces of cloth in the picture: a crotch, or an armpit.
+
+Near its end the gap is narrower than what a segmentation resolves, so that the segmented boundary ends before it:
+centimetres at a crotch, up to two at an armpit. In the picture the gap can be followed further, because a narrow
+gap is a faint line. A wedge (`wedge`) is fitted to the picture; its tip is the key point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from robots.ports import Array
+from skills.perception.registration.details.cloth_picture import ClothPicture
+from skills.perception.registration.details.wedge import Strip, Wedge, WedgePrior, fit_wedge
+
+__all__ = ["HOLLOW", "NARROW", "GapEnd", "GapSettings", "locate_gap_end"]
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """Lengths [m], for a garment of its nominal size.
+
+    beyond: the gap is followed this far beyond the first guess into the garment. step: distance of the rows of
+    pixels that are looked at, and across: of the pixels of a row; side: half the width of a row. border: pixels
+    further than this from the middle of a row show cloth. wide: the wedge is fitted first up to this distance
+    after the place where the gap is wide; tip: and at last up to this distance from its tip.
+
+    contrast: minimum difference of cloth and table [standard deviations of the pattern]; faint: the same [grey
+    levels]; noise: of a pixel's colour [grey levels]. misfit: maximum difference of model and picture (root mean
+    square), relative to the contrast. fair: the uncertainty grows with the misfit beyond this one. place: standard
+    deviation of the first guess along the gap. growth_log, curvature: see `WedgePrior`. width_sigma: standard
+    deviation of the gap's width, because cloth that nearly touches hides the end. sigma: the least one of a tip.
+    starts: number of start values of the fit.
+    """
+
+    beyond: float = 0.08
+    step: float = 0.0025
+    across: float = 0.00125
+    side: float = 0.024
+    border: float = 0.014
+    wide: float = 0.04
+    tip: float = 0.045
+    contrast: float = 1.9
+    faint: float = 10.0
+    noise: float = 2.0
+    misfit: float = 0.50
+    fair: float = 0.15
+    place: float = 0.020
+    growth_log: float = 0.7
+    curvature: float = 0.3
+    width_sigma: float = 0.0005
+    sigma: float = 0.0020
+    starts: int = 2
+
+
+NARROW = GapSettings()
+"""For the gap between two legs."""
+HOLLOW = GapSettings(
+    beyond=0.05, step=0.002, across=0.002, side=0.036, border=0.022, wide=0.02, tip=0.025, misfit=0.60,
+    growth_log=0.2, curvature=2.0, sigma=0.0012, starts=1,
+)  # fmt: skip
+"""For the corner between a sleeve and the body."""
+
+
+_DOUBT = 1.5
+"""Real errors over those that follow from the curvature of the cost alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class GapEnd:
+    """place: (2,) [m]. sigma: standard deviation of the place [m]."""
+
+    place: Array
+    sigma: float
+
+
+def locate_gap_end(
+    picture: ClothPicture,
+    guess: Array,
+    opening: Array,
+    growth: float,
+    settings: GapSettings = NARROW,
+    size: float = 1.0,
+) -> GapEnd | None:
+    """Find the end of the gap that runs from `opening` (2,) towards `guess` (2,) [m]. None if the picture does not
+    show it: the pieces of cloth touch, or cloth and table look alike.
+
+    growth: expected growth of the gap's width per length. size: of the garment, relative to the nominal one.
+    """
+    length = float(np.linalg.norm(opening - guess)) / size
+    if not length > settings.side:
+        return None
+    along = (opening - guess) / (length * size)
+    across = np.array([-along[1], along[0]])
+    s = np.arange(-settings.beyond, min(0.8 * length, 0.30), settings.step)
+    v = np.arange(-settings.side, settings.side + 1e-9, settings.across)
+    points = guess + size * (s[:, None, None] * along + v[None, :, None] * across)
+    cloth = picture.cloth(points)
+    gap, core = _segmented(cloth, settings)
+    if np.count_nonzero(core) < 15:
+        return None
+    first = int(np.flatnonzero(core.any(axis=1))[0])
+    core[first + round(0.03 / settings.step) :] = False
+    strip = _strip(s, v, picture.colours(points), cloth, core, settings)
+    line = _middle_line(s, v, gap, first, settings)
+    if strip is None or line is None or s[first] < s[0] + 0.015:
+        return None  # the gap is wide as far as it is followed
+    wedge = _fit(strip, float(s[first]), line, growth, settings)
+    if wedge is None or wedge.misfit > settings.misfit or not s[0] + 0.005 < wedge.parameters[0] < s[first]:
+        return None
+    p = wedge.parameters
+    place = guess + size * (p[0] * along + p[1] * across)
+    by_fit = _DOUBT * max(1.0, wedge.misfit / settings.fair) * np.sqrt(wedge.covariance[0, 0])
+    sigma = np.linalg.norm([by_fit, settings.width_sigma / p[3], settings.sigma])
+    return GapEnd(np.asarray(place), float(size * sigma))
+
+
+def _segmented(cloth: Array, settings: GapSettings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Where (n, m) the segmentation sees the gap, and where it is wide enough to show the table's own colour."""
+    is_cloth = cloth > 0.5
+    between = np.maximum.accumulate(is_cloth, axis=1) & np.maximum.accumulate(is_cloth[:, ::-1], axis=1)[:, ::-1]
+    gap = ~is_cloth & between
+    reach = 2 * round(0.00125 / settings.across) + 1
+    return gap, gap & (cv2.erode((cloth < 0.05).astype(np.uint8), np.ones((1, reach), np.uint8)) > 0)
+
+
+def _strip(
+    s: Array, v: Array, colour: Array, cloth: Array, core: NDArray[np.bool_], settings: GapSettings
+) -> Strip | None:
+    """Whiten the colours (n, m, 3). Rows without cloth beside them become NaN. None without enough contrast."""
+    table = np.median(colour[core], axis=0)
+    beside = (np.abs(v) >= settings.border) & (cloth > 0.95)
+    seen = np.count_nonzero(beside, axis=1) >= 8
+    if not seen.any():
+        return None
+    legs = np.full((len(s), 3), np.nan)
+    legs[seen] = np.nanmedian(np.where(beside[seen, :, None], colour[seen], np.nan), axis=1)
+    pattern = (colour - legs[:, None])[beside & seen[:, None]]
+    scatter = pattern.T @ pattern / len(pattern) + settings.noise**2 * np.eye(3)
+    whiten = np.linalg.inv(np.linalg.cholesky(scatter))
+    contrast = np.linalg.norm((table - legs) @ whiten.T, axis=1)
+    usual = float(np.nanmedian(contrast))
+    faint = np.nanmedian(np.linalg.norm(table - legs, axis=1)) < settings.faint
+    if faint or usual < settings.contrast:
+        return None
+    whiten = whiten / usual
+    legs[~(contrast > 0.3 * usual)] = np.nan
+    whitened = (colour - legs[:, None]) @ whiten.T
+    size = np.linalg.norm(whitened, axis=2, keepdims=True)
+    return Strip(s, v, whitened * np.minimum(1.0, 1.5 / np.maximum(size, 1e-9)), whiten @ table, legs @ whiten.T)
+
+
+def _middle_line(
+    s: Array, v: Array, gap: NDArray[np.bool_], first: int, settings: GapSettings
+) -> tuple[float, float, float] | None:
+    """Fit a straight gap to the segmentation: place of its middle line at s = 0, slope of this line, and growth of
+    the gap's width; None if the segmentation shows too little of it."""
+    rows = np.flatnonzero(gap.any(axis=1) & (s < s[first] + 2.0 * settings.wide))
+    if len(rows) < 6:
+        return None
+    middle = np.array([v[gap[i]].mean() for i in rows])
+    width = np.count_nonzero(gap[rows], axis=1) * (v[1] - v[0])
+    slope, place = np.polyfit(s[rows], middle, 1)
+    return float(place), float(slope), max(float(np.polyfit(s[rows], width, 1)[0]), 0.03)
+
+
+def _fit(
+    strip: Strip, wide: float, line: tuple[float, float, float], growth: float, settings: GapSettings
+) -> Wedge | None:
+    """Fit the wedge up to a distance from where it is wide, and again near its tip, where the edges are
+    straight."""
+    prior = WedgePrior(settings.place, growth, settings.growth_log, settings.curvature)
+    seen = np.isfinite(strip.cloth[:, 0])
+    used = seen & (strip.s < wide + settings.wide)
+    if np.count_nonzero(used) < 8:
+        return None
+    middle, slope, opened = line
+    starts = [
+        np.array([s0, middle + slope * s0, slope, opened, 0.3, 0.0018, 0.0])
+        for s0 in np.arange(strip.s[0] + 0.01, wide, 0.01)
+    ]
+    wedge = fit_wedge(strip.rows(used), starts, prior, settings.starts)
+    used = seen & (np.abs(strip.s - wedge.parameters[0]) < settings.tip)
+    if np.count_nonzero(used) < 8:
+        return None
+    return fit_wedge(strip.rows(used), [wedge.parameters], prior, 1)
