@@ -10,19 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from cell.executive.effects import (
-    checking,
-    deciding,
-    estimating,
-    gripping,
-    inspecting,
-    laying,
-    moving,
-    planning,
-    pressing,
-    repairing,
-    seeing,
-)
+from cell.executive.effects import checking, gripping, inspecting, moving, planning, pressing, seeing
+from cell.executive.effects.recovery import deciding, estimating, laying, repairing
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext

@@ -15,7 +15,7 @@ from cell.control.motions.lowering import Lowering
 from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
-from cell.executive.effects.parking import RELEASE_OPENING
+from cell.executive.effects.recovery.parking import RELEASE_OPENING
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment

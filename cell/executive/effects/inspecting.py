@@ -9,8 +9,8 @@ import numpy as np
 from cell.executive.effects.adapting import adapt
 from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
 from cell.executive.effects.drift import apply_drift, moved_contour
-from cell.executive.effects.estimating import note_estimate
 from cell.executive.effects.pressing import plan_pressing
+from cell.executive.effects.recovery.estimating import note_estimate
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.run_context import Result, RunContext

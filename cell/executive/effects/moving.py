@@ -9,8 +9,8 @@ from cell.control.checks import hold, stopped
 from cell.control.motions.hold_position import wait
 from cell.control.rest import await_rest, stand_by
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.freeing import leave_freely
-from cell.executive.effects.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
+from cell.executive.effects.recovery.freeing import leave_freely
+from cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
 from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S, transient
 from cell.states.run_context import Result, RunContext

@@ -12,8 +12,8 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.deciding import ask_approval, ask_operator, pause
 from cell.executive.effects.inspecting import next_step
+from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from cell.executive.runner import EffectFunction, Runner
 from cell.recording.journal import Journal, RunJournal
 from cell.recording.report.run_events import RunEvents

@@ -14,7 +14,7 @@ from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.deciding import ask_approval, ask_operator, pause
+from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from cell.states.recovery_table import RECOVERIES, Adjustment
 from cell.states.run_context import RunContext
 from cell.states.transition_table import TRANSITIONS, Effect, Event, State

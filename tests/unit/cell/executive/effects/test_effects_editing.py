@@ -10,8 +10,8 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.deciding import ask_approval, choose_next
 from cell.executive.effects.editing import edited_step, refusal, with_plan_edit
+from cell.executive.effects.recovery.deciding import ask_approval, choose_next
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext

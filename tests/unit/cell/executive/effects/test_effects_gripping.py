@@ -12,7 +12,8 @@ import pytest
 from cell.config.cell_settings import load_settings
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects import EFFECTS, checked_motion, freeing, gripping, moving, parking
+from cell.executive.effects import EFFECTS, checked_motion, gripping, moving
+from cell.executive.effects.recovery import freeing, parking
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event

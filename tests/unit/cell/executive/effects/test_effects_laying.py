@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import cell.executive.effects.laying as laying
+import cell.executive.effects.recovery.laying as laying
 from cell.executive.effects import EFFECTS
 from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import LAYING_TRIES, Laying

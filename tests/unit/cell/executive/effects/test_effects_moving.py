@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.moving as moving
-import cell.executive.effects.parking as parking
+import cell.executive.effects.recovery.parking as parking
 from cell.config.cell_settings import load_settings
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS

@@ -12,8 +12,7 @@ from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
 from cell.control.rest import await_rest, stand_by
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.gripping import RELEASE_OPENING
-from cell.executive.effects.parking import OPENING_S, plan_rise, still_closed
+from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, plan_rise, still_closed
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import LAYING_DWELL_S, LAYING_TRIES, Laying, choose_laying

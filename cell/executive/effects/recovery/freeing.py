@@ -13,7 +13,7 @@ from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
 from cell.executive.effects.checked_motion import move
-from cell.executive.effects.parking import OPENING_S, RELEASE_OPENING, still_closed
+from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, still_closed
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side

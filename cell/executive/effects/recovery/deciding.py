@@ -10,7 +10,7 @@ from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.editing import PLANNING_FAILURES, refusal, with_plan_edit, without_edits
-from cell.executive.effects.estimating import SURE
+from cell.executive.effects.recovery.estimating import SURE
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
