@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.executive.effects import EFFECTS, estimating
+from cell.executive.effects import EFFECTS
+from cell.executive.effects.recovery import estimating
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
