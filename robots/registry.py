@@ -13,6 +13,9 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
+import sys
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 
 import robots
@@ -64,11 +67,18 @@ def _known() -> dict[str, list[EntryPoint]]:
         if any(info.name == "robot" for info in pkgutil.iter_modules([f"{p}/{name}" for p in robots.__path__]))
     ]
     known: dict[str, list[EntryPoint]] = {}
-    for entry in (*built_in, *entry_points(group=GROUP)):
+    for entry in (*built_in, *_brought(entry_points, tuple(sys.path))):
         others = known.setdefault(entry.name, [])
         if entry.value not in [other.value for other in others]:  # a package may be found twice on the path
             others.append(entry)
     return known
+
+
+@lru_cache(maxsize=4)
+def _brought(find: Callable[..., Iterable[EntryPoint]], path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return the entry points of the packages on `path`. A run looks for its robot many times, and a search reads
+    the lists of all installed packages."""
+    return tuple(find(group=GROUP))
 
 
 def _load(entry: EntryPoint) -> Robot:

@@ -33,6 +33,7 @@ class SensedHand:
         self.offset = 0.0
         share = self.rng.uniform(0.5, 1.5, (2, 4, 3))  # how a pad's force is distributed over its cells
         self.share = share / share.sum(axis=(1, 2), keepdims=True)
+        self._sensed = self.gain * self.share
 
     @property
     def drift(self) -> np.ndarray:
@@ -46,11 +47,12 @@ class SensedHand:
     def read(self) -> HandReading:
         self.wait(1 / RATE)
         noise = self.scale * self.rng.standard_normal(40)
-        cells = self.gain * self.share * self.pads[:, None, None] + self.drift
-        cells = cells + CELL_NOISE * noise[:24].reshape(2, 4, 3)
+        cells = self._sensed * self.pads[:, None, None]
+        cells += self.drift
+        cells += CELL_NOISE * noise[:24].reshape(2, 4, 3)
         tactile = TactileReading(self.now, Side.LEFT, cells, self.tip + TIP_NOISE * noise[24:26])
-        opening = self.opening + OPENING_NOISE * noise[26]
-        force = self.pads.mean() + FORCE_NOISE * noise[27]
+        opening, force = self.opening + OPENING_NOISE * noise[26], 0.5 * (self.pads[0] + self.pads[1])
+        force += FORCE_NOISE * noise[27]
         gripper = GripperState(self.now, Side.LEFT, opening, force, False, True)
         return HandReading(self.now, tactile, gripper, self.height, self.effort + EFFORT_NOISE * noise[28:35])
 

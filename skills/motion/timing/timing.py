@@ -24,15 +24,18 @@ from itertools import pairwise
 
 import numpy as np
 import ruckig
-import toppra
-import toppra.algorithm
-import toppra.constraint
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from robots.errors import InternalError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, frozen
 from skills.motion.timing.inputs import TimingError, validate_duration, validate_path, validate_times
+from skills.motion.timing.without_plots import without_plots
+
+with without_plots():
+    import toppra
+    import toppra.algorithm
+    import toppra.constraint
 
 __all__ = [
     "STOP_TIME",

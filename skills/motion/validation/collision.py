@@ -62,10 +62,12 @@ class CollisionChecker:
         self._fingers = {name for side in Side for name in model.fingertips[side]}
         self._drop_rigid_pairs()
         self._add_table()
+        shapes = self._geometry.geometryObjects
+        self._names = [(shapes[p.first].name, shapes[p.second].name) for p in self._geometry.collisionPairs]
         self._margins = np.array(
-            [self._margin(pair, body_margin, table_margin, fingertip_margin) for pair in self._names()]
+            [self._margin(pair, body_margin, table_margin, fingertip_margin) for pair in self._names]
         )
-        self._finger_pairs = [i for i, (a, b) in enumerate(self._names()) if b == "table" and a in self._fingers]
+        self._finger_pairs = [i for i, (a, b) in enumerate(self._names) if b == "table" and a in self._fingers]
         self._data = model.pin_model.createData()
         self._free = self._geometry.createData()
         self._grasp = self._geometry.createData()
@@ -104,10 +106,6 @@ class CollisionChecker:
             joint = pin_model.parents[joint]
         return int(joint)
 
-    def _names(self) -> list[tuple[str, str]]:
-        shapes = self._geometry.geometryObjects
-        return [(shapes[p.first].name, shapes[p.second].name) for p in self._geometry.collisionPairs]
-
     def _margin(self, pair: tuple[str, str], body: float, table: float, fingertip: float) -> float:
         if pair[1] != "table":
             return body
@@ -131,7 +129,7 @@ class CollisionChecker:
         if not self.in_collision(q, allow_fingertips=allow_fingertips):
             return None
         data = self._grasp if allow_fingertips else self._free
-        for i, (a, b) in enumerate(self._names()):
+        for i, (a, b) in enumerate(self._names):
             if data.activeCollisionPairs[i] and data.collisionResults[i].isCollision():
                 return Contact(a, b, index)
         return Contact("unknown", "unknown", index)
@@ -155,8 +153,8 @@ class CollisionChecker:
             last, near = near, self._near(q, allow_fingertips)
             for pair, distance in near.items():
                 if pair not in last or distance < last[pair] - ROUNDING:
-                    return Contact(*self._names()[pair], i)
-        return Contact(*self._names()[next(iter(near))], len(path) - 1) if near else None
+                    return Contact(*self._names[pair], i)
+        return Contact(*self._names[next(iter(near))], len(path) - 1) if near else None
 
     def _near(self, q: Array, allow_fingertips: bool) -> dict[int, float]:
         """Return the distance of each pair that is nearer than its margin at q (joints,) [m]; it is negative where

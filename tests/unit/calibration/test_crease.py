@@ -1,6 +1,7 @@
 """The simulated crease recovery test (AATCC 66 kind), and the calibration by it."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ COTTON = Material(
 EDGES = [0.002, 0.004, 0.008]
 
 
+@cache
 def kept(pressure, seconds, edge, crease_set=CREASE_SET, specimens=6):
     return math.degrees(press_coupons(COTTON, crease_set, pressure, seconds, edge=edge, specimens=specimens)[0])
 

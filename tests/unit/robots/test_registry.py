@@ -96,8 +96,9 @@ def test_two_packages_with_the_same_robot_are_refused(bring: Bring) -> None:
 
 def test_no_file_outside_robots_names_a_robot() -> None:
     """Benchmarks and tests measure and test certain robots, and noise.yaml names the sources of its figures."""
+    robots = list_robots()
     for package in ("foldcell", "cell", "calibration", "skills"):
         for path in (ROOT / package).rglob("*"):
             if path.suffix in (".py", ".html"):
                 text = path.read_text(encoding="utf-8").lower()
-                assert not [name for name in list_robots() if name in text], path
+                assert not [name for name in robots if name in text], path
