@@ -81,7 +81,17 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
         bias = replace(check.bias, stamp=reading.stamp)
         return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
     check = replace(check, pads=check.pads[-s.stuck_readings :])
-    return _judged(reading, check, state.first).failure or DragWatch(check, state.first)
+    failure = _judged(reading, check, state.first).failure
+    if failure is not None and _lasting(check.pads - state.first):
+        return failure
+    return DragWatch(check, state.first)
+
+
+def _lasting(forces: Array) -> bool:
+    """Whether most readings show the force that the mean shows: a single wrong reading is no pull. forces: (k, 2)
+    on the pads [N]."""
+    loaded = forces[:, int(forces.mean(axis=0).argmax())]
+    return bool(np.median(loaded) > 0.5 * loaded.mean())
 
 
 def _with(reading: HandReading, state: StuckCheck) -> StuckCheck:

@@ -429,6 +429,11 @@ def test_a_cuff_that_is_too_light_to_be_felt_at_rest_is_felt_when_it_drags_the_g
     assert felt_at_rest < N // 2 and felt >= N - N // 100
 
 
+def test_a_single_wrong_reading_is_no_pull() -> None:
+    hand = SensedHand(2, 1.0)
+    assert leave(hand, bias_of(hand), lambda t: 4.0 if 1.0 <= t < 1.01 else 0.0) is None
+
+
 def test_readings_that_cannot_be_used_do_not_stop_the_way() -> None:
     hand = SensedHand(1, 1.0)
     watch = DragWatch(start_stuck_check(SETTINGS, bias_of(hand)))
