@@ -88,19 +88,21 @@ def judge_fold(
     dissimilarity: float,
     limit: float,
     score: Score,
+    edges: bool = True,
 ) -> tuple[Reason, ...]:
     """Return what is wrong with the shape after a predicted fold; empty if it is within all limits.
 
     keypoints: name -> (2,) place on the flat garment [m]; offsets: name -> (2,) vector from its place after the
     ideal fold to its predicted one [m]. dissimilarity: D [m], and limit: the largest D with which a run accepts
-    the fold. score: of the predicted shape; heights are judged if it has an ideal fold.
+    the fold. score: of the predicted shape; heights are judged if it has an ideal fold. edges: whether the edges
+    that belong together are judged, which no fold can bring together if the plan does not (`judge_edges`).
     """
     found = [*_keypoint(garment, step, keypoints, offsets, score.figures["keypoints_m"].limit)]
     poor = judge_prediction(step.name, dissimilarity, limit)
     if poor is not None:
         what = f"it misses its target by {_mm(dissimilarity)} on average (limit {_mm(limit)})"
         found.append(Reason(what, _FABRIC))
-    found += _shape(score, bool(found))
+    found += _shape(score, bool(found), edges)
     found += _heights(score)
     return tuple(found)
 
@@ -134,7 +136,7 @@ def _keypoint(
     yield Reason(f"{text} (limit {_mm(limit)})", hint)
 
 
-def _shape(score: Score, known: bool) -> Iterator[Reason]:
+def _shape(score: Score, known: bool, with_edges: bool) -> Iterator[Reason]:
     """Say which figures of the silhouette are beyond their limits. known: whether the cloth is known to lie off
     its place, so that only the overlap says something new."""
     figures = score.figures
@@ -146,7 +148,7 @@ def _shape(score: Score, known: bool) -> Iterator[Reason]:
     mean, edges = figures["correspondence_m"], figures["edges_m"]
     if not mean.passed:
         yield Reason(f"the cloth lies {_mm(mean.value)} off on average (limit {_mm(mean.limit)})", _FABRIC)
-    if not edges.passed:
+    if with_edges and not edges.passed:
         yield Reason(
             f"edges that belong together lie {_mm(edges.value)} apart (limit {_mm(edges.limit)})", _FABRIC
         )

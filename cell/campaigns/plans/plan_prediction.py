@@ -265,9 +265,9 @@ class _Prediction:
             how = "this fabric cannot be simulated" if fabric else "its simulation comes to no end"
             reason = Reason(f"{how}: {e.what}", _FIGURES, arc=not fabric)
             return replace(fold, reasons=(*fold.reasons, *unreached, reason))
-        reasons: tuple[Reason, ...] = ()
+        apart = judge_edges(garment, step.lines, self.state.keypoints, limits.edges) if last else ()
+        reasons = apart
         if last:
-            reasons = judge_edges(garment, step.lines, self.state.keypoints, limits.edges)
             try:
                 seen = seen.with_ideal(self.ideal.heights(), limits)
             except CellError as e:
@@ -275,7 +275,7 @@ class _Prediction:
                 reasons = (*reasons, Reason(what, _FIGURES, arc=False))
         target = target_vertices(self.mesh, step.lines, garment.material)
         error = dissimilarity(target, prediction.vertices, self.mesh.triangles, self.mesh.area)
-        judged = judge_fold(garment, step, self.state.keypoints, offsets, error, fold.limit_m, seen)
+        judged = judge_fold(garment, step, self.state.keypoints, offsets, error, fold.limit_m, seen, not apart)
         found = (*unreached, *judge_hands(step, prediction), *reasons, *judged)
         return replace(
             fold, shape=self._shape(prediction.vertices), dissimilarity_m=error, score=seen,
