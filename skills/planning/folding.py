@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -164,7 +165,14 @@ def _unfolded(lines: Sequence[FoldLine], moved: Sequence[bool], xy: Array) -> Ar
 
 def outline_of(mesh: SheetMesh) -> Array:
     """Return the silhouette (k, 2) of a mesh in rest coordinates."""
-    silhouette = shapely.union_all(shapely.polygons(mesh.rest[mesh.triangles]))
+    triangles = np.asarray(mesh.rest, float)[mesh.triangles]
+    return _outline(triangles.tobytes()).copy()
+
+
+@lru_cache(maxsize=16)
+def _outline(triangles: bytes) -> Array:
+    """Return the silhouette (k, 2) of triangles (m, 3, 2). A search asks for it once a simulation."""
+    silhouette = shapely.union_all(shapely.polygons(np.frombuffer(triangles).reshape(-1, 3, 2)))
     parts = shapely.get_parts(silhouette)
     return np.array(max(parts, key=lambda g: g.area).exterior.coords)[:-1]
 

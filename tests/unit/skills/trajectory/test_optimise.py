@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
+from scipy.spatial.distance import cdist
 
 from cell.config.garments.garment_file import load_garment
 from robots.errors import CellError, FailureKind
@@ -76,7 +77,7 @@ class Bowl:
         away = 0.0
         for i, path in paths.items():
             wanted = evaluate(self.wanted[i], np.linspace(0, 1, 400))
-            gap = np.linalg.norm(path.position[:, None] - wanted, axis=-1).min(axis=1)
+            gap = cdist(path.position, wanted).min(axis=1)
             away += float(np.mean(gap**2))
         above = np.array([0.0, 0.0, 0.002 + self.scale * away / 0.01])
         return target_vertices(mesh, self.lines, TOWEL.material) + above
