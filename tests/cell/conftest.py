@@ -12,7 +12,7 @@ from cell.recording.journal import Entry, Journal, RunRecord
 from cell.states.fold_request import FoldRequest, FoldResult
 from tests.runs import Onlooker, fold_request
 
-SETTINGS = {"optimiser": {"simulations": 4, "use_library": False}, "recorder": {"key_frames": 6}}
+SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}
 """Only a few simulations, on two threads, and six pictures of each fold, as by default. Other tests check that the
 search finds the optimum."""
 
