@@ -6,6 +6,9 @@ STAMP  := $(VENV)/.installed
 # Tests on all cores, neighbours on one: they share what is slow to make.
 PARALLEL := -n auto --dist worksteal
 
+# Python keeps its compiled modules, also where that is switched off: the tests start many programs.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: setup fold test quick lint compile hil docs clean
 
 setup: $(STAMP)
