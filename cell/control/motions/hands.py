@@ -98,7 +98,9 @@ class Hands:
             position[grasp_id] = poses[:, :3, 3] - np.array([0.0, 0.0, self.table.height])
             rotation[grasp_id] = poses[:, :3, :3]
             opening = openings[:, list(Side).index(side)]
-            until[grasp_id] = held_until(t, opening, settings.empty_opening, settings.slip_opening_fraction)
+            held = held_until(t, opening, settings.empty_opening, settings.slip_opening_fraction)
+            clung = self.record.clung_until.get(side)
+            until[grasp_id] = held if clung is None else float(t[np.searchsorted(stamps, clung)])
         return HandCourse(t, position, rotation, until)
 
     def recording(self, watch: Watch | None = None) -> Watch:

@@ -95,13 +95,13 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
 
 def retreat(cell: Workcell, context: RunContext) -> Result:
     """Rise straight up from the released garment, free it if it clings to a finger, then park."""
-    cell.hand_record.end()
     biases = context.fold.biases
     planned = plan_rise(cell, tuple(biases))
     if planned.failure:
         return _ended(context, planned.failure)
     control = pausable(cell)
     failure = leave_freely(cell, planned.unwrap(), biases, control)
+    cell.hand_record.end()
     return _ended(with_waiting_time(context, control), failure)
 
 

@@ -90,6 +90,8 @@ def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
         failure = wait(cell.loop, OPENING_S, cell.hands.recording())
         if failure:
             return failure
+    for side in sides:
+        cell.hand_record.freed(side)
     return still_closed(cell)
 
 

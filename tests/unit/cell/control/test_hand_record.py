@@ -38,3 +38,17 @@ def test_a_new_lift_begins_a_new_record():
     record.forget()
     record.add(state(3.0), OPENINGS)
     assert len(record.readings()[0]) == 0
+
+
+def test_a_hand_that_came_free_late_clung_to_the_cloth_until_then():
+    record = HandRecord()
+    record.freed(Side.LEFT)
+    assert not record.clung_until, "nothing was carried"
+    record.begin()
+    record.add(state(1.0), OPENINGS)
+    record.add(state(3.0), OPENINGS)
+    record.freed(Side.LEFT)
+    record.add(state(4.0), OPENINGS)
+    assert record.clung_until == {Side.LEFT: 3.0}
+    record.begin()
+    assert not record.clung_until
