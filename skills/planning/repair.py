@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skills.planning.folding import SheetMesh
 from skills.planning.plan import RELEASE_CLEARANCE
@@ -27,7 +28,7 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair"]
+__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "is_own", "locate_grasp", "plan_repair"]
 
 
 class RepairGoal(StrEnum):
@@ -151,8 +152,15 @@ def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, po
     weights, corners = np.column_stack([1.0 - s - t, s, t])[over], mesh.triangles[over]
     came_from = np.einsum("kc,kci->ki", weights, before[corners])[:, :2]
     heights = np.einsum("kc,kc->k", weights, now[corners][..., 2])
-    other = np.linalg.norm(came_from - grasped, axis=1) > np.clip(0.5 * np.linalg.norm(point - grasped), *OWN)
+    other = ~is_own(came_from, grasped, point)
     return np.unique(np.round(heights[other], 6))  # a point on an edge lies on two triangles of one layer
+
+
+def is_own(came_from: Array, grasped: Array, point: Array) -> NDArray[np.bool_]:
+    """Whether cloth that lay at `came_from` (k, 2) before the fold is the grasped cloth itself (OWN). grasped,
+    point: (2,) where the grasped cloth lay before the fold, and where it lies now [m]."""
+    reach = np.clip(0.5 * np.linalg.norm(point - grasped), *OWN)
+    return np.asarray(np.linalg.norm(came_from - grasped, axis=1) <= reach)
 
 
 def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:

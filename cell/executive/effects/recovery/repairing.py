@@ -20,7 +20,7 @@ from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
 from skills.trajectory.acceptance import acceptance_limit
 from skills.trajectory.objective import dissimilarity
 from skills.trajectory.paths import fold_duration, lifted, tool_paths
-from skills.trajectory.repair_arcs import repair_arcs, turned_paths
+from skills.trajectory.repair_arcs import repair_arcs, start_heights, turned_paths
 from skills.vocabulary import Array, GraspId, GraspTrajectory
 
 __all__ = ["choose_repair"]
@@ -55,7 +55,10 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     ways = [
         _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal])
         for goal, planned in plans.items() if planned.value is not None
-        for controls in repair_arcs(attempt.trajectory.control_points, planned.value, thickness)
+        for controls in repair_arcs(
+            attempt.trajectory.control_points, planned.value, thickness,
+            start_heights(plan.mesh, before, now, step, planned.value, thickness, cell.settings.gripper.pads),
+        )
     ]  # fmt: skip
     if not ways:
         failure = plans[RepairGoal.UNDO].failure
