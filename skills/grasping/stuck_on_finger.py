@@ -19,6 +19,10 @@ from skills.vocabulary import Array, Failure, FailureKind, Outcome
 __all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check", "watch_drag"]
 
 
+QUICK = 5
+"""Number of readings that show a strong pull. The hands move on meanwhile, and drag the garment along."""
+
+
 @dataclass(frozen=True)
 class Clear:
     """Result of the check when no cloth clings. residual: mean force on the more loaded pad [N]. bound: limit with
@@ -81,9 +85,11 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
         bias = replace(check.bias, stamp=reading.stamp)
         return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
     check = replace(check, pads=check.pads[-s.stuck_readings :])
-    failure = _judged(reading, check, state.first).failure
-    if failure is not None and _lasting(check.pads - state.first):
-        return failure
+    for readings in (QUICK, s.stuck_readings):  # a strong pull at once, a light one after more readings
+        latest = replace(check, settings=replace(s, stuck_readings=readings), pads=check.pads[-readings:])
+        failure = _judged(reading, latest, state.first).failure
+        if failure is not None and _lasting(latest.pads - state.first):
+            return failure
     return DragWatch(check, state.first)
 
 

@@ -429,6 +429,14 @@ def test_a_cuff_that_is_too_light_to_be_felt_at_rest_is_felt_when_it_drags_the_g
     assert felt_at_rest < N // 2 and felt >= N - N // 100
 
 
+def test_a_strong_pull_is_felt_within_80_ms() -> None:
+    for seed in range(20):
+        hand = SensedHand(seed, 1.0)
+        begun = hand.now
+        assert leave(hand, bias_of(hand), lambda t: 1.5 if t > 1.0 else 0.0) is not None
+        assert hand.now - begun < 1.0 + 0.08 + 0.2, "with the time of the tare"
+
+
 def test_a_single_wrong_reading_is_no_pull() -> None:
     hand = SensedHand(2, 1.0)
     assert leave(hand, bias_of(hand), lambda t: 4.0 if 1.0 <= t < 1.01 else 0.0) is None
