@@ -21,15 +21,11 @@ from skills.perception.registration.energy import Boundary
 __all__ = ["Bend", "BendSettings", "locate_bend"]
 
 
-_TAIL = 3.0
-"""Degrees of freedom of the t-distribution of the registration's error, which is large now and then."""
-
-
 @dataclass(frozen=True)
 class BendSettings:
     """Lengths [m], angles [rad].
 
-    place_sigma: scale of the error of the place that the registration gives, along the boundary. search: maximum
+    place_sigma: standard deviation of the place that the registration gives, along the boundary. search: maximum
     displacement. reach: length of boundary that is used on each side of all places tried. margin: distance that is
     kept from the next corner. noise: standard deviation of the boundary's points. correlation: length over which
     their errors are correlated. curvature: standard deviation of d and e [1/m]. turn_sigma: standard deviation of
@@ -83,8 +79,9 @@ def locate_bend(
         return Bend(points[start].copy(), settings.place_sigma)
     window = points[(start + np.arange(-first, last + 1)) % len(points)]
     offset = shifts * step
-    by_registration = -0.5 * (_TAIL + 1) * np.log1p((offset / settings.place_sigma) ** 2 / _TAIL)
-    log_p = _log_likelihood(window, first + shifts, turn, step, settings) + by_registration
+    log_p = (
+        _log_likelihood(window, first + shifts, turn, step, settings) - 0.5 * (offset / settings.place_sigma) ** 2
+    )
     p = np.exp(log_p - log_p.max())
     p /= p.sum()
     mean = float(p @ offset)

@@ -34,7 +34,7 @@ class GapSettings:
     square), relative to the contrast. fair: the uncertainty grows with the misfit beyond this one. place: standard
     deviation of the first guess along the gap. growth_log, curvature: see `WedgePrior`. width_sigma: standard
     deviation of the gap's width, because cloth that nearly touches hides the end. sigma: the least one of a tip.
-    starts: number of start values of the fit.
+    round: radius of the rounding of the sewn end. starts: number of start values of the fit.
     """
 
     beyond: float = 0.08
@@ -54,6 +54,7 @@ class GapSettings:
     curvature: float = 0.3
     width_sigma: float = 0.0005
     sigma: float = 0.0020
+    round: float = 0.002
     starts: int = 2
 
 
@@ -61,7 +62,7 @@ NARROW = GapSettings()
 """For the gap between two legs."""
 HOLLOW = GapSettings(
     beyond=0.05, step=0.002, across=0.002, side=0.036, border=0.022, wide=0.02, tip=0.025, misfit=0.60,
-    growth_log=0.2, curvature=2.0, sigma=0.0012, starts=1,
+    growth_log=0.2, curvature=2.0, sigma=0.0020, round=0.008, starts=1,
 )  # fmt: skip
 """For the corner between a sleeve and the body."""
 
@@ -151,7 +152,8 @@ def _strip(
     legs[~(contrast > 0.3 * usual)] = np.nan
     whitened = (colour - legs[:, None]) @ whiten.T
     size = np.linalg.norm(whitened, axis=2, keepdims=True)
-    return Strip(s, v, whitened * np.minimum(1.0, 1.5 / np.maximum(size, 1e-9)), whiten @ table, legs @ whiten.T)
+    whitened = whitened * np.minimum(1.0, 1.5 / np.maximum(size, 1e-9))
+    return Strip(s, v, whitened, whiten @ table, legs @ whiten.T, settings.round)
 
 
 def _middle_line(

@@ -42,7 +42,8 @@ def refine_by_picture(
     garment: with its limbs as in its template, not swung: legs lie close together there, by which notches are
     known. contour: (n, 2) observed boundary [m].
     """
-    return _set_shoulders(_set_notches(registration, garment, picture), garment, contour, picture)
+    # A seam is looked for from the outline's armpit: it is known by the outline to be near the end of the seam.
+    return _set_notches(_set_shoulders(registration, garment, contour, picture), garment, picture)
 
 
 def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ class SeamSettings:
     levels].
     """
 
-    search: float = 0.055
+    search: float = 0.040
     bow: float = 0.024
     beside: float = 0.005
     margin: float = 0.008

@@ -19,8 +19,6 @@ from robots.ports import Array
 
 __all__ = ["Strip", "Wedge", "WedgePrior", "fit_wedge"]
 
-_ROUND = 0.002
-"""Radius r of the rounding of a sewn tip [m]."""
 _SHADE = 0.008
 """Width h of a gap in which the shade of the cloth fades [m]."""
 _UNIT = 0.1
@@ -37,16 +35,18 @@ _HIGH = np.array([0.2, 0.05, 1.0, 2.5, 0.9, 0.0035, 6.0])
 class Strip:
     """Colours along a gap. s: (n,) places along it, v: (m,) places across it [m]. colours: (n, m, 3), minus the
     cloth's colour. table: (3,), the table's colour, and cloth: (n, 3), that of the cloth beside each row. All
-    colours are whitened by the pattern of the cloth; the unit is the contrast of table and cloth."""
+    colours are whitened by the pattern of the cloth; the unit is the contrast of table and cloth. round: radius r
+    of the rounding of the sewn tip [m]."""
 
     s: Array
     v: Array
     colours: Array
     table: Array
     cloth: Array
+    round: float
 
     def rows(self, used: NDArray[np.bool_]) -> Strip:
-        return Strip(self.s[used], self.v, self.colours[used], self.table, self.cloth[used])
+        return Strip(self.s[used], self.v, self.colours[used], self.table, self.cloth[used], self.round)
 
 
 @dataclass(frozen=True)
@@ -137,11 +137,11 @@ def _model(p: Array, strip: Strip) -> tuple[Array, Array]:
     """Colours (n, m, 3) according to the parameters `p`, minus the cloth's, and derivatives (n, m, 3, 7)."""
     along = (strip.s - p[0])[:, None]
     u = np.maximum(along, 0.0)
-    root = np.sqrt(u * u + 2.0 * _ROUND * u + 1e-12)
+    root = np.sqrt(u * u + 2.0 * strip.round * u + 1e-12)
     width = p[3] * root + p[6] * u * u
     is_open = (along > 0) & (width > 0)
     width = np.maximum(width, 0.0)
-    growth = np.where(is_open, p[3] * (u + _ROUND) / np.maximum(root, 1e-4) + 2.0 * p[6] * u, 0.0)
+    growth = np.where(is_open, p[3] * (u + strip.round) / np.maximum(root, 1e-4) + 2.0 * p[6] * u, 0.0)
     away = strip.v - (p[1] + p[2] * along)
     upper, lower = (away + 0.5 * width) / p[5], (away - 0.5 * width) / p[5]
     covered, fading = ndtr(upper) - ndtr(lower), np.exp(-width / _SHADE)

@@ -21,16 +21,18 @@ OPENING = np.array([0.42, 0.003])
 CLOTH, TABLE = np.array([40.0, 60.0, 120.0]), np.array([150.0, 120.0, 90.0])
 
 
-def legs(growth, cloth=CLOTH, table=TABLE, shade=0.0, resolved=0.008, stripes=0.0):
+def legs(growth, cloth=CLOTH, table=TABLE, shade=0.0, resolved=0.008, stripes=0.0, rounded=0.0):
     """Two legs, at x from 0 to 0.4 m, with a wedge of table between them.
 
     growth: of the wedge's width. shade: share of light that the legs take from a narrow gap. resolved: the
     segmentation closes a gap narrower than this [m]. stripes: brightness of stripes, relative to the cloth.
+    rounded: radius of the rounding of the wedge's tip [m].
     """
     rows, columns = 120 * FINER, 230 * FINER
     y, x = np.mgrid[:rows, :columns] * (PIXEL / FINER) - 0.5 * PIXEL * (1 - 1 / FINER)
     y = y - 0.12
-    width = growth * np.maximum(x - TIP[0], 0.0)
+    u = np.maximum(x - TIP[0], 0.0)
+    width = growth * np.sqrt(u * (u + 2.0 * rounded))
     is_cloth = (np.abs(y - TIP[1]) >= 0.5 * width) & (x < 0.4)
     light = 1.0 - shade * np.exp(-width / 0.01)
     pattern = 1.0 + stripes * (np.sin(2 * np.pi * (x + 0.4 * y) / 0.03) > 0)
@@ -86,13 +88,14 @@ def test_a_gap_that_is_wide_as_far_as_it_is_followed_has_no_end():
 
 
 @pytest.mark.parametrize("guess", [-0.01, 0.008, 0.018])
+@pytest.mark.parametrize(("rounded", "error"), [(0.0, 0.006), (0.008, 0.003), (0.012, 0.004)])
 @pytest.mark.parametrize("growth", [0.7, 1.0])
-def test_the_narrow_corner_between_sleeve_and_body_is_followed_to_its_end(growth, guess):
-    """The segmentation fills the corner up to where it is 15 mm wide."""
-    picture = legs(growth, resolved=0.015)
+def test_the_narrow_corner_between_sleeve_and_body_is_followed_to_its_end(growth, rounded, error, guess):
+    """The segmentation fills the corner up to where it is 15 mm wide. The corner is sharp, round or blunt."""
+    picture = legs(growth, resolved=0.015, rounded=rounded)
     end = locate_gap_end(picture, TIP + np.array([guess, 0.001]), OPENING, growth, HOLLOW)
     assert end is not None
-    assert np.linalg.norm(end.place - TIP) < 0.003
+    assert np.linalg.norm(end.place - TIP) < error
     assert end.sigma < 0.004
 
 

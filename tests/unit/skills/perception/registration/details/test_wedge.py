@@ -8,15 +8,16 @@ from skills.perception.registration.details.wedge import Strip, WedgePrior, _mod
 S, V = np.arange(-0.03, 0.06, 0.0025), np.arange(-0.02, 0.0201, 0.00125)
 TABLE = np.array([0.9, 0.3, -0.2])
 CLOTH = np.array([0.1, 0.1, 0.2])
+ROUND = 0.002
 PRIOR = WedgePrior(0.02, 0.15, 0.7, 0.5)
 TRUTH = np.array([0.004, 0.001, 0.03, 0.15, 0.3, 0.0018, 0.2])
 
 
 def strip(parameters, noise=0.0):
-    empty = Strip(S, V, np.zeros((len(S), len(V), 3)), TABLE, np.tile(CLOTH, (len(S), 1)))
+    empty = Strip(S, V, np.zeros((len(S), len(V), 3)), TABLE, np.tile(CLOTH, (len(S), 1)), ROUND)
     drawn = _model(parameters, empty)[0]
     drawn = drawn + np.random.default_rng(0).normal(0.0, noise, drawn.shape)
-    return Strip(S, V, drawn, TABLE, empty.cloth)
+    return Strip(S, V, drawn, TABLE, empty.cloth, ROUND)
 
 
 def test_the_derivatives_are_those_of_the_model():
@@ -36,7 +37,7 @@ def test_the_shown_area_of_table_is_the_width_of_the_gap():
     wedge[4] = 0.0
     seen = strip(wedge)
     u = np.maximum(S - wedge[0], 0.0)
-    width = wedge[3] * np.sqrt(u * u + 2 * 0.002 * u) + wedge[6] * u * u
+    width = wedge[3] * np.sqrt(u * u + 2 * ROUND * u) + wedge[6] * u * u
     area = seen.colours.sum(axis=1) * (V[1] - V[0])
     np.testing.assert_allclose(area, width[:, None] * (TABLE - CLOTH), atol=1e-5)
 
