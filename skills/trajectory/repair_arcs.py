@@ -17,8 +17,6 @@ from skills.vocabulary import Array, FoldStep, GraspId, ToolPath, frozen, tool_r
 __all__ = ["repair_arcs", "start_heights", "turned_paths"]
 
 
-FOREIGN = 3
-"""Number of own points of cloth between the pads that one point of other cloth outweighs."""
 HEIGHTS = 0.25
 """Spacing of the heights at which the tips may begin, in thicknesses of a layer."""
 
@@ -57,7 +55,7 @@ def start_heights(
     pads: PadGeometry | None = None,
 ) -> dict[GraspId, float]:
     """Return the height of each hand's tips above the layers that it leaves, in thicknesses of a layer, at which a
-    simulated hand takes the cloth of its grasp, and as little other cloth as possible.
+    simulated hand takes cloth of its grasp, as little other cloth as possible, and then as much of its own.
 
     A hand presses lofty cloth together before it closes. The simulation does not, so that tips in the middle of
     the lowest grasped layer would take layers below it, too. before, now: (n, 3) believed vertices before the fold
@@ -70,12 +68,12 @@ def start_heights(
 
         def taken(
             raised: float, start: Array = frame.start, turned: Array = rotation, origin: Array = came_from
-        ) -> int:
+        ) -> tuple[bool, int, int]:
             at = start + np.array([0.0, 0.0, raised * thickness])
             found = find_pinched(mesh, now, at, turned, pads or PadGeometry(), thickness)
             lay = np.einsum("kc,kci->ki", found.bary, before[found.vertex])[:, :2]
             own = is_own(lay, origin, at[:2])
-            return int(own.sum()) - FOREIGN * int((~own).sum())
+            return bool(own.any()), -int((~own).sum()), int(own.sum())
 
         heights[grasp_id] = max(np.arange(0.5, grasp.layers, HEIGHTS).tolist(), key=taken)
     return heights
