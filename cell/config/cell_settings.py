@@ -190,6 +190,9 @@ class PerceptionConfig(_Group):
         "pattern) or watershed (method of the paper)"
     )
     min_fit: float = _number(0.0, 1.0, "", "minimum quality of the fit of a recognised garment's outline")
+    least_confidence: float = _number(
+        0.0, 1.0, "", "least probability that all key points of a recognised garment lie within 10 mm"
+    )
     min_template_iou: float = _number(0.3, 1.0, "", "template overlap (IoU) below which a garment is unknown")
     size_tolerance: float = _number(0.02, 1.0, "", "largest relative difference from a garment's nominal size")
     flat_height: float = _number(0.002, 0.2, "m", "largest 95th percentile of height of a garment that lies flat")

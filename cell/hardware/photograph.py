@@ -33,6 +33,9 @@ __all__ = [
 
 ANY_SIZE = 1e3
 """Size tolerance that accepts a garment of any size (relative difference from the nominal size)."""
+LEAST_CONFIDENCE = 0.6
+"""Least accepted probability that the key points in a photograph are accurate. It is higher than in a run, because
+a garment file that is made from them is used again and again."""
 WIDTH, HEIGHT = 1.2, 2.0
 """For a picture by an unknown camera: assumed width of the table in the picture, and assumed height of the camera
 above the table [m]."""
@@ -76,7 +79,7 @@ def perceive_photograph(
     garments = [load_garment(name, settings.surface) for name in names]
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
-    thresholds = settings.perception.settings()
+    thresholds = replace(settings.perception.settings(), least_confidence=LEAST_CONFIDENCE)
     if picture.depth is None:  # no depth was given, which is not a fault of the camera
         thresholds = replace(thresholds, depth_holes=1.0)
     if unit == "px":  # the scale of the picture is unknown

@@ -51,8 +51,9 @@ class PerceptionSettings:
     border: float = 0.006
     min_fit: float = 0.62
     """Minimum quality of a fit (`candidate.fit_quality`)."""
-    least_confidence: float = 0.6
-    """A garment is refused if the probability that its key points are accurate is below this."""
+    least_confidence: float = 0.3
+    """A garment is refused if the probability that its key points are accurate is below this. It is low, because
+    each fold that is planned with them is inspected."""
     within: float = 0.010
     """The confidence is the probability that all key points lie within this distance of their true places, on a
     garment of its nominal size."""
