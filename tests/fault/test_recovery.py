@@ -157,7 +157,7 @@ def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkey
         failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
         return Outcome(failure=failure, notes={"simulations": 7})
 
-    monkeypatch.setattr("cell.executive.effects.planning.optimise_fold", broken)
+    monkeypatch.setattr("cell.planning.fold_planning.optimise_fold", broken)
     onlooker = Onlooker()
     request = fold_request(tmp_path, {"optimiser": {"use_library": False}})
     onlooker.after[Effect.PLAN_MOTION] = abort
@@ -174,7 +174,7 @@ def test_the_initial_arc_is_used_when_the_optimiser_fails(tmp_path: Path, monkey
 
 def test_a_run_ends_when_the_optimiser_always_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failure = Failure(FailureKind.OPTIMISER_FAILED, "no simulation came to an end", "look again")
-    monkeypatch.setattr("cell.executive.effects.planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
+    monkeypatch.setattr("cell.planning.fold_planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
     onlooker = Onlooker()
     result = onlooker.fold(fold_request(tmp_path))
     assert (result.state, result.failure["kind"]) == ("not_folded", "optimiser_failed")
@@ -207,7 +207,7 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
             return Outcome(failure=Failure(FailureKind.UNREACHABLE, "something stands there", "move it"))
         return plan_fold_motion(robot, checker, table, step, *rest, **options)
 
-    monkeypatch.setattr("cell.executive.effects.planning.plan_fold_motion", blocked)
+    monkeypatch.setattr("cell.planning.fold_planning.plan_fold_motion", blocked)
     onlooker = Onlooker()
     request = fold_request(
         tmp_path, {}, garment=once_folded_towel(tmp_path), seed=5, record_truth=True, record=True
