@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import FoldStep
+from skills.planning.plan import RELEASE_CLEARANCE
+from skills.vocabulary import FoldStep, GraspId
 
 __all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_height"]
 
@@ -48,6 +49,10 @@ def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold
     return float(np.count_nonzero((excess > threshold) & judged)) * pixel**2
 
 
+LOFTY = 1.4
+"""Largest height of a loose stack at a target, as a multiple of its layers' thickness."""
+
+
 def missing_layer(
     height: NDArray[np.float32],
     moved: NDArray[np.float32],
@@ -56,12 +61,14 @@ def missing_layer(
     R: Array,
     t: Array,
     settings: InspectionSettings,
+    raised: float = 0.0,
 ) -> float:
     """Return the missing share (0..1) of the predicted height at the worst target; NaN if no target can be judged.
 
     Measured and predicted mean height are compared over a patch around each target, if enough cloth is predicted
-    there. height: (H, W) measured [m]. moved: (H, W) predicted height [m] after the rigid motion R (2, 2), t
-    (2,) [m].
+    there. A predicted ruck counts as no more than a lofty stack of the layers at the target: the garment may lie
+    flatter than predicted. height: (H, W) measured [m]. moved: (H, W) predicted height [m] after the rigid motion
+    R (2, 2), t (2,) [m]. raised: height by which the prediction was raised above its mesh [m].
     """
     if step is None:
         return float("nan")
@@ -71,11 +78,20 @@ def missing_layer(
         return float("nan")
     xy = view.to_table(np.stack([columns, rows], axis=1))
     predicted, measured = moved[rows, columns], height[rows, columns]
-    for target in step.targets.values():
+    for grasp_id, target in step.targets.items():
         patch = np.linalg.norm(xy - (R @ target[:2] + t), axis=1) < 0.04
         if np.count_nonzero(patch) < 300:
             continue
-        planned = float(predicted[patch].mean())
+        planned = float(np.minimum(predicted[patch], _lofty(step, grasp_id, raised)).mean())
         if planned >= settings.layer_height:
             shares.append(1.0 - float(measured[patch].mean()) / planned)
     return max(shares) if shares else float("nan")
+
+
+def _lofty(step: FoldStep, grasp_id: GraspId, raised: float) -> float:
+    """Return the height of a lofty stack of the layers at a target [m]: those below it and the grasped ones."""
+    grasp = step.grasps.get(grasp_id)
+    if grasp is None:
+        return float("inf")
+    below = max(float(step.targets[grasp_id][2]) - RELEASE_CLEARANCE, 0.0)
+    return LOFTY * (below + grasp.height + raised)

@@ -86,9 +86,9 @@ def inspect(
     if earlier is not None:
         height = averaged_height(height, found.mask, earlier)
     expected = draw_shape(view, predicted)
-    if flat_top is not None:
-        expected += np.float32(max(flat_top - float(predicted.vertices[:, 2].min()), 0.0))
-    figures = _Figures(view, found, height, expected, step, settings)
+    raised = 0.0 if flat_top is None else max(flat_top - float(predicted.vertices[:, 2].min()), 0.0)
+    expected += np.float32(raised)
+    figures = _Figures(view, found, height, expected, step, settings, raised)
     if (second := _second_garment(found, expected, view, settings.perception)) is not None:
         return Outcome(failure=second)
     edge = None
@@ -136,7 +136,7 @@ def _second_garment(
 
 class _Figures:
     """Computes the figures of one comparison. found: the segmentation in `view`. expected: (H, W) predicted
-    height [m].
+    height [m]. raised: height by which it was raised above the mesh [m].
 
     R (2, 2), t (2,) [m]: the rigid motion that aligns the prediction with the observation.
     """
@@ -149,9 +149,10 @@ class _Figures:
         expected: NDArray[np.float32],
         step: FoldStep | None,
         settings: InspectionSettings,
+        raised: float,
     ) -> None:
         self._view, self._found, self._height, self._expected = view, found, height, expected
-        self._step, self._settings = step, settings
+        self._step, self._settings, self._raised = step, settings, raised
         self._outline = outline_of(view, np.isfinite(expected))
         self._observed = view.to_table(found.contour)
         self.R, self.t = align(self._outline, self._observed)
@@ -179,7 +180,7 @@ class _Figures:
             piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
             edge_deviation_m=deviation,
             edge_place=frozen(place),
-            missing_layer=missing_layer(self._height, moved, view, step, self.R, self.t, settings),
+            missing_layer=missing_layer(self._height, moved, view, step, self.R, self.t, settings, self._raised),
             edge=edge,
             left_behind=left_behind(view, mask, where, step, settings),
             diagnosis=None,

@@ -400,11 +400,11 @@ def leave(hand: SensedHand, pads: TactileBias, pull: Callable[[float], float], p
     return None
 
 
-@pytest.mark.parametrize(("scale", "most"), [(1.0, 2), (2.0, 4)])
+@pytest.mark.parametrize(("scale", "most"), [(1.0, 0), (2.0, 1)])
 def test_a_free_hand_raises_no_alarm_on_its_way(scale: float, most: int) -> None:
-    """40 s after the tare, with drift: at most 0.5 % false alarms in 400 ways (1 % at twice the noise)."""
+    """40 s after the tare, with drift: no false alarm in 120 ways (at most 1 at twice the noise)."""
     alarms = 0
-    for seed in range(400):
+    for seed in range(120):
         hand = SensedHand(seed, scale)
         pads = bias_of(hand)
         hand.wait(40.0)

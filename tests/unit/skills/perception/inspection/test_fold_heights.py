@@ -16,7 +16,8 @@ from skills.perception.inspection.fold_heights import (
 )
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import Array, FoldLine, FoldStep, GraspId
+from skills.planning.plan import RELEASE_CLEARANCE
+from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
 from tests.scenes import TABLE, camera
 
 VIEW, S = TableView(camera(), TABLE), InspectionSettings()
@@ -117,6 +118,18 @@ def test_heights_at_a_target_are_measured_at_the_observed_place_of_the_fold() ->
     height[np.linalg.norm(HERE - (R @ LEFT + t), axis=2) < 0.04] = LAYER
     assert missing_layer(height, moved, VIEW, STEP, R, t, S) == pytest.approx(0.5, abs=0.01)
     assert missing_layer(height, moved, VIEW, STEP, *STILL, S) < 0.2
+
+
+def test_a_predicted_ruck_that_is_not_there_is_no_missing_layer() -> None:
+    """The stack of two layers lies flat, where a ruck of ten layers' height was predicted."""
+    grasps = {i: Grasp(target[:2], 0.0, 1, LAYER) for i, target in STEP.targets.items()}
+    targets = {i: np.r_[target[:2], LAYER + RELEASE_CLEARANCE] for i, target in STEP.targets.items()}
+    step = replace(STEP, grasps=grasps, targets=targets)
+    flat = np.where(STACK, 2 * LAYER, np.nan).astype(np.float32)
+    ruck = flat.copy()
+    ruck[np.linalg.norm(HERE - LEFT, axis=2) < 0.03] = 10 * LAYER
+    assert missing_layer(flat, ruck, VIEW, step, *STILL, S) < S.missing_share
+    assert missing_layer(0.5 * flat, ruck, VIEW, step, *STILL, S) > S.missing_share, "one layer is missing"
 
 
 def test_an_unseen_target_is_ignored() -> None:
