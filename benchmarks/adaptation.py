@@ -32,8 +32,8 @@ from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.optimise import optimise_fold
-from skills.trajectory.paths import fold_paths, lifted
+from skills.trajectory.arcs.paths import fold_paths, lifted
+from skills.trajectory.search.optimise import optimise_fold
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath
 
 SEEN_SIGMA, SEEN_LENGTH = 0.0015, 0.05

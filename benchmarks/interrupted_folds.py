@@ -32,8 +32,8 @@ from skills.perception.state_estimate.hand_course import HandCourse
 from skills.perception.state_estimate.hypothesis import FoldState
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
+from skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.trajectory.library import lookup, trajectory_from
-from skills.trajectory.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.vocabulary import (
     Array,
     CameraCalibration,

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from cell.config.cell_settings import load_settings
-from cell.recording.rerun.screenshot import screenshot
+from cell.recording.rerun.viewing.screenshot import screenshot
 from cell.runs.fold_run import FoldRequest, fold_once
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"

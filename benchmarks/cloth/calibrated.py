@@ -17,7 +17,7 @@ from cell.commands.calibrate.paper import PAPER
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.trajectory.paths import fold_paths
+from skills.trajectory.arcs.paths import fold_paths
 from skills.vocabulary import GraspId, Material
 
 OTHERS = {1: (0.015, 0.030), 2: (0.030,)}

@@ -247,8 +247,8 @@ def optimised_fold() -> SharedFold:
     """Return the medium towel's first fold along the shipped library's trajectory, which our predictor found."""
     from benchmarks.attainable_dissimilarity import distance_to_target
     from cell.config.library.library_file import load_library
+    from skills.trajectory.arcs.paths import tool_paths
     from skills.trajectory.library import lookup, trajectory_from
-    from skills.trajectory.paths import tool_paths
 
     garment = load_garment("medium_towel")
     state = garment.flat_state(*garment.poses.middle)

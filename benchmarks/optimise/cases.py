@@ -15,9 +15,9 @@ from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.garments.garment import Garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.bezier import initial_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.paths import LIFT_HEIGHT, fold_paths, lifted
+from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted
 from skills.vocabulary import FoldStep, GraspId, Material
 
 __all__ = ["Case", "Controls", "initial", "judge", "prepare"]

@@ -12,8 +12,8 @@ from robots.ports import Array, CameraFrame, Side
 from skills.cloth.mesh import ClothMesh
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
-from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim
+from skills.perception.inspection.heights.camera_bias import CameraBias
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
 from skills.perception.state_estimate.comparison import Fit

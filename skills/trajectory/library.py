@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from skills.trajectory.bezier import arc_lengths
-from skills.trajectory.frame import frames_of
-from skills.trajectory.objective import ALPHA, cost
-from skills.trajectory.paths import fold_duration
+from skills.trajectory.arcs.bezier import arc_lengths
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.arcs.paths import fold_duration
+from skills.trajectory.search.objective import ALPHA, cost
 from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
 
 __all__ = [

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from skills.garments.garment import Garment
-from skills.trajectory.bezier import two_parameter_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.optimise import PLAIN_H
-from skills.trajectory.paths import fold_duration, tool_paths
+from skills.trajectory.arcs.bezier import two_parameter_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.arcs.paths import fold_duration, tool_paths
+from skills.trajectory.search.optimise import PLAIN_H
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
 __all__ = ["plain_paths", "plain_trajectory"]

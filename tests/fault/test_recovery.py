@@ -26,7 +26,7 @@ from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports, Side
 from skills.motion.moves.fold import plan_fold_motion
-from skills.trajectory.optimise import optimise_fold
+from skills.trajectory.search.optimise import optimise_fold
 from skills.vocabulary import Outcome
 from tests.runs import PLAIN, Onlooker, decided_again, fold_request, once_folded_towel
 

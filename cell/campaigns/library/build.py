@@ -21,10 +21,10 @@ from skills.cloth.mesh import ClothMesh
 from skills.garments.garment import Garment
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
+from skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
 from skills.trajectory.library import Library, LibraryEntry, trajectory_from
-from skills.trajectory.optimise import METHODS, ClothPredictor, optimise_fold
-from skills.trajectory.paths import LIFT_HEIGHT, lifted, tool_paths
-from skills.trajectory.problem import Predictor
+from skills.trajectory.search.optimise import METHODS, ClothPredictor, optimise_fold
+from skills.trajectory.search.problem import Predictor
 from skills.vocabulary import Array, Failure, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["BuildProgress", "BuiltStep", "build_library"]

@@ -11,8 +11,8 @@ from pathlib import Path
 from cell.config.library.library_file import alone_with, write_text
 from robots.errors import StorageError
 from skills.garments.garment import Garment
+from skills.trajectory.arcs.paths import LIFT_HEIGHT
 from skills.trajectory.library import Library, LibraryEntry, from_json, to_json
-from skills.trajectory.paths import LIFT_HEIGHT
 
 __all__ = ["UnfinishedBuild"]
 

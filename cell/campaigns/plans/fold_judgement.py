@@ -14,7 +14,7 @@ from skills.cloth.predict import FoldPrediction
 from skills.garments.garment import Garment
 from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.planning.folding import fold_xy
-from skills.trajectory.acceptance import judge_prediction
+from skills.trajectory.search.acceptance import judge_prediction
 from skills.vocabulary import FoldLine, FoldStep, GraspId
 
 __all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]

@@ -13,8 +13,8 @@ from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
-from skills.trajectory.optimise import METHODS, ClothPredictor
-from skills.trajectory.paths import lifted, tool_paths
+from skills.trajectory.arcs.paths import lifted, tool_paths
+from skills.trajectory.search.optimise import METHODS, ClothPredictor
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
 __all__ = ["StepOptimisation", "check_step", "optimise_plan"]

@@ -38,12 +38,12 @@ from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import silhouette, target_vertices
 from skills.planning.ideal_heights import IdealFoldHeights, ideal_fold_heights
 from skills.planning.plan import plan_folds
-from skills.trajectory.acceptance import acceptance_limit
+from skills.trajectory.arcs.paths import lifted, tool_paths
 from skills.trajectory.library import Library
-from skills.trajectory.objective import dissimilarity
-from skills.trajectory.paths import lifted, tool_paths
 from skills.trajectory.plain_arc import plain_trajectory
-from skills.trajectory.problem import Candidate
+from skills.trajectory.search.acceptance import acceptance_limit
+from skills.trajectory.search.objective import dissimilarity
+from skills.trajectory.search.problem import Candidate
 from skills.vocabulary import FoldStep, GarmentState, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
 __all__ = ["PlanPrediction", "PredictedFold", "predict_plan"]

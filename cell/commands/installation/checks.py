@@ -13,7 +13,7 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from cell.recording.rerun.viewer import find_viewer
+from cell.recording.rerun.viewing.viewer import find_viewer
 from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
 from robots.errors import CellError
 from robots.registry import find_robot, list_robots

@@ -23,7 +23,7 @@ from cell.support.files.paths import logs_directory, prepare_logs
 from skills.garments.garment import Garment
 from skills.planning.ideal_heights import bending_lengths, ideal_fold_heights
 from skills.trajectory.library import LibraryEntry
-from skills.trajectory.optimise import ClothPredictor
+from skills.trajectory.search.optimise import ClothPredictor
 
 __all__ = ["add_options"]
 

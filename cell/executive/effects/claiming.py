@@ -10,10 +10,15 @@ from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
-from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import diagnose
-from skills.perception.inspection.height_expectation import IdealHeights, Normal, rising, scaled_ideal_heights
+from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.heights.height_expectation import (
+    IdealHeights,
+    Normal,
+    rising,
+    scaled_ideal_heights,
+)
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, TargetView

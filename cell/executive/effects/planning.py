@@ -32,13 +32,13 @@ from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.planning.repair import RepairGoal
-from skills.trajectory.acceptance import acceptance_limit, judge_prediction
-from skills.trajectory.bezier import evaluate
-from skills.trajectory.objective import dissimilarity
-from skills.trajectory.optimise import ClothPredictor
-from skills.trajectory.paths import tool_paths
-from skills.trajectory.problem import Candidate, Predictor
-from skills.trajectory.repair_arcs import turned_paths
+from skills.trajectory.arcs.bezier import evaluate
+from skills.trajectory.arcs.paths import tool_paths
+from skills.trajectory.arcs.repair_arcs import turned_paths
+from skills.trajectory.search.acceptance import acceptance_limit, judge_prediction
+from skills.trajectory.search.objective import dissimilarity
+from skills.trajectory.search.optimise import ClothPredictor
+from skills.trajectory.search.problem import Candidate, Predictor
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, Outcome, PredictedShape, ToolPath
 
 __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]

@@ -23,7 +23,7 @@ from skills.grasping.hand_reading import GripCommand
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from skills.perception.inspection.high_places import find_high_places
+from skills.perception.inspection.heights.high_places import find_high_places
 from skills.perception.inspection.inspect import Inspection
 from skills.planning.folding import layers_at, outline_of, target_vertices
 from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach

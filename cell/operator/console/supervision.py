@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
-from cell.recording.rerun.web_viewer import web_viewer_files
+from cell.recording.rerun.viewing.web_viewer import web_viewer_files
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from robots.errors import StorageError

@@ -33,10 +33,10 @@ from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
-from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim import Claim
+from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.heights.stack_heights import StackHeights
 from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.stack_heights import StackHeights
 from skills.perception.inspection.target_view import TargetView
 from skills.perception.state_estimate.comparison import Fit
 from skills.perception.state_estimate.estimate import StateEstimate

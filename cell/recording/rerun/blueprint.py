@@ -5,8 +5,8 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-from cell.recording.rerun.entry import TIMELINE
-from cell.recording.rerun.scene import CAMERA, EYE, LOOK_AT, TABLE
+from cell.recording.rerun.entries.entry import TIMELINE
+from cell.recording.rerun.entries.scene import CAMERA, EYE, LOOK_AT, TABLE
 
 __all__ = ["layout"]
 

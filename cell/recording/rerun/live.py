@@ -15,7 +15,7 @@ from rerun.error_utils import catch_and_log_exceptions
 
 from cell.recording.rerun.blueprint import layout
 from cell.recording.rerun.bounded_worker import BoundedWorker
-from cell.recording.rerun.entry import Entry
+from cell.recording.rerun.entries.entry import Entry
 from cell.recording.rerun.streams import begin_stream
 
 __all__ = ["LiveStream", "free_port"]

@@ -15,9 +15,9 @@ from calibration.crease import CreaseCalibration
 from calibration.free_fold import FreeFold
 from calibration.friction import FrictionCalibration, tilted
 from calibration.shear import ShearCalibration
-from cell.recording.rerun import style
-from cell.recording.rerun.entry import TIMELINE
-from cell.recording.rerun.scene import facing_normals
+from cell.recording.rerun.entries import style
+from cell.recording.rerun.entries.entry import TIMELINE
+from cell.recording.rerun.entries.scene import facing_normals
 from cell.recording.rerun.streams import begin_stream
 from robots.errors import StorageError
 from skills.vocabulary import Array

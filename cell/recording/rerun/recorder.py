@@ -21,13 +21,13 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
 
-from cell.recording.rerun import scene
 from cell.recording.rerun.blueprint import layout
 from cell.recording.rerun.bounded_worker import BoundedWorker
-from cell.recording.rerun.entry import Entry, Log
+from cell.recording.rerun.entries import scene
+from cell.recording.rerun.entries.entry import Entry, Log
+from cell.recording.rerun.entries.robot import RobotFigure
+from cell.recording.rerun.entries.series import Series
 from cell.recording.rerun.live import LiveStream
-from cell.recording.rerun.robot import RobotFigure
-from cell.recording.rerun.series import Series
 from cell.recording.rerun.streams import begin_stream, drop_ended_streams
 from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
 from robots.visual import RobotVisual

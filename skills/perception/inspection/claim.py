@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from robots.ports import Array
-from skills.perception.inspection.camera_bias import CameraBias
 from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.perception.inspection.diagnosis import beyond_limits
-from skills.perception.inspection.height_expectation import (
+from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.heights.height_expectation import (
     IdealHeights,
     Normal,
     estimate_bending,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
+from skills.perception.inspection.heights.stack_heights import StackHeights, stack_heights
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
-from skills.perception.inspection.stack_heights import StackHeights, stack_heights
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align
 from skills.vocabulary import PredictedShape

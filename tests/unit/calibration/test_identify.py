@@ -21,7 +21,7 @@ from calibration.identify import (
 from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.trajectory.paths import fold_paths
+from skills.trajectory.arcs.paths import fold_paths
 from skills.vocabulary import GraspId, Material
 
 MU = 0.45

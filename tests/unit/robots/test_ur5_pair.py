@@ -11,7 +11,7 @@ import pybullet as pb
 import pytest
 
 from cell.hardware.robot_check import view_margins
-from cell.recording.rerun.robot import RobotFigure
+from cell.recording.rerun.entries.robot import RobotFigure
 from cell.simulation import SimulationSettings, open_simulated_cell
 from robots.errors import DriverError
 from robots.ports import Side

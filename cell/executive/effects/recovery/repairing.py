@@ -17,10 +17,10 @@ from skills.cloth.predict import predict_fold
 from skills.planning.folding import target_vertices
 from skills.planning.plan import translate_plan
 from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
-from skills.trajectory.acceptance import acceptance_limit
-from skills.trajectory.objective import dissimilarity
-from skills.trajectory.paths import fold_duration, lifted, tool_paths
-from skills.trajectory.repair_arcs import repair_arcs, start_heights, turned_paths
+from skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
+from skills.trajectory.arcs.repair_arcs import repair_arcs, start_heights, turned_paths
+from skills.trajectory.search.acceptance import acceptance_limit
+from skills.trajectory.search.objective import dissimilarity
 from skills.vocabulary import Array, GraspId, GraspTrajectory
 
 __all__ = ["choose_repair"]

@@ -106,7 +106,7 @@ def film_note(drawn: Mapping[str, DrawnHold]) -> str:
 
 
 def _arcs(trajectory: GraspTrajectory) -> list[Array]:
-    from skills.trajectory.bezier import evaluate
+    from skills.trajectory.arcs.bezier import evaluate
 
     u = np.linspace(0.0, 1.0, 60)
     return [evaluate(c, u) for c in trajectory.control_points.values()]

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from cell.config.garments.garment_file import load_garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.bezier import two_parameter_controls
-from skills.trajectory.frame import FoldFrame, frames_of
+from skills.trajectory.arcs.bezier import two_parameter_controls
+from skills.trajectory.arcs.frame import FoldFrame, frames_of
+from skills.trajectory.arcs.paths import fold_duration
 from skills.trajectory.library import (
     SCHEMA,
     Library,
@@ -25,7 +26,6 @@ from skills.trajectory.library import (
     to_json,
     trajectory_from,
 )
-from skills.trajectory.paths import fold_duration
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory
 
 TOWEL = load_garment("medium_towel")

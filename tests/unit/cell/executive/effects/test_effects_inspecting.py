@@ -18,9 +18,9 @@ from cell.states.stages import FirstLook, Repair
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
-from skills.perception.inspection.camera_bias import CameraBias
+from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.heights.stack_heights import StackHeights
 from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.stack_heights import StackHeights
 from skills.perception.inspection.target_view import TargetView
 from skills.planning.repair import RepairGoal
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape

@@ -23,10 +23,10 @@ from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
-from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK
-from skills.trajectory.bezier import two_parameter_controls
-from skills.trajectory.frame import frames_of
+from skills.trajectory.arcs.bezier import two_parameter_controls
+from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.library import Library, entry_from
+from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
 from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

@@ -25,9 +25,9 @@ from skills.perception.state_estimate.hypothesis import FoldState, Hypothesis
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
 from skills.planning.repair import RepairGoal
-from skills.trajectory.acceptance import PROMISE_SLACK
-from skills.trajectory.bezier import initial_controls
-from skills.trajectory.frame import frames_of
+from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.search.acceptance import PROMISE_SLACK
 from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

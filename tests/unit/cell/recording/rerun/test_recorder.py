@@ -24,9 +24,10 @@ import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
 from cell.config.cell_settings import load_settings
-from cell.recording.rerun import Recorder, RecorderReport, scene, style
+from cell.recording.rerun import Recorder, RecorderReport
 from cell.recording.rerun.bounded_worker import BoundedWorker
-from cell.recording.rerun.entry import Log
+from cell.recording.rerun.entries import scene, style
+from cell.recording.rerun.entries.entry import Log
 from cell.states.transition_table import State
 from robots.baxter.meshes import baxter_visual, visual_glb_urdf
 from robots.baxter.model import load_model

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from cell.recording.rerun.entry import Columns, Entry
-from cell.recording.rerun.robot import RobotFigure
+from cell.recording.rerun.entries.entry import Columns, Entry
+from cell.recording.rerun.entries.robot import RobotFigure
 from robots.ports import GripperState, JointState, Side, TactileReading, arm_slice
 
 __all__ = ["Series"]

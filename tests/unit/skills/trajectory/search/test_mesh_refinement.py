@@ -8,8 +8,8 @@ import pytest
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.mesh import mesh_from_contour
 from skills.planning.plan import plan_folds
-from skills.trajectory.mesh_refinement import carried, refined
-from skills.trajectory.problem import FoldProblem
+from skills.trajectory.search.mesh_refinement import carried, refined
+from skills.trajectory.search.problem import FoldProblem
 
 
 @pytest.mark.parametrize("name", ["medium_towel", "pants"])

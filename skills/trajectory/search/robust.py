@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills.trajectory.mesh_refinement import refined
-from skills.trajectory.problem import Candidate, Evaluator, FoldProblem, Mishap
+from skills.trajectory.search.mesh_refinement import refined
+from skills.trajectory.search.problem import Candidate, Evaluator, FoldProblem, Mishap
 from skills.vocabulary import Array, GraspId
 
 __all__ = ["MARGIN", "MISHAPS", "most_robust", "simulations"]

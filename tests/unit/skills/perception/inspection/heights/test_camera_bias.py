@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.inspection.camera_bias import estimate_camera_bias
 from skills.perception.inspection.claim_settings import ClaimSettings
+from skills.perception.inspection.heights.camera_bias import estimate_camera_bias
 
 S = ClaimSettings()
 

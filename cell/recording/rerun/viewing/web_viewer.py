@@ -21,7 +21,7 @@ from pathlib import Path
 import rerun as rr
 
 from cell.recording.rerun.live import free_port
-from cell.recording.rerun.viewer import find_viewer, silent_environment
+from cell.recording.rerun.viewing.viewer import find_viewer, silent_environment
 from cell.support.files.paths import user_cache
 from robots.errors import StorageError
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.height_expectation import (
+from skills.perception.inspection.heights.height_expectation import (
     Expected,
     IdealHeights,
     Normal,
@@ -20,7 +20,7 @@ from skills.perception.inspection.height_expectation import (
     rising,
     scaled_ideal_heights,
 )
-from skills.perception.inspection.stack_heights import StackHeights
+from skills.perception.inspection.heights.stack_heights import StackHeights
 
 S = ClaimSettings()
 C = np.linspace(0.010, 0.020, 11)

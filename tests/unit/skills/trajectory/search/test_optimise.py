@@ -18,14 +18,14 @@ from cell.config.garments.garment_file import load_garment
 from robots.errors import CellError, FailureKind
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
-from skills.trajectory import optimise
-from skills.trajectory.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
-from skills.trajectory.bezier import evaluate, two_parameter_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.objective import triangle_areas
-from skills.trajectory.optimise import METHODS, optimise_fold
-from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
-from skills.trajectory.robust import MARGIN, MISHAPS, most_robust, simulations
+from skills.trajectory.arcs.bezier import evaluate, two_parameter_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.search import optimise
+from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
+from skills.trajectory.search.objective import triangle_areas
+from skills.trajectory.search.optimise import METHODS, optimise_fold
+from skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
+from skills.trajectory.search.robust import MARGIN, MISHAPS, most_robust, simulations
 from skills.vocabulary import GraspId
 
 TOWEL = load_garment("medium_towel")

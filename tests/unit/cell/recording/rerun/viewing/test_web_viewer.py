@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.recording.rerun import web_viewer
-from cell.recording.rerun.viewer import silent_environment
-from cell.recording.rerun.web_viewer import FILES, web_viewer_files
+from cell.recording.rerun.viewing import web_viewer
+from cell.recording.rerun.viewing.viewer import silent_environment
+from cell.recording.rerun.viewing.web_viewer import FILES, web_viewer_files
 from robots.errors import StorageError
 
 

@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.urdf
 from numpy.typing import NDArray
 
-from cell.recording.rerun.entry import Columns, Entry, Log, Robot
+from cell.recording.rerun.entries.entry import Columns, Entry, Log, Robot
 from robots.ports import Array, Side
 from robots.visual import RobotVisual
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skills.planning.crease_mesh import mesh_near_creases
 from skills.planning.folding import crease_segments
-from skills.trajectory.problem import FoldProblem, TrajectoryMesh
+from skills.trajectory.search.problem import FoldProblem, TrajectoryMesh
 from skills.vocabulary import Array
 
 __all__ = ["carried", "refined"]

@@ -12,12 +12,12 @@ from skills.perception.state_estimate.interrupted_fold import simulate_interrupt
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.plan import plan_folds
 from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
-from skills.trajectory.acceptance import acceptance_limit
-from skills.trajectory.bezier import initial_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.objective import dissimilarity
-from skills.trajectory.paths import fold_paths, lifted
-from skills.trajectory.repair_arcs import repair_arcs, start_heights, turned_paths
+from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.arcs.paths import fold_paths, lifted
+from skills.trajectory.arcs.repair_arcs import repair_arcs, start_heights, turned_paths
+from skills.trajectory.search.acceptance import acceptance_limit
+from skills.trajectory.search.objective import dissimilarity
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Grasp, GraspId
 
 THICKNESS = 0.002

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import BPoly
 
-from skills.trajectory.bezier import (
+from skills.trajectory.arcs.bezier import (
     arc_lengths,
     bernstein,
     evaluate,

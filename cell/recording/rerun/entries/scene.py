@@ -14,8 +14,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from cell.recording.rerun import style
-from cell.recording.rerun.entry import Entry, Log
+from cell.recording.rerun.entries import style
+from cell.recording.rerun.entries.entry import Entry, Log
 from cell.states.transition_table import State
 from robots.ports import Array, CameraFrame, Side, arm_slice
 from skills.perception.rectification.table_view import TableView

@@ -10,9 +10,9 @@ from scipy.integrate import quad
 
 from cell.config.garments.garment_file import load_garment
 from skills.planning.plan import plan_folds
-from skills.trajectory.bezier import arc_lengths, initial_controls
-from skills.trajectory.frame import frames_of
-from skills.trajectory.paths import (
+from skills.trajectory.arcs.bezier import arc_lengths, initial_controls
+from skills.trajectory.arcs.frame import frames_of
+from skills.trajectory.arcs.paths import (
     TOOL_ACCELERATION,
     SpeedLaw,
     after_lift,

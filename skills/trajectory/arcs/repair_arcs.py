@@ -10,8 +10,8 @@ import numpy as np
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, find_pinched
 from skills.planning.repair import RepairGoal, RepairPlan, is_own
-from skills.trajectory.bezier import initial_controls
-from skills.trajectory.frame import FoldFrame, frames_of
+from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.vocabulary import Array, FoldStep, GraspId, ToolPath, frozen, tool_rotation
 
 __all__ = ["repair_arcs", "start_heights", "turned_paths"]

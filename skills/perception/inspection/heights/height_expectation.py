@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.stack_heights import StackHeights
+from skills.perception.inspection.heights.stack_heights import StackHeights
 from skills.vocabulary import Array, frozen
 
 __all__ = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from skills.trajectory.objective import ALPHA, cost, dissimilarity, triangle_areas
+from skills.trajectory.search.objective import ALPHA, cost, dissimilarity, triangle_areas
 
 RNG = np.random.default_rng(4)
 FLAT = np.vstack([[[0, 0], [0.6, 0], [0.6, 0.4], [0, 0.4]], RNG.uniform((0, 0), (0.6, 0.4), (1500, 2))])

@@ -12,12 +12,12 @@ import numpy as np
 
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
-from skills.trajectory.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
-from skills.trajectory.bezier import initial_controls, two_parameter_controls
-from skills.trajectory.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
-from skills.trajectory.paths import LIFT_HEIGHT, tool_paths
-from skills.trajectory.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
-from skills.trajectory.robust import MARGIN, most_robust, simulations
+from skills.trajectory.arcs.bezier import initial_controls, two_parameter_controls
+from skills.trajectory.arcs.paths import LIFT_HEIGHT, tool_paths
+from skills.trajectory.search.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
+from skills.trajectory.search.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
+from skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
+from skills.trajectory.search.robust import MARGIN, most_robust, simulations
 from skills.vocabulary import (
     Array,
     Failure,

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from robots.errors import CellError
 from skills.planning.folding import target_vertices
-from skills.trajectory.bezier import arc_lengths
-from skills.trajectory.frame import FoldFrame, frames_of
-from skills.trajectory.objective import ALPHA, cost, dissimilarity
-from skills.trajectory.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
+from skills.trajectory.arcs.bezier import arc_lengths
+from skills.trajectory.arcs.frame import FoldFrame, frames_of
+from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
+from skills.trajectory.search.objective import ALPHA, cost, dissimilarity
 from skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
 
 __all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor", "TrajectoryMesh"]

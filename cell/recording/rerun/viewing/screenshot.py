@@ -1,4 +1,4 @@
-"""Pictures of a recording in the viewer: `python -m cell.recording.rerun.screenshot RUN.rrd OUT.png`.
+"""Pictures of a recording in the viewer: `python -m cell.recording.rerun.viewing.screenshot RUN.rrd OUT.png`.
 
 This runs Rerun's viewer without a window. It needs a graphics driver; a software driver is enough (Debian:
 mesa-vulkan-drivers).
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from rerun.experimental import ViewerClient
 
-from cell.recording.rerun.entry import TIMELINE
+from cell.recording.rerun.entries.entry import TIMELINE
 from cell.recording.rerun.live import free_port
 from robots.errors import CellError
 
