@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import rerun as rr
 import rerun.urdf
 from numpy.typing import NDArray
@@ -34,16 +35,23 @@ class RobotFigure:
 
     def joints(self, t: Array, q: Array, head_pan: Array) -> list[Entry]:
         """Return one batch of transforms for each joint. t (n,) [s], q (n, joints) [rad], head_pan (n,) [rad]."""
-        entries = [self._column(name, t, q[:, k]) for k, name in enumerate(self._visual.joint_names)]
+        values = {name: q[:, k] for k, name in enumerate(self._visual.joint_names)}
         if self._visual.head_joint is not None:
-            entries.append(self._column(self._visual.head_joint, t, head_pan))
-        return entries
+            values[self._visual.head_joint] = head_pan
+        return self._transforms(t, values)
 
     def fingers(self, side: Side, t: Array, opening: Array) -> list[Entry]:
         """Return one batch of transforms for each finger joint. t (n,) [s], opening between the pads (n,) [m]."""
-        return [self._column(name, t, opening * per_metre) for name, per_metre in self._visual.finger_joints[side]]
+        return self._transforms(t, {name: opening * share for name, share in self._visual.finger_joints[side]})
 
-    def _column(self, name: str, t: Array, values: NDArray) -> Entry:
-        joint = self._joints[name]
-        inside = values.clip(joint.limit_lower, joint.limit_upper)  # the library warns if a value is outside
-        return Columns(f"tf/{name}", t, tuple(joint.compute_transform_columns(inside.tolist())))
+    def _transforms(self, t: Array, values: dict[str, NDArray]) -> list[Entry]:
+        """A joint whose reading is not a number stays where it was drawn last."""
+        entries: list[Entry] = []
+        for name, positions in values.items():
+            joint, known = self._joints[name], np.isfinite(positions)
+            if known.any():
+                # the library warns if a value is outside
+                inside = positions[known].clip(joint.limit_lower, joint.limit_upper)
+                columns = tuple(joint.compute_transform_columns(inside.tolist()))
+                entries.append(Columns(f"tf/{name}", t[known], columns))
+        return entries

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import socket
@@ -27,7 +28,8 @@ from cell.config.cell_settings import load_settings
 from cell.recording.rerun import Recorder, RecorderReport
 from cell.recording.rerun.bounded_worker import BoundedWorker
 from cell.recording.rerun.entries import scene, style
-from cell.recording.rerun.entries.entry import Log
+from cell.recording.rerun.entries.entry import Columns, Log
+from cell.recording.rerun.entries.robot import RobotFigure
 from cell.states.transition_table import State
 from robots.baxter.meshes import baxter_visual, visual_glb_urdf
 from robots.baxter.model import load_model
@@ -144,6 +146,19 @@ def test_the_robot_is_drawn_at_its_joint_positions(recorded):
             T = local @ T
         assert frame == "tf#/world"
         np.testing.assert_allclose(T, model.tool_pose(side, np.array(q)), atol=2e-6)
+
+
+def test_a_joint_whose_reading_is_no_number_stays_where_it_was_drawn_last(recwarn):
+    figure, n = RobotFigure(baxter_visual()), len(baxter_visual().joint_names)
+    q = np.zeros((3, n))
+    q[1, 0], q[:, 1] = math.nan, math.nan
+    entries = figure.joints(np.array([0.0, 0.1, 0.2]), q, np.zeros(3))
+    drawn = {entry.path: entry.t for entry in entries if isinstance(entry, Columns)}
+    first, second, third = (f"tf/{name}" for name in baxter_visual().joint_names[:3])
+    np.testing.assert_array_equal(drawn[first], [0.0, 0.2])
+    assert second not in drawn
+    assert len(drawn[third]) == 3
+    assert not recwarn.list
 
 
 def test_the_optimisers_curve_and_arcs_are_recorded_and_cleared_by_the_plan(recorded):
