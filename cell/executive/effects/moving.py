@@ -100,9 +100,15 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     if planned.failure:
         return _ended(context, planned.failure)
     control = pausable(cell)
-    failure = leave_freely(cell, planned.unwrap(), biases, control)
+    failure = leave_freely(cell, planned.unwrap(), biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     return _ended(with_waiting_time(context, control), failure)
+
+
+def _thinnest_layer(context: RunContext) -> float:
+    """Return the smallest thickness that a layer may have between the pads [m]: as stated, or as measured."""
+    stated = context.plan.garment.material.thickness if context.plan else None
+    return min((t for t in (stated, context.fold.layer_thickness) if t is not None), default=0.0)
 
 
 def clear(cell: Workcell, context: RunContext) -> Result:

@@ -1,9 +1,10 @@
-"""Leave the garment after the release. If cloth clings to a finger: back down, close and open the hand, leave
+"""Leave the garment after the release. If cloth stays on a finger: back down, close and open the hand, leave
 again."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
 from cell.executive.effects.checked_motion import move
-from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, still_closed
+from cell.executive.effects.recovery.parking import LET_GO, OPENING_S, RELEASE_OPENING, still_closed
 from cell.hardware.workcell import Workcell
-from robots.errors import Failure, FailureKind
+from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side
-from skills.grasping.hand_reading import GripCommand
+from skills.grasping.empty_hand import Emptied, EmptyCheck, check_empty, start_empty_check
+from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.stuck_on_finger import DragWatch, check_stuck, start_stuck_check, watch_drag
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.retrace import plan_along
@@ -30,20 +32,27 @@ FREEING_TRIES = 2
 """Number of times that the hands go back down: once for each hand."""
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
+ABOVE = 0.04
+"""Height above the release at which the hands close to feel whether they are empty [m]. A crease of the stack that
+springs up behind the leaving hand stands up to 25 mm high."""
+LEAST_RISE = 0.03
+"""A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
 
 
 def leave_freely(
-    cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], control: PathControl
+    cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Failure | None:
-    """Lead the hands up and to the parked posture, and check that no cloth clings to a finger: above the garment,
-    and while they move away, because light cloth is felt only when it drags the garment along.
+    """Lead the hands up and to the parked posture, and check that no cloth stays on a finger: while they rise, by
+    closing and opening them in the air; at rest above the garment, by the weight on the pads; and while they move
+    away, because light cloth on the outside of a finger is felt only when it drags the garment along.
 
     If it does, the hands go back along the same way, so that the cloth lies about as it was released. The caught
-    hand closes and opens there, and both leave again. STUCK_ON_FINGER is returned after FREEING_TRIES.
+    hand closes and opens there, and both leave again. STUCK_ON_FINGER is returned after FREEING_TRIES. layer:
+    smallest thickness of a layer between the pads [m].
     """
     up, home = way.retreat, way.park
     failure = (
-        move(cell, up, fingertips=True, control=control)
+        _rise(cell, up, biases, layer, control)
         or _clinging(cell, biases)
         or move(cell, home, control=control, watch=_dragging(cell, biases))
     )
@@ -55,11 +64,84 @@ def leave_freely(
         failure = (
             _follow(cell, np.vstack([up.q, home.q])[::-1], control)
             or _close_and_open(cell, caught)
-            or _follow(cell, up.q, control)
+            or _rise_again(cell, up, biases, layer, control)
             or _clinging(cell, biases)
             or _follow(cell, home.q, control, fingertips=False, watch=_dragging(cell, biases))
         )
     return failure
+
+
+def _rise(
+    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+) -> Failure | None:
+    """Rise, and close and open the hands on the way. They finish this at rest."""
+    check = _EmptyHands(cell, _empty_checks(cell, up, biases, layer))
+    return move(cell, up, fingertips=True, control=control, watch=check.look) or check.finish()
+
+
+def _rise_again(
+    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
+) -> Failure | None:
+    planned = _plan(cell, up.q)
+    return planned.failure or _rise(cell, planned.unwrap(), biases, layer, control)
+
+
+def _empty_checks(
+    cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float
+) -> dict[Side, EmptyCheck]:
+    """Return the checks of the hands that rise far enough, and are open enough to hold nothing firmly."""
+    checks = {}
+    for side, bias in biases.items():
+        low, high = cell.hands.height(side, up.q[0]), cell.hands.height(side, up.q[-1])
+        gripper = cell.ports.grippers[side].state()
+        ready = gripper.calibrated and not gripper.in_error and gripper.opening >= LET_GO
+        if ready and high - low >= LEAST_RISE:
+            above = min(low + ABOVE, high - 0.005)  # a hand may come to rest some millimetres too low
+            checks[side] = start_empty_check(cell.grasp, bias, layer, above, RELEASE_OPENING)
+    return checks
+
+
+@dataclass(eq=False)
+class _EmptyHands:
+    """Checks that hands are empty while they rise. running: checks that have not ended."""
+
+    cell: Workcell
+    running: dict[Side, EmptyCheck] = field(default_factory=dict)
+    unsure: set[Side] = field(default_factory=set)
+    """Hands whose pads did not meet."""
+    felt: Failure | None = None
+
+    def look(self, tick: Tick) -> Failure | None:
+        """Watch a motion of the arms. After a hand has felt cloth, no hand is commanded any more."""
+        for side, check in () if self.felt else tuple(self.running.items()):
+            after = self._step(side, self.cell.hands.read(side, tick.state), check)
+            if not isinstance(after, Outcome):
+                self.running[side] = after
+                continue
+            del self.running[side]
+            self.felt = self.felt or after.failure
+        return self.felt
+
+    def finish(self) -> Failure | None:
+        """Finish the checks that have begun, with the arms at rest."""
+        begun = {side: check for side, check in self.running.items() if check.begun}
+        failure = each_hand(self.cell.loop, self.cell.hands, begun, self._step).failure if begun else None
+        return failure or (still_closed(self.cell) if self.unsure else None)
+
+    def _step(self, side: Side, reading: HandReading, check: EmptyCheck) -> EmptyCheck | Outcome[Emptied]:
+        command, after = check_empty(reading, check)
+        if isinstance(after, Outcome) and after.ok and not after.unwrap().met:
+            self.unsure.add(side)
+        try:
+            if command is not None:
+                self.cell.hands.command(side, command)
+        except DriverError as e:
+            if e.kind is FailureKind.STOPPED:
+                raise
+            # the gripper refuses commands: the next grasp fails, or the hand is found closed
+            self.unsure.add(side)
+            return Outcome(Emptied(False))
+        return after
 
 
 def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
@@ -83,9 +165,12 @@ def _clinging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Failure | N
 
 
 def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
-    """Close the hands and open them as far as at the release, with the force of a release."""
-    for opening in (0.0, RELEASE_OPENING):
-        for side in sides:
+    """Close the hands and open them as far as at the release, with the force of a release. A hand that was closing
+    when the other one felt cloth opens, too."""
+    narrow = RELEASE_OPENING - cell.grasp.release_tolerance
+    others = tuple(s for s in Side if s not in sides and cell.ports.grippers[s].state().opening < narrow)
+    for opening, hands in ((0.0, sides), (RELEASE_OPENING, (*sides, *others))):
+        for side in hands:
             cell.hands.command(side, GripCommand(opening, cell.grasp.release_force))
         failure = wait(cell.loop, OPENING_S, cell.hands.recording())
         if failure:

@@ -226,7 +226,7 @@ def retreating(
 
     def along(cell: Workcell, path: Any) -> Outcome[Any]:
         way = "home" if path[-1, 0] > 0.15 else "up" if path[-1, 0] > path[0, 0] else "down"
-        return Outcome(SimpleNamespace(name=way))
+        return Outcome(SimpleNamespace(name=way, q=path))
 
     def move(
         cell: Workcell, motion: Any, fingertips: bool = False, control: Any = None, watch: Any = None
@@ -235,9 +235,9 @@ def retreating(
             "the hands are near the cloth only while they rise or descend"
         )
         done.append(motion.name)
-        assert (watch is not None) == (motion.name == "home")
+        assert (watch is not None) == (motion.name != "down")
         caught = [side for side, times in clings.items() if times > 0]
-        if not (light and caught and watch):
+        if not (light and caught and motion.name == "home"):
             return None
         return Failure(FailureKind.STUCK_ON_FINGER, "cloth drags", values={"side": caught[0].value})
 

@@ -1,0 +1,154 @@
+"""Controller that closes and opens an open hand while it rises, to feel whether cloth has stayed between its pads.
+
+Cloth that stays on a pad after the release may weigh less than the pads can feel, and is then felt only when it
+drags the garment along. Between closed pads, the lightest cloth keeps the pads apart by its thickness, and both
+pads feel the force of the grip. The hand then holds this cloth, and can lay it down again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+import numpy as np
+
+from skills.grasping.close import speed_of
+from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
+from skills.grasping.settings import GraspSettings
+from skills.grasping.tare import TactileBias
+from skills.vocabulary import Failure, FailureKind, Outcome
+
+__all__ = ["Emptied", "EmptyCheck", "check_empty", "start_empty_check"]
+
+MET_READINGS = 5
+"""Number of readings of the opening that are averaged."""
+MET = 1 / 3
+"""Pads that are nearer to each other than this share of a layer have met. With the usual noise of a reading
+(0.15 mm), a layer of 0.5 mm that is stated as 0.8 mm is taken for none by an error of 3.5 sigma."""
+HELD_READINGS = 5
+"""Number of readings in a row in which both pads must feel the grip."""
+OPENED = 0.005
+"""Pads that are this far apart do not touch each other or cloth between them [m]."""
+
+
+class _Phase(Enum):
+    RISING = auto()
+    CLOSING = auto()
+    OPENING = auto()
+
+
+@dataclass(frozen=True)
+class Emptied:
+    """Result of the check when no cloth was felt. met: whether the pads met each other, with nothing between
+    them."""
+
+    met: bool
+
+
+@dataclass(frozen=True, eq=False)
+class EmptyCheck:
+    """State of the check. layer: smallest thickness of a layer of the cloth [m]. above: height at which the hand
+    closes [m]. opening: to which it opens again [m]. since: start of the present phase [s]."""
+
+    settings: GraspSettings
+    bias: TactileBias
+    layer: float
+    above: float
+    opening: float
+    phase: _Phase = _Phase.RISING
+    since: float = -np.inf
+    tactile_stamp: float = -np.inf
+    openings: tuple[tuple[float, float], ...] = ()
+    """Stamp [s] and opening [m] of the last readings of the gripper."""
+    pressed: int = 0
+    met: bool = False
+
+    @property
+    def begun(self) -> bool:
+        """Whether the hand has begun to close."""
+        return self.phase is not _Phase.RISING
+
+
+def start_empty_check(
+    settings: GraspSettings, bias: TactileBias, layer: float, above: float, opening: float
+) -> EmptyCheck:
+    return EmptyCheck(settings, bias, layer, above, opening)
+
+
+def check_empty(
+    reading: HandReading, state: EmptyCheck
+) -> tuple[GripCommand | None, EmptyCheck | Outcome[Emptied]]:
+    """Process the reading of one tick, while the open hand rises or rests above `EmptyCheck.above`. No command is
+    given before the hand is there.
+
+    Pads that neither meet each other nor feel cloth open again after `close_timeout`, or as soon as they rest.
+    Readings that cannot be used are passed over. Failure: STUCK_ON_FINGER, with the cloth between the closed pads.
+    """
+    if state.phase is _Phase.RISING:
+        if not reading.height >= state.above:
+            return None, state
+        state = replace(state, phase=_Phase.CLOSING, since=reading.stamp)
+    if state.phase is _Phase.CLOSING:
+        after = _closing(reading, state)
+        if isinstance(after, Outcome) or after.phase is _Phase.CLOSING:
+            return GripCommand(0.0, state.settings.release_force), after
+        state = after
+    return _opening(reading, state)
+
+
+def _closing(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[Emptied]:
+    s = state.settings
+    if validate_reading(reading, s) is None:
+        state = _with(reading, state)
+        latest = [opening for _, opening in state.openings[-MET_READINGS:]]
+        apart = float(np.mean(latest)) - s.empty_opening
+        if len(latest) == MET_READINGS and apart < MET * state.layer:
+            return replace(state, phase=_Phase.OPENING, since=reading.stamp, met=True)
+        rests = _at_rest(state)
+        if rests and state.pressed >= HELD_READINGS:
+            return Outcome(failure=_held(reading, apart))
+        if rests and state.pressed == 0:
+            return replace(state, phase=_Phase.OPENING, since=reading.stamp)
+    late = reading.stamp - state.since > s.close_timeout
+    return replace(state, phase=_Phase.OPENING, since=reading.stamp) if late else state
+
+
+def _opening(reading: HandReading, state: EmptyCheck) -> tuple[GripCommand, EmptyCheck | Outcome[Emptied]]:
+    s = state.settings
+    command = GripCommand(state.opening, s.release_force)
+    opened = validate_reading(reading, s) is None and reading.gripper.opening >= OPENED
+    if opened or reading.stamp - state.since > s.release_timeout:
+        return command, Outcome(Emptied(state.met))
+    return command, state
+
+
+def _with(reading: HandReading, state: EmptyCheck) -> EmptyCheck:
+    s = state.settings
+    if reading.tactile.stamp > state.tactile_stamp:
+        held = bool((state.bias.pads(reading) >= s.held_force).all())
+        state = replace(state, tactile_stamp=reading.tactile.stamp, pressed=state.pressed + 1 if held else 0)
+    stamp = reading.gripper.stamp
+    if not state.openings or stamp > state.openings[-1][0]:
+        openings = (*state.openings, (stamp, reading.gripper.opening))
+        kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
+        state = replace(state, openings=kept if len(kept) >= MET_READINGS else openings[-MET_READINGS:])
+    return state
+
+
+def _at_rest(state: EmptyCheck) -> bool:
+    """Whether the pads have come to rest after they had time to begin to close."""
+    s = state.settings
+    speed = speed_of(state.openings)
+    if speed is None or state.openings[-1][0] - state.since < 2.0 * s.still_window:
+        return False
+    return state.openings[-1][0] - state.openings[0][0] >= 0.7 * s.still_window and abs(speed) < s.still_speed
+
+
+def _held(reading: HandReading, apart: float) -> Failure:
+    side = reading.tactile.side
+    return Failure(
+        FailureKind.STUCK_ON_FINGER,
+        f"cloth stayed between the pads of the {side} hand ({apart * 1e3:.1f} mm)",
+        "pull the cloth off the finger",
+        {"side": side.value, "opening_m": apart},
+    )
