@@ -27,6 +27,9 @@ MET = 1 / 3
 (0.15 mm), a layer of 0.5 mm that is stated as 0.8 mm is taken for none by an error of 3.5 sigma."""
 HELD_READINGS = 5
 """Number of readings in a row in which both pads must feel the grip."""
+STILL = 0.0008
+"""Pads that press are at rest if the averaged openings differ by less than this [m]: more than twice the spread of
+their noise. Saturated pads seem to press, too, but move on until they meet."""
 OPENED = 0.005
 """Pads that are this far apart do not touch each other or cloth between them [m]."""
 
@@ -104,10 +107,9 @@ def _closing(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[Em
         apart = float(np.mean(latest)) - s.empty_opening
         if len(latest) == MET_READINGS and apart < MET * state.layer:
             return replace(state, phase=_Phase.OPENING, since=reading.stamp, met=True)
-        rests = _at_rest(state)
-        if rests and state.pressed >= HELD_READINGS:
+        if state.pressed >= HELD_READINGS and np.ptp(latest) < STILL:
             return Outcome(failure=_held(reading, apart))
-        if rests and state.pressed == 0:
+        if state.pressed == 0 and _at_rest(state):
             return replace(state, phase=_Phase.OPENING, since=reading.stamp)
     late = reading.stamp - state.since > s.close_timeout
     return replace(state, phase=_Phase.OPENING, since=reading.stamp) if late else state

@@ -22,6 +22,9 @@ from skills.grasping.hand_reading import GripCommand
 __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
 
 HEAD_TURN_S = 1.5
+QUICK_STOP_S = 0.1
+"""Time in which hands that leave the garment come to rest, if the joints can [s]: meanwhile they drag cloth on a
+finger along."""
 BRAKING_S = 1.5
 """Longest wait for arms that were stopped or commanded to hold [s]. They need at most 0.3 s."""
 
@@ -99,7 +102,7 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     planned = plan_rise(cell, tuple(biases))
     if planned.failure:
         return _ended(context, planned.failure)
-    control = pausable(cell)
+    control = replace(pausable(cell), stop_s=QUICK_STOP_S)
     failure = leave_freely(cell, planned.unwrap(), biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     return _ended(with_waiting_time(context, control), failure)

@@ -20,6 +20,8 @@ __all__ = ["plan_lift"]
 
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
+CAREFUL_SPEED = 0.10
+"""Maximum speed of the tools in the careful part of a lift [m/s]."""
 STEP = 0.006
 """Height between two joint samples [m]."""
 
@@ -31,11 +33,13 @@ def plan_lift(
     sides: tuple[Side, ...],
     height: float,
     *,
+    careful: float = 0.0,
     limits: JointLimits | None = None,
 ) -> Outcome[ArmTrajectory]:
     """Plan a straight lift of the hands of `sides` by `height` [m] from q_now (joints,), at rest.
 
-    The hands rise together; a hand that is not listed stays. limits: the model's planning limits when None.
+    The hands rise together; a hand that is not listed stays. careful: height up to which they rise slowly [m].
+    limits: the model's planning limits when None.
     Failures: STALE_STATE (q_now is not a valid state), LIMIT_EXCEEDED (the height is negative, too large or not
     finite, or the limits are so low that the lift would take too long), UNREACHABLE, IN_COLLISION.
     """
@@ -57,7 +61,9 @@ def plan_lift(
     if np.abs(q - q_now).max() < 1e-9:
         return Outcome(hold(q_now))
     try:
-        lift = time_path(q, limits or model.planning, lengths=rise[:, None], speed=SPEED)
+        # where the hands should be slower, a millimetre counts as more
+        lengths = rise + (SPEED / CAREFUL_SPEED - 1.0) * np.minimum(rise, careful)
+        lift = time_path(q, limits or model.planning, lengths=lengths[:, None], speed=SPEED)
     except TimingError as e:
         return Outcome(failure=e.failure())
     contact = contact_along(checker, lift, allow_fingertips=True)

@@ -18,6 +18,9 @@ __all__ = ["RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 
 RETREAT_HEIGHT = 0.10
 """Height by which the hands rise after a fold [m]."""
+CAREFUL_RISE = 0.035
+"""Height up to which the hands rise slowly [m]. They close meanwhile, to feel cloth that has stayed on a finger
+before it is lifted far."""
 HEIGHT_SHARES = (1.0, 0.7, 0.5, 0.35)
 """Shares of the retreat's height that are tried in turn. Even the smallest, 35 mm of 100 mm, clears every
 stack."""
@@ -49,7 +52,7 @@ def plan_retreat(
     limits = limits or model.planning
     first_failure: Failure | None = None
     for share in HEIGHT_SHARES:
-        retreat = plan_lift(model, checker, q_now, sides, share * height, limits=limits)
+        retreat = plan_lift(model, checker, q_now, sides, share * height, careful=CAREFUL_RISE, limits=limits)
         if retreat.ok:
             park = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
             if park.ok:

@@ -18,9 +18,16 @@ from cell.executive.effects.recovery.parking import LET_GO, OPENING_S, RELEASE_O
 from cell.hardware.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side
-from skills.grasping.empty_hand import Emptied, EmptyCheck, check_empty, start_empty_check
+from skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
 from skills.grasping.hand_reading import GripCommand, HandReading
-from skills.grasping.stuck_on_finger import DragWatch, check_stuck, start_stuck_check, watch_drag
+from skills.grasping.stuck_on_finger import (
+    Clear,
+    DragWatch,
+    StuckCheck,
+    check_stuck,
+    start_stuck_check,
+    watch_drag,
+)
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.retrace import plan_along
 from skills.motion.moves.retreat import Retreat
@@ -32,29 +39,31 @@ FREEING_TRIES = 2
 """Number of times that the hands go back down: once for each hand."""
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
-ABOVE = 0.04
-"""Height above the release at which the hands close to feel whether they are empty [m]. A crease of the stack that
-springs up behind the leaving hand stands up to 25 mm high."""
+ABOVE = 0.010
+"""Height above the release at which the hands begin to close [m]. Until the pads come near each other, the hands
+have risen above the loose cloth of the stack, which stands up to 25 mm high."""
 LEAST_RISE = 0.03
 """A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
+WEIGHED = 0.03
+"""The weight on the pads is measured in this last part of the rise, where the hands slow down [m]."""
+
+Check = EmptyCheck | StuckCheck
 
 
 def leave_freely(
     cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Failure | None:
     """Lead the hands up and to the parked posture, and check that no cloth stays on a finger: while they rise, by
-    closing and opening them in the air; at rest above the garment, by the weight on the pads; and while they move
-    away, because light cloth on the outside of a finger is felt only when it drags the garment along.
+    closing and opening them in the air; above the garment, by the weight on the pads; and while they move away,
+    because light cloth on the outside of a finger is felt only when it drags the garment along.
 
     If it does, the hands go back along the same way, so that the cloth lies about as it was released. The caught
     hand closes and opens there, and both leave again. STUCK_ON_FINGER is returned after FREEING_TRIES. layer:
     smallest thickness of a layer between the pads [m].
     """
     up, home = way.retreat, way.park
-    failure = (
-        _rise(cell, up, biases, layer, control)
-        or _clinging(cell, biases)
-        or move(cell, home, control=control, watch=_dragging(cell, biases))
+    failure = _rise(cell, up, biases, layer, control) or move(
+        cell, home, control=control, watch=_dragging(cell, biases)
     )
     for _ in range(FREEING_TRIES):
         if failure is None or failure.kind is not FailureKind.STUCK_ON_FINGER:
@@ -65,7 +74,6 @@ def leave_freely(
             _follow(cell, np.vstack([up.q, home.q])[::-1], control)
             or _close_and_open(cell, caught)
             or _rise_again(cell, up, biases, layer, control)
-            or _clinging(cell, biases)
             or _follow(cell, home.q, control, fingertips=False, watch=_dragging(cell, biases))
         )
     return failure
@@ -74,9 +82,9 @@ def leave_freely(
 def _rise(
     cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Failure | None:
-    """Rise, and close and open the hands on the way. They finish this at rest."""
-    check = _EmptyHands(cell, _empty_checks(cell, up, biases, layer))
-    return move(cell, up, fingertips=True, control=control, watch=check.look) or check.finish()
+    """Rise, and check the hands on the way. They finish the checks at rest."""
+    checks = _HandChecks(cell, biases, *_first_checks(cell, up, biases, layer))
+    return move(cell, up, fingertips=True, control=control, watch=checks.look) or checks.finish()
 
 
 def _rise_again(
@@ -86,27 +94,36 @@ def _rise_again(
     return planned.failure or _rise(cell, planned.unwrap(), biases, layer, control)
 
 
-def _empty_checks(
+def _first_checks(
     cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float
-) -> dict[Side, EmptyCheck]:
-    """Return the checks of the hands that rise far enough, and are open enough to hold nothing firmly."""
-    checks = {}
+) -> tuple[dict[Side, Check], dict[Side, float]]:
+    """Return the first check of each hand, and the height from which it is weighed [m]. A hand closes only if it
+    rises far enough, and is open enough to hold nothing firmly."""
+    checks: dict[Side, Check] = {}
+    heights: dict[Side, float] = {}
     for side, bias in biases.items():
         low, high = cell.hands.height(side, up.q[0]), cell.hands.height(side, up.q[-1])
         gripper = cell.ports.grippers[side].state()
         ready = gripper.calibrated and not gripper.in_error and gripper.opening >= LET_GO
-        if ready and high - low >= LEAST_RISE:
-            above = min(low + ABOVE, high - 0.005)  # a hand may come to rest some millimetres too low
-            checks[side] = start_empty_check(cell.grasp, bias, layer, above, RELEASE_OPENING)
-    return checks
+        closes = ready and high - low >= LEAST_RISE
+        checks[side] = (
+            start_empty_check(cell.grasp, bias, layer, low + ABOVE, RELEASE_OPENING)
+            if closes
+            else start_stuck_check(cell.grasp, bias)
+        )
+        heights[side] = max(high - WEIGHED, low + LEAST_RISE)
+    return checks, heights
 
 
 @dataclass(eq=False)
-class _EmptyHands:
-    """Checks that hands are empty while they rise. running: checks that have not ended."""
+class _HandChecks:
+    """Checks of the hands that rise: each closes and opens, then its pads are weighed. running: checks that have
+    not ended. weighed: height of each hand from which its pads are weighed [m]."""
 
     cell: Workcell
-    running: dict[Side, EmptyCheck] = field(default_factory=dict)
+    biases: Mapping[Side, TactileBias]
+    running: dict[Side, Check]
+    weighed: Mapping[Side, float]
     unsure: set[Side] = field(default_factory=set)
     """Hands whose pads did not meet."""
     felt: Failure | None = None
@@ -114,7 +131,10 @@ class _EmptyHands:
     def look(self, tick: Tick) -> Failure | None:
         """Watch a motion of the arms. After a hand has felt cloth, no hand is commanded any more."""
         for side, check in () if self.felt else tuple(self.running.items()):
-            after = self._step(side, self.cell.hands.read(side, tick.state), check)
+            reading = self.cell.hands.read(side, tick.state)
+            if isinstance(check, StuckCheck) and not reading.height >= self.weighed[side]:
+                continue
+            after = self._step(side, reading, check)
             if not isinstance(after, Outcome):
                 self.running[side] = after
                 continue
@@ -123,25 +143,37 @@ class _EmptyHands:
         return self.felt
 
     def finish(self) -> Failure | None:
-        """Finish the checks that have begun, with the arms at rest."""
-        begun = {side: check for side, check in self.running.items() if check.begun}
-        failure = each_hand(self.cell.loop, self.cell.hands, begun, self._step).failure if begun else None
+        """Finish the checks with the arms at rest. A hand that has not begun to close is only weighed."""
+        for side, check in self.running.items():
+            if isinstance(check, EmptyCheck) and not check.begun:
+                self.running[side] = start_stuck_check(self.cell.grasp, self.biases[side])
+        running = self.running
+        failure = each_hand(self.cell.loop, self.cell.hands, running, self._step).failure if running else None
         return failure or (still_closed(self.cell) if self.unsure else None)
 
-    def _step(self, side: Side, reading: HandReading, check: EmptyCheck) -> EmptyCheck | Outcome[Emptied]:
+    def _step(self, side: Side, reading: HandReading, check: Check) -> Check | Outcome[Clear]:
+        if isinstance(check, StuckCheck):
+            return check_stuck(reading, check)
         command, after = check_empty(reading, check)
-        if isinstance(after, Outcome) and after.ok and not after.unwrap().met:
+        refused = command is not None and self._refuses(side, command)
+        if not isinstance(after, Outcome) and not refused:
+            return after
+        if isinstance(after, Outcome) and after.failure:
+            return Outcome(failure=after.failure)
+        if refused or (isinstance(after, Outcome) and not after.unwrap().met):
             self.unsure.add(side)
+        return start_stuck_check(self.cell.grasp, self.biases[side])
+
+    def _refuses(self, side: Side, command: GripCommand) -> bool:
+        """Command the gripper. Returns whether it refuses, because it is in error or not calibrated: then the next
+        grasp fails, or the hand is found closed. A stop is raised as usual."""
         try:
-            if command is not None:
-                self.cell.hands.command(side, command)
+            self.cell.hands.command(side, command)
         except DriverError as e:
             if e.kind is FailureKind.STOPPED:
                 raise
-            # the gripper refuses commands: the next grasp fails, or the hand is found closed
-            self.unsure.add(side)
-            return Outcome(Emptied(False))
-        return after
+            return True
+        return False
 
 
 def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
@@ -157,11 +189,6 @@ def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
         return None
 
     return look
-
-
-def _clinging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Failure | None:
-    checks = {side: start_stuck_check(cell.grasp, bias) for side, bias in biases.items()}
-    return each_hand(cell.loop, cell.hands, checks, lambda side, r, state: check_stuck(r, state)).failure
 
 
 def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:

@@ -298,3 +298,83 @@ def test_cloth_that_stays_on_a_finger_prevents_the_retreat_home(
     assert result.event is Event.FAILED and "home" not in done
     assert done.count("down") == freeing.FREEING_TRIES
     assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what
+
+
+def rising(
+    monkeypatch: pytest.MonkeyPatch, between: dict[Side, float], sides: tuple[Side, ...] = tuple(Side)
+) -> tuple[FakeCell, Workcell, Any, list[tuple[Side, float, float]]]:
+    """The hands of `sides` rise by 10 cm. between: thickness of what stayed between the pads of a hand [m]. Also
+    returns the way up, and the commands to the grippers: hand, opening [m], height of the hand [m]."""
+    cell, workcell, _ = holding(monkeypatch)
+    cell.openings, cell.pads = dict.fromkeys(Side, 0.02), dict.fromkeys(Side, 0.0)
+    height = lambda side, q: float(q[arm_slice(side, 14)][0])  # noqa: E731
+    monkeypatch.setattr(Hands, "height", lambda _, side, q: height(side, q))
+    monkeypatch.setattr(checked_motion, "check_trajectory", lambda *_, **__: Outcome("checked"))
+    commands: list[tuple[Side, float, float]] = []
+    for side, gripper in workcell.ports.grippers.items():
+
+        def command(opening: float, force: float, side: Side = side) -> None:
+            commands.append((side, opening, height(side, cell.q)))
+            cloth = between.get(side, 0.0)
+            cell.openings[side] = max(opening, cloth)
+            cell.pads[side] = GRIP if opening < cloth else 0.0
+
+        monkeypatch.setattr(gripper, "command", command)
+    up = way(0.1, 0.8)
+    for side in set(Side) - set(sides):
+        up.q[:, arm_slice(side, 14)] = up.qd[:, arm_slice(side, 14)] = 0.0
+    return cell, workcell, up, commands
+
+
+UNLOADED = dict.fromkeys(Side, TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01))
+
+
+def test_empty_hands_close_and_open_again_while_they_rise(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, workcell, up, commands = rising(monkeypatch, {})
+    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert {side for side, _, _ in commands} == set(Side)
+    assert all(height >= freeing.ABOVE for _, _, height in commands)
+    assert cell.openings == dict.fromkeys(Side, parking.RELEASE_OPENING) and cell.q == pytest.approx(0.1)
+    assert cell.now < 0.9, "the check takes no time after the rise"
+
+
+@pytest.mark.parametrize("side", Side)
+def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008})
+    failure = freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell))
+    assert failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER
+    assert failure.values["side"] == side.value
+    assert cell.openings[side] == 0.0008 and all(opening == 0.0 for s, opening, _ in commands if s is side)
+
+
+def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gripper that refuses commands is left to the next grasp. A hand that stays low would take cloth."""
+    cell, workcell, up, commands = rising(monkeypatch, {}, sides=(Side.LEFT,))
+
+    def refuse(opening: float, force: float) -> None:
+        raise DriverError(FailureKind.GRIPPER_FAULT, "it reports an error")
+
+    monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
+    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
+
+
+@pytest.mark.parametrize("kind", [FailureKind.STOPPED, FailureKind.GRIPPER_FAULT])
+def test_a_hand_that_closed_and_does_not_open_may_hold_cloth(
+    kind: FailureKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop is raised as usual."""
+    cell, workcell, up, _ = rising(monkeypatch, {})
+
+    def refuse(opening: float, force: float) -> None:
+        cell.openings[Side.LEFT] = 0.004
+        raise DriverError(kind, "no")
+
+    monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
+    control = checked_motion.pausable(workcell)
+    if kind is FailureKind.STOPPED:
+        with pytest.raises(DriverError):
+            freeing._rise(workcell, up, UNLOADED, 0.0008, control)
+        return
+    failure = freeing._rise(workcell, up, UNLOADED, 0.0008, control)
+    assert failure is not None and "may hold the garment" in failure.what
