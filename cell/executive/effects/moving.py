@@ -103,9 +103,12 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     if planned.failure:
         return _ended(context, planned.failure)
     control = replace(pausable(cell), stop_s=QUICK_STOP_S)
-    failure = leave_freely(cell, planned.unwrap(), biases, _thinnest_layer(context), control)
+    left = leave_freely(cell, planned.unwrap(), biases, _thinnest_layer(context), control)
     cell.hand_record.end()
-    return _ended(with_waiting_time(context, control), failure)
+    context = with_waiting_time(context, control)
+    if left.failure:
+        return _ended(context, left.failure)
+    return Result(Event.DONE, context, {"cloth_on_finger": left.unwrap()} if left.unwrap() else {})
 
 
 def _thinnest_layer(context: RunContext) -> float:

@@ -20,7 +20,7 @@ __all__ = ["plan_lift"]
 
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""
-CAREFUL_SPEED = 0.10
+CAREFUL_SPEED = 0.09
 """Maximum speed of the tools in the careful part of a lift [m/s]."""
 STEP = 0.006
 """Height between two joint samples [m]."""

@@ -39,9 +39,9 @@ FREEING_TRIES = 2
 """Number of times that the hands go back down: once for each hand."""
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
-ABOVE = 0.010
+ABOVE = 0.008
 """Height above the release at which the hands begin to close [m]. Until the pads come near each other, the hands
-have risen above the loose cloth of the stack, which stands up to 25 mm high."""
+have risen by 20 mm, above the cloth that they have released."""
 LEAST_RISE = 0.03
 """A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
 WEIGHED = 0.03
@@ -52,23 +52,28 @@ Check = EmptyCheck | StuckCheck
 
 def leave_freely(
     cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
-) -> Failure | None:
+) -> Outcome[tuple[Mapping[str, object], ...]]:
     """Lead the hands up and to the parked posture, and check that no cloth stays on a finger: while they rise, by
     closing and opening them in the air; above the garment, by the weight on the pads; and while they move away,
     because light cloth on the outside of a finger is felt only when it drags the garment along.
 
     If it does, the hands go back along the same way, so that the cloth lies about as it was released. The caught
-    hand closes and opens there, and both leave again. STUCK_ON_FINGER is returned after FREEING_TRIES. layer:
-    smallest thickness of a layer between the pads [m].
+    hand closes and opens there, and both leave again. layer: smallest thickness of a layer between the pads [m].
+
+    Returns figures for each time that cloth was felt. Failures: STUCK_ON_FINGER after FREEING_TRIES, those of the
+    motions.
     """
     up, home = way.retreat, way.park
+    felt: list[Mapping[str, object]] = []
     failure = _rise(cell, up, biases, layer, control) or move(
         cell, home, control=control, watch=_dragging(cell, biases)
     )
     for _ in range(FREEING_TRIES):
         if failure is None or failure.kind is not FailureKind.STUCK_ON_FINGER:
-            return failure
+            break
         caught = tuple(side for side in biases if side == failure.values.get("side"))
+        risen = max((_risen(cell, up, side) for side in caught), default=0.0)
+        felt.append({**failure.values, "risen_m": risen})
         cell.tell(f"{failure.what}: the hand goes back down, closes and opens")
         failure = (
             _follow(cell, np.vstack([up.q, home.q])[::-1], control)
@@ -76,7 +81,12 @@ def leave_freely(
             or _rise_again(cell, up, biases, layer, control)
             or _follow(cell, home.q, control, fingertips=False, watch=_dragging(cell, biases))
         )
-    return failure
+    return Outcome(failure=failure) if failure else Outcome(tuple(felt))
+
+
+def _risen(cell: Workcell, up: ArmTrajectory, side: Side) -> float:
+    """Return how far a hand stands above the place where it released the cloth [m]."""
+    return cell.hands.height(side, cell.ports.arms.state().q) - cell.hands.height(side, up.q[0])
 
 
 def _rise(
