@@ -295,6 +295,8 @@ def test_cloth_that_is_caught_on_a_finger_follows_the_open_hand_until_it_comes_o
         assert bench.truth().held[Side.LEFT]
         gripper.command(0.0, 12.0)
         bench.hold(0.8)
+        pads = bench.ports.tactile[Side.LEFT].reading().cells.sum(axis=(1, 2))
+        assert gripper.state().opening > 1e-3 and pads.min() > 4.0, "the closed hand feels the lightest cloth"
         gripper.command(0.03, 12.0)
     bench.hold(1.2)
     assert not bench.truth().held[Side.LEFT] and vertices(bench)[:, 2].max() < 0.07
