@@ -269,7 +269,9 @@ def test_cloth_on_a_finger_is_laid_down_and_freed_by_closing_and_opening_the_han
     side: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context, done = retreating(monkeypatch, {side: 1})
-    assert moving.retreat(workcell, context).event is Event.DONE
+    result = moving.retreat(workcell, context)
+    assert result.event is Event.DONE
+    assert [felt["side"] for felt in result.record["cloth_on_finger"]] == [side.value]
     assert done == ["up", "down", f"{side} closes", f"{side} opens", "up", "home"]
     assert cell.openings[side] == pytest.approx(parking.RELEASE_OPENING)
 
