@@ -44,6 +44,8 @@ ABOVE = 0.008
 have risen by 20 mm, above the cloth that they have released."""
 LEAST_RISE = 0.03
 """A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
+WIDEST = RELEASE_OPENING + 0.005
+"""A hand that is open wider than this has pressed a crease, which may stand up between its pads [m]."""
 WEIGHED = 0.03
 """The weight on the pads is measured in this last part of the rise, where the hands slow down [m]."""
 
@@ -108,13 +110,13 @@ def _first_checks(
     cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float
 ) -> tuple[dict[Side, Check], dict[Side, float]]:
     """Return the first check of each hand, and the height from which it is weighed [m]. A hand closes only if it
-    rises far enough, and is open enough to hold nothing firmly."""
+    rises far enough, and is open as after a release."""
     checks: dict[Side, Check] = {}
     heights: dict[Side, float] = {}
     for side, bias in biases.items():
         low, high = cell.hands.height(side, up.q[0]), cell.hands.height(side, up.q[-1])
         gripper = cell.ports.grippers[side].state()
-        ready = gripper.calibrated and not gripper.in_error and gripper.opening >= LET_GO
+        ready = gripper.calibrated and not gripper.in_error and LET_GO <= gripper.opening <= WIDEST
         closes = ready and high - low >= LEAST_RISE
         checks[side] = (
             start_empty_check(cell.grasp, bias, layer, low + ABOVE, RELEASE_OPENING)

@@ -24,6 +24,7 @@ from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
 from skills.motion.timing.jerk_limiter import JerkLimiter
+from skills.planning import pressing
 from skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
@@ -359,6 +360,13 @@ def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
     assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
     assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
+
+
+def test_hands_that_have_pressed_a_crease_do_not_close_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, workcell, up, commands = rising(monkeypatch, {})
+    cell.openings = dict.fromkeys(Side, pressing.OPENING)
+    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert not commands
 
 
 @pytest.mark.parametrize("kind", [FailureKind.STOPPED, FailureKind.GRIPPER_FAULT])
