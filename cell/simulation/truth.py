@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.faults import Fault
-from cell.simulation.garment.cloth_body import BodyTraits
 from robots.ports import Intrinsics, Side
-from skills.cloth.mesh import ClothMesh
 from skills.vocabulary import Array, Material
+
+if TYPE_CHECKING:  # the render process needs no solver, and importing it takes a second
+    from cell.simulation.garment.cloth_body import BodyTraits
+    from skills.cloth.mesh import ClothMesh
 
 __all__ = ["GarmentTruth", "Truth"]
 

@@ -10,12 +10,15 @@ layers. There is no other selection of layers. `stroke`, `width` and `depth` are
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.cloth.mesh import ClothMesh
+
+if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
+    from skills.cloth.mesh import ClothMesh
 
 __all__ = ["PadGeometry", "PinchReport", "PinchedPoints", "find_pinched"]
 

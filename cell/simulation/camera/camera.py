@@ -31,7 +31,7 @@ __all__ = ["Renderer", "SimulatedCamera"]
 PICTURE_TIMEOUT_S = 120.0
 """The render process is restarted if it gives no answer for this wall time [s]. A dead process is noticed at once,
 but on a busy machine a picture can take half a minute."""
-PICTURES_A_PROCESS = 400
+PICTURES_A_PROCESS = 100
 """After this number of pictures the render process is replaced, because the renderer leaks memory."""
 ATTEMPTS = 2
 

@@ -1,9 +1,8 @@
 """The render process: a PyBullet world that is used for pictures only.
 
 PyBullet's TinyRenderer leaks memory and may crash. In a separate process this does not affect the cell. The
-garment is a soft body without physics, whose vertices are set before each picture. The world must then advance by
-one step (a microsecond), otherwise the camera shows the old shape. `cell.simulation.camera.camera` starts the
-process with
+garment is a body without physics that is made anew for each picture. A soft body could change its shape, but
+PyBullet takes up to half a minute to load one. `cell.simulation.camera.camera` starts the process with
 
     python -m cell.simulation.camera.render_server FD
 """
@@ -20,8 +19,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from robots.bullet.suppress_output import suppress_output
 from skills.vocabulary import Array, Table
@@ -32,8 +29,7 @@ with suppress_output():  # PyBullet prints its build time
 __all__ = ["Picture", "Scene", "Shot", "main"]
 
 FAR, NEAR = 4.0, 0.25  # clipping planes [m]
-STEP = 1e-6  # [s]
-HIDDEN = -5.0  # height of hidden objects, below the floor [m]
+HIDDEN = -5.0  # height of the hidden board, below the floor [m]
 FLOOR_RGB = (112, 114, 118)
 FINE = 2
 """Samples along each side of a pixel in pictures with the board. One sample would not be enough, because the
@@ -90,10 +86,12 @@ class _Stage:
     def __init__(self, scene: Scene, folder: Path) -> None:
         self._scene = scene
         self._client = pb.connect(pb.DIRECT)
-        pb.resetSimulation(pb.RESET_USE_DEFORMABLE_WORLD, physicsClientId=self._client)
-        pb.setTimeStep(STEP, physicsClientId=self._client)
-        pb.setGravity(0, 0, 0, physicsClientId=self._client)
-        self._puppet = self._load_puppet(folder)
+        self._garment: int | None = None
+        self._fabric = self._texture(folder / "fabric.png", scene.garment_texture)
+        self._uv = np.round(scene.garment_uv, 6).tolist()
+        self._both_sides = (
+            np.stack((scene.garment_triangles, scene.garment_triangles[:, ::-1]), 1).ravel().tolist()
+        )
         self._load_table(folder)
         self._board = self._load_board(folder)
         self._robot = pb.loadURDF(
@@ -111,23 +109,22 @@ class _Stage:
         cv2.imwrite(str(path), image[..., ::-1])
         return int(pb.loadTexture(str(path), physicsClientId=self._client))
 
-    def _load_puppet(self, folder: Path) -> int:
-        scene = self._scene
-        n = len(scene.garment_uv)
-        scattered = HIDDEN - 1e-3 * np.modf(0.618034 * np.arange(n))[0]
-        start = np.column_stack((scene.garment_uv, scattered))
-        path = folder / "garment.obj"
-        path.write_text(_obj(start, scene.garment_uv, leading(scene.garment_triangles, n), upright=True))
-        puppet = pb.loadSoftBody(
-            str(path), useMassSpring=0, useFaceContact=0, useSelfCollision=0, collisionMargin=1e-4,
-            physicsClientId=self._client,
+    def _show_garment(self, vertices: Array | None) -> None:
+        """Replace the garment's body. PyBullet draws one side of a triangle, so each is there twice. vertices:
+        (n, 3) in the base frame; None: no garment."""
+        if self._garment is not None:
+            pb.removeBody(self._garment, physicsClientId=self._client)
+            self._garment = None
+        if vertices is None:
+            return
+        shape = pb.createVisualShape(
+            pb.GEOM_MESH, vertices=vertices.tolist(), indices=self._both_sides, uvs=self._uv,
+            normals=[(0.0, 0.0, 1.0)] * len(vertices), physicsClientId=self._client,
         )  # fmt: skip
+        self._garment = int(pb.createMultiBody(0, -1, shape, physicsClientId=self._client))
         pb.changeVisualShape(
-            puppet, -1, rgbaColor=[1, 1, 1, 1], flags=pb.VISUAL_SHAPE_DOUBLE_SIDED,
-            textureUniqueId=self._texture(folder / "fabric.png", scene.garment_texture),
-            physicsClientId=self._client,
-        )  # fmt: skip
-        return int(puppet)
+            self._garment, -1, rgbaColor=[1, 1, 1, 1], textureUniqueId=self._fabric, physicsClientId=self._client
+        )
 
     def _load_table(self, folder: Path) -> None:
         t = self._scene.table
@@ -183,12 +180,8 @@ class _Stage:
         scene = self._scene
         for name, position in shot.joints.items():
             pb.resetJointState(self._robot, self._joints[name], position, 0.0, physicsClientId=self._client)
-        vertices = shot.vertices
-        if vertices is None:
-            vertices = np.column_stack((scene.garment_uv, np.full(len(scene.garment_uv), HIDDEN)))
+        self._show_garment(shot.vertices)
         self._place_board(shot.T_base_board)
-        pb.resetMeshData(self._puppet, vertices.tolist(), physicsClientId=self._client)
-        pb.stepSimulation(physicsClientId=self._client)
         n = 1 if shot.T_base_board is None else FINE
         shape = (n * scene.height, n * scene.width)
         _, _, rgba, buffer, _ = pb.getCameraImage(  # discard the segmentation: no skill may use it
@@ -216,25 +209,6 @@ class _Stage:
         return tuple(pb.computeProjectionMatrix(left * x, right * x, bottom * y, top * y, NEAR, FAR))
 
 
-def leading(triangles: NDArray[np.int32], n: int) -> NDArray[np.int32]:
-    """Return the triangles (m, 3) with rotated corners, so that each of the n vertices is the first corner of one
-    of them.
-
-    When PyBullet loads the mesh, it attaches each drawn vertex to a face that contains it. Because of rounding,
-    this search can miss the faces of the vertex itself, except a face that begins with the vertex. The vertex
-    would then be attached to a face of another layer above it and move with that face. For the same reason no two
-    faces may be coplanar while the mesh is loaded.
-    """
-    m = np.arange(len(triangles))
-    touches = csr_matrix((np.ones(3 * len(m)), (triangles.T.ravel(), np.tile(m, 3))), shape=(n, len(m)))
-    face = maximum_bipartite_matching(touches, perm_type="column")
-    vertex = np.flatnonzero(face >= 0)
-    first = np.zeros(len(m), np.intp)
-    first[face[vertex]] = np.argmax(triangles[face[vertex]] == vertex[:, None], axis=1)
-    turned: NDArray[np.int32] = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
-    return turned
-
-
 def _axis_angle(R: Array) -> tuple[list[float], float]:
     w = cv2.Rodrigues(R)[0].reshape(3)
     angle = float(np.linalg.norm(w))
@@ -246,16 +220,11 @@ def _view(T_base_camera: Array) -> tuple[float, ...]:
     return tuple(pb.computeViewMatrix(eye.tolist(), (eye + R[:, 2]).tolist(), (-R[:, 1]).tolist()))
 
 
-def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32], upright: bool = False) -> str:
-    """Return an OBJ file whose texture coordinates are numbered like its vertices. PyBullet keeps this order.
-
-    upright: all normals point up, as on flat cloth, because PyBullet never updates the normals of a soft body.
-    """
+def _obj(vertices: Array, uv: Array, triangles: NDArray[np.int32]) -> str:
+    """Return an OBJ file whose texture coordinates are numbered like its vertices."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
     lines += [f"vt {u:.6f} {v:.6f}" for u, v in uv]
-    lines += ["vn 0 0 1"] if upright else []
-    normal = "/1" if upright else ""
-    lines += ["f " + " ".join(f"{k + 1}/{k + 1}{normal}" for k in triangle) for triangle in triangles]
+    lines += ["f " + " ".join(f"{k + 1}/{k + 1}" for k in triangle) for triangle in triangles]
     return "\n".join(lines) + "\n"
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
 INNER = {"binding", "camera", "garment", "ports", "robot", "world"}
 
 
+@cache
 def imported(path: Path) -> set[str]:
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -40,3 +44,12 @@ def test_skills_calibration_and_robots_do_not_import_the_cell() -> None:
 
 def test_the_search_for_imports_finds_an_import_of_the_world() -> None:
     assert "cell.simulation.port_worlds" in imported(ROOT / "cell" / "simulation" / "ports.py")
+
+
+def test_the_render_process_starts_without_solver_and_compiler() -> None:
+    """Each simulated cell with a camera starts one, and these imports would take most of its time to start."""
+    line = "import sys, cell.simulation.camera.render_server; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", line], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert "pybullet" in loaded
+    assert not {"numba", "scipy", "cell.simulation.world", "skills.cloth.mesh"} & set(loaded)

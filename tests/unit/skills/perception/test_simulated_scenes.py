@@ -8,7 +8,7 @@ from benchmarks.perception.fabrics import LEAST_DIFFERENCE
 from benchmarks.perception.pieces import Laying, draw_piece
 from benchmarks.perception.scenes import TABLE, draw_scene, open_studio
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.camera.render_server import Shot, leading
+from cell.simulation.camera.render_server import Shot
 from cell.simulation.garment.fabric import garment_uv
 from robots.baxter.camera_mount import MOUNT
 from skills.perception.perceive import perceive
@@ -43,17 +43,6 @@ def test_the_camera_shows_every_triangle_of_a_garment_in_two_layers():
     inner = cv2.erode(drawn, np.ones((5, 5), np.uint8)) > 0
     outer = cv2.dilate(drawn, np.ones((5, 5), np.uint8)) > 0
     assert shown[inner].all() and not shown[~outer].any()
-
-
-def test_every_vertex_is_the_first_of_some_triangle():
-    mesh = draw_piece(load_garment("pants"), np.random.default_rng(1)).mesh
-    turned = leading(mesh.triangles, len(mesh.rest))
-    assert set(turned[:, 0]) == set(range(len(mesh.rest)))
-    assert np.array_equal(np.sort(turned, axis=1), np.sort(mesh.triangles, axis=1))
-    for k in (1, 2):  # the triangles are rotated and keep their orientation
-        at = [np.argmax(mesh.triangles == turned[:, [i]], axis=1) for i in (k - 1, k)]
-        step = (at[1] - at[0]) % 3
-        assert (step == 1).all()
 
 
 def test_the_key_points_of_a_piece_are_points_of_its_fabric():
