@@ -111,13 +111,12 @@ def _update_channel(channel: Channel, value: float, now: float, s: GraspSettings
         return _measure_baseline(replace(channel, recent=recent, stamp=now), s)
     if channel.readings is None:
         return channel
-    dt = now - channel.stamp
-    channel = replace(channel, recent=recent[-channel.readings :], stamp=now)
-    if channel.mean < 0.5 * (1.0 + channel.fraction) * channel.baseline:
-        return channel  # A loss may have begun: the baseline does not adapt.
-    rate = 1.0 - float(np.exp(-dt / s.slip_drift_time))
-    adapted = channel.baseline + rate * (value - channel.baseline)
-    return replace(channel, baseline=max(adapted, s.slip_anchor * channel.first))
+    recent = recent[-channel.readings :]
+    baseline = channel.baseline
+    if not sum(recent) / len(recent) < 0.5 * (1.0 + channel.fraction) * baseline:  # else a loss may have begun
+        rate = 1.0 - float(np.exp(-(now - channel.stamp) / s.slip_drift_time))
+        baseline = max(baseline + rate * (value - baseline), s.slip_anchor * channel.first)
+    return replace(channel, recent=recent, stamp=now, baseline=baseline)
 
 
 def _measure_baseline(channel: Channel, s: GraspSettings) -> Channel:

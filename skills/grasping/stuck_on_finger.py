@@ -7,6 +7,7 @@ the tare, can explain, cloth clings to this pad.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +58,7 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
     state = _with(reading, state)
     if len(state.pads) < s.stuck_readings:
         return state
-    return _judged(reading, state)
+    return _judged(reading, state, np.array(state.pads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +85,13 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
     if state.first is None:
         bias = replace(check.bias, stamp=reading.stamp)
         return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
-    check = replace(check, pads=check.pads[-s.stuck_readings :])
+    if len(check.pads) > s.stuck_readings:
+        check = replace(check, pads=check.pads[-s.stuck_readings :])
+    forces = np.array(check.pads)
     for readings in (QUICK, s.stuck_readings):  # a strong pull at once, a light one after more readings
-        latest = replace(check, settings=replace(s, stuck_readings=readings), pads=check.pads[-readings:])
-        failure = _judged(reading, latest, state.first).failure
-        if failure is not None and _lasting(latest.pads - state.first):
+        latest = forces[-readings:]
+        failure = _judged(reading, check, latest, state.first).failure
+        if failure is not None and _lasting(latest - state.first):
             return failure
     return DragWatch(check, state.first)
 
@@ -107,10 +110,14 @@ def _with(reading: HandReading, state: StuckCheck) -> StuckCheck:
     return replace(state, stamp=reading.tactile.stamp, pads=(*state.pads, state.bias.pads(reading)))
 
 
-def _judged(reading: HandReading, state: StuckCheck, unloaded: Array | float = 0.0) -> Outcome[Clear]:
-    mean = np.mean(state.pads, axis=0) - unloaded
+def _judged(
+    reading: HandReading, state: StuckCheck, forces: Array, unloaded: Array | float = 0.0
+) -> Outcome[Clear]:
+    """forces: (k, 2) latest readings of the pads [N]. unloaded: force that they are compared with [N]."""
+    mean = forces.mean(axis=0) - unloaded
     pad = int(mean.argmax())
-    residual, bound = float(mean[pad]), residual_bound(state.bias, reading.stamp, state.settings)
+    residual = float(mean[pad])
+    bound = residual_bound(state.bias, reading.stamp, state.settings, len(forces))
     if residual < bound:
         return Outcome(Clear(residual, bound))
     return Outcome(
@@ -123,15 +130,16 @@ def _judged(reading: HandReading, state: StuckCheck, unloaded: Array | float = 0
     )
 
 
-def residual_bound(bias: TactileBias, now: float, settings: GraspSettings) -> float:
+def residual_bound(bias: TactileBias, now: float, settings: GraspSettings, readings: int) -> float:
     """Largest mean force of an unloaded pad that noise, and drift since the tare, can explain [N].
 
-    now: [s]. A cell that drifts with standard deviation sigma and period T has changed by 2 sigma sin(pi t / T)
-    after a time t (root mean square over its phases), and by at most 2 sigma.
+    now: [s]. readings: number of readings in the mean. A cell that drifts with standard deviation sigma and period
+    T has changed by 2 sigma sin(pi t / T) after a time t (root mean square over its phases), and by at most 2
+    sigma.
     """
     s = settings
     cells = bias.cells[0].size
-    phase = float(np.clip((now - bias.stamp) / s.drift_time, 0.0, 0.5))
+    phase = min(max((now - bias.stamp) / s.drift_time, 0.0), 0.5)
     drift = 2.0 * s.drift_ratio * bias.cell_noise * np.sin(np.pi * phase)
-    noise = bias.cell_noise * np.sqrt(1.0 / s.stuck_readings + 1.0 / s.tare_readings)
-    return max(s.stuck_force, s.stuck_sigmas * float(np.sqrt(cells) * np.hypot(drift, noise)))
+    noise = bias.cell_noise * math.sqrt(1.0 / readings + 1.0 / s.tare_readings)
+    return max(s.stuck_force, s.stuck_sigmas * float(math.sqrt(cells) * np.hypot(drift, noise)))

@@ -173,15 +173,15 @@ def test_the_drift_allowance_grows_until_half_a_period() -> None:
     for t in (0.0, 10.0, 30.0, 60.0, 90.0, 1e4):
         wander = 2.0 * S.drift_ratio * np.sin(np.pi * min(t / S.drift_time, 0.5))
         bound = S.stuck_sigmas * 0.01 * np.sqrt(12.0) * np.hypot(white, wander)
-        assert residual_bound(BIAS, t, settings) == pytest.approx(bound)
-    assert residual_bound(replace(BIAS, cell_noise=0.0), 60.0, S) == S.stuck_force
+        assert residual_bound(BIAS, t, settings, 20) == pytest.approx(bound)
+    assert residual_bound(replace(BIAS, cell_noise=0.0), 60.0, S, 20) == S.stuck_force
 
 
 @pytest.mark.parametrize("pad", [0, 1])
 @pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
 def test_cloth_on_either_pad_is_reported_above_the_threshold(pad: int, share: float, stuck: bool) -> None:
     state = start_stuck_check(S, BIAS)
-    weight = share * residual_bound(BIAS, 10.0 + 0.01 * (S.stuck_readings - 1), S)
+    weight = share * residual_bound(BIAS, 10.0 + 0.01 * (S.stuck_readings - 1), S, S.stuck_readings)
     for k in range(S.stuck_readings):
         pads = (weight, -1.0) if pad == 0 else (-1.0, weight)
         after = check_stuck(reading(10.0 + 0.01 * k, pads), state)
