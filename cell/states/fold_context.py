@@ -10,7 +10,7 @@ import numpy as np
 
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import Adjustment
-from cell.states.stages import Attempt, Repair
+from cell.states.stages import Attempt, Repair, Spread
 from cell.states.step_note import StepNote
 from robots.ports import ArmTrajectory, Side
 from skills.grasping.confirm import Held
@@ -50,10 +50,17 @@ class FoldContext:
     """Whether the hands may have moved the garment since it was last found."""
     estimate: StateEstimate | None = None
     """The state of the garment after a failure of the latest attempt, with the best fit of each state."""
-    repair: Repair | None = None
-    """The repair in progress. `attempt` is then the attempt at the repair."""
+    repair: Repair | Spread | None = None
+    """The repair in progress, or the pull that spreads the garment. `attempt` is then the attempt at it."""
     tried: tuple[RepairGoal, ...] = ()
     """The goals of the repairs of this fold that were planned, in order."""
+    pulls: int = 0
+    """Number of pulls to spread the garment that were planned."""
+    covered: tuple[float, ...] = ()
+    """Area that the garment covered before each of these pulls that was carried out [m2]."""
+    spread: bool = True
+    """Whether another pull may spread the garment. False when no pull can be planned or the last one did not
+    help."""
     held: Mapping[Side, Held] = field(default_factory=dict)
     """Confirmed grasp of each hand that holds the garment."""
     carrying: tuple[ArmTrajectory, ...] = ()
@@ -61,6 +68,11 @@ class FoldContext:
     last one may have ended on its way."""
     layer_thickness: float | None = None
     """Thickness of a layer between the pads, if the hands hold the planned layers [m]."""
+
+    @property
+    def arcs(self) -> GraspTrajectory | None:
+        """The arcs of the motion that is next: of the repair or pull in progress, else of the fold."""
+        return self.trajectory if self.repair is None else self.repair.trajectory
 
     @property
     def carried(self) -> bool:
@@ -74,7 +86,10 @@ class FoldContext:
 
     def after_repair(self) -> FoldContext:
         """Return the context after a repair, whether it succeeded or not. Unless it has completed the fold, how
-        the garment lies is unknown."""
+        the garment lies is unknown. After a pull the fold begins anew, without what was planned for it."""
+        if isinstance(self.repair, Spread):
+            covered = (*self.covered, self.repair.covered_m2) if self.carried else self.covered
+            return replace(self, repair=None, attempt=None, covered=covered, touched=True, estimate=None)
         if self.repair is None or self.attempt is None:
             return self
         return replace(self, repair=None, attempt=self.repair.ended(self.attempt), touched=True, estimate=None)
@@ -83,8 +98,10 @@ class FoldContext:
         return self.adjustments.count(adjustment)
 
     def note(self) -> StepNote | None:
-        """Return the fold's record for the report, or None before the fold was planned. If the fold was not
-        inspected, the figures of the inspection are NaN or empty."""
+        """Return the fold's record for the report, or None before the fold was planned, and while it is pulled. If
+        the fold was not inspected, the figures of the inspection are NaN or empty."""
+        if isinstance(self.repair, Spread):
+            return None
         attempt = self.repair.failed if self.repair else self.attempt
         if attempt is None:
             return None

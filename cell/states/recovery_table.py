@@ -2,8 +2,9 @@
 
 Every failure kind has a row. Its recoveries are tried in order, counted per fold step and failure kind (per fold
 step alone for the verdicts of an inspection). CARRY_ON comes before all others and has no limit: a fold that is
-good enough once is good enough again. The last entry of a row asks the operator, or gives up if there is no
-operator; it states why the cell does not go on by itself.
+good enough once is good enough again. SPREAD has no limit of its own in a row either: it comes at its place among
+the others, as long as a pull may spread the garment further (`recovery.pulls`). The last entry of a row asks the
+operator, or gives up if there is no operator; it states why the cell does not go on by itself.
 
 A verdict that would end a fold or a run is never taken from one look: rows of seeing and judging look again first,
 after a dwell. Together the dwells of a row outlast a disturbance of 3 s.
@@ -111,6 +112,11 @@ def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
     return Recovery(Event.REPAIR, adjust), Recovery(Event.REPAIR, adjust)
 
 
+_SPREAD = (Recovery(Event.SPREAD),)
+"""Pull the heap apart. For the rows of recognition it comes first: only after a pull, when the garment is still
+not flat, is it allowed there."""
+
+
 def _ask(reason: str) -> tuple[Recovery]:
     return (Recovery(Event.ASK, reason=reason),)
 
@@ -127,12 +133,12 @@ _PERSON = "a person ended the motion, and only a person begins it again"
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
     K.NO_GARMENT: (*_LOOK_TWICE, *_TABLE),
-    K.UNKNOWN_GARMENT: (*_LOOK_TWICE, *_TABLE),
-    K.CATEGORY_MISMATCH: (*_LOOK_TWICE, *_TABLE),
+    K.UNKNOWN_GARMENT: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
+    K.CATEGORY_MISMATCH: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
     K.OUT_OF_VIEW: (*_LOOK_TWICE, *_TABLE),
     K.VIEW_OBSTRUCTED: (*_WAIT_AND_LOOK, *_ask("the hand or the object that hides the view has not gone away")),
-    K.NOT_FLAT: (*_LOOK_TWICE, *_TABLE),
-    K.LOW_CONFIDENCE: (*_LOOK_TWICE, *_TABLE),
+    K.NOT_FLAT: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
+    K.LOW_CONFIDENCE: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
     K.CAMERA_FAULT: (*_LOOK_TWICE, *_CAMERA),
     K.GARMENT_MOVED: (*((Recovery(Event.LOOK_AGAIN, dwell_s=1.0),) * 3), *_ask("something keeps moving it")),
     # planning
@@ -173,8 +179,8 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), *_SHAPE),
     K.MISSED_LAYER: (*_GOOD_ENOUGH, *_repair(A.LOWER), *_SHAPE),
     # the garment lies neither as before nor as after the fold: the estimate must be the same twice
-    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), *_LIES),
-    K.HEAPED: (*_LOOK_ONCE_MORE, *_LIES),
+    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), *_SPREAD, *_LIES),
+    K.HEAPED: (*_LOOK_ONCE_MORE, *_SPREAD, *_LIES),
     # the cell itself
     K.STOPPED: _ask(_PERSON),
     K.ABORTED: _ask(_PERSON),
@@ -261,13 +267,15 @@ def choose_recovery(
     deviation: float = 0.0,
     carried: bool = True,
     repairable: bool = False,
+    spreadable: bool = False,
 ) -> Recovery:
     """Return the recovery after failure number `attempt` (from 1) of this kind in this step.
 
     overlap: IoU of observed and predicted shape, and deviation: the larger of the outline's deviation and the
     length of cloth left behind [m], if an inspection failed. other_variant: whether the garment file has a variant
     of this step that was not tried. carried: whether the hands completed the fold; otherwise it cannot be carried
-    on from. repairable: whether it is known well enough how the garment lies to repair the fold.
+    on from. repairable: whether it is known well enough how the garment lies to repair the fold. spreadable:
+    whether a pull may spread the garment.
     """
 
     def allowed(recovery: Recovery) -> bool:
@@ -284,8 +292,11 @@ def choose_recovery(
     for recovery in recoveries:
         if recovery.event is Event.CARRY_ON and allowed(recovery):
             return recovery
-    left_out = {Event.CARRY_ON} if repairable else {Event.CARRY_ON, Event.REPAIR}
-    tries = [r for r in recoveries if r.event not in left_out]
+    possible = {Event.REPAIR: repairable, Event.SPREAD: spreadable, Event.CARRY_ON: False}
+    tries = [r for r in recoveries if possible.get(r.event, True)]
+    for place, recovery in enumerate(tries):
+        if recovery.event is Event.SPREAD and attempt > place:
+            return recovery
     if attempt <= len(tries) and allowed(tries[attempt - 1]):
         return tries[attempt - 1]
     return ask if attended else replace(ask, event=Event.GIVE_UP)

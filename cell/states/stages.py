@@ -20,7 +20,7 @@ from skills.perception.state_estimate.comparison import Fit
 from skills.planning.repair import RepairGoal, RepairPlan
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
-__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair"]
+__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair", "Spread"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +147,11 @@ class Repair:
     displaced: Fit
     failed: Attempt
 
+    @property
+    def name(self) -> str:
+        """What is done, in one word."""
+        return self.plan.goal.value
+
     def in_words(self) -> str:
         """Return what the hands do."""
         return f"the hands carry the moved cloth {_DESTINATIONS[self.plan.goal]}"
@@ -168,3 +173,34 @@ class Repair:
             dissimilarity_m=performed.dissimilarity_m, plan_frames=performed.plan_frames,
             pictures=performed.pictures, carried=True, repaired=True, repair_s=performed.carrying_s,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A pull that spreads a garment of which only the silhouette is known. It is planned, checked and performed
+    like a fold, but not simulated.
+
+    step: the pull as a fold step; trajectory: its arcs. contour: (n, 2) silhouette now [m]. aim: (n, 3) vertices
+    of the plan's mesh, flat where the garment would lie if it were spread [m]. covered_m2: area of the silhouette.
+    home: whether the garment lies spread, and is drawn back to where it was laid.
+    """
+
+    step: FoldStep
+    trajectory: GraspTrajectory
+    contour: Array
+    aim: Array
+    covered_m2: float
+    home: bool = False
+
+    @property
+    def name(self) -> str:
+        """What is done, in one word."""
+        return "spread"
+
+    def in_words(self) -> str:
+        """Return what the hands do."""
+        hands = "both hands pull" if len(self.step.grasps) == 2 else "a hand pulls"
+        if self.home:
+            return f"{hands} the flat garment back to where it was laid"
+        what = "corners of the heap apart" if len(self.step.grasps) == 2 else "a corner of the heap outwards"
+        return f"{hands} {what}, low over the table, to spread it"

@@ -44,6 +44,7 @@ class State(StrEnum):
     OPTIMISING = "optimising"  # look the trajectory up, or optimise it
     PLANNING_MOTION = "planning_motion"
     PLANNING_REPAIR = "planning_repair"  # how a half-made fold is completed or undone
+    PLANNING_SPREAD = "planning_spread"  # how a heap is pulled apart
     AWAITING_APPROVAL = "awaiting_approval"
     CHECKING = "checking"  # whether the garment still lies where the plan expects it
     APPROACHING = "approaching"
@@ -78,6 +79,7 @@ class Event(StrEnum):
     FAILED = "failed"
     # choices
     TOUCHED = "touched"  # the hands may have moved the garment since it was found
+    SPREAD_ENDED = "spread_ended"  # the garment was pulled: it is looked at like one that was newly laid
     FOLD_MADE = "fold_made"  # the garment lies as after the fold
     APPROVAL_NEEDED = "approval_needed"
     PRESS = "press"
@@ -93,6 +95,7 @@ class Event(StrEnum):
     OPTIMISE_AGAIN = "optimise_again"
     GRASP_AGAIN = "grasp_again"
     REPAIR = "repair"
+    SPREAD = "spread"
     CARRY_ON = "carry_on"
     ASK = "ask"
     GIVE_UP = "give_up"
@@ -124,6 +127,7 @@ class Effect(StrEnum):
     CHOOSE_TRAJECTORY = "choose_trajectory"
     PLAN_MOTION = "plan_motion"
     PLAN_REPAIR = "plan_repair"
+    PLAN_SPREAD = "plan_spread"
     ASK_APPROVAL = "ask_approval"
     CHECK_PLACE = "check_place"
     APPROACH = "approach"
@@ -189,6 +193,12 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.RECOVERING, E.REPAIR, S.PLANNING_REPAIR, Do.PLAN_REPAIR),
     Row(S.PLANNING_REPAIR, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
     Row(S.LOOKING_AFTER, E.TOUCHED, S.ESTIMATING, Do.ESTIMATE),
+    # spread a heap by a pull that is performed like a fold; what lies there then is recognised anew
+    Row(S.RECOVERING, E.SPREAD, S.PLANNING_SPREAD, Do.PLAN_SPREAD),
+    Row(S.RECOGNISING, E.SPREAD, S.PLANNING_SPREAD, Do.PLAN_SPREAD),  # it lies spread, but not where it was laid
+    Row(S.PLANNING_SPREAD, E.DONE, S.PLANNING_MOTION, Do.PLAN_MOTION),
+    Row(S.LOOKING, E.SPREAD_ENDED, S.RECOGNISING, Do.RECOGNISE),
+    Row(S.LOOKING_AFTER, E.SPREAD_ENDED, S.RECOGNISING, Do.RECOGNISE),
     # resume an interrupted run
     Row(S.IDLE, E.REENTER, S.RESUMING, Do.REENTER),
     Row(S.RESUMING, E.START_OVER, S.PHOTOGRAPHING, Do.PHOTOGRAPH_TABLE),
@@ -225,6 +235,7 @@ TRANSITIONS: tuple[Row, ...] = (
     Row(S.OPTIMISING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.PLANNING_MOTION, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.PLANNING_REPAIR, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
+    Row(S.PLANNING_SPREAD, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.CHECKING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.LOOKING_AFTER, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
     Row(S.INSPECTING, E.FAILED, S.RECOVERING, Do.CHOOSE_RECOVERY),
@@ -282,7 +293,8 @@ REENTRIES: Mapping[State, Event] = {
     **dict.fromkeys(
         (
             S.LOOKING, S.ESTIMATING, S.RECOGNISING, S.PLANNING, S.OPTIMISING, S.PLANNING_MOTION,
-            S.PLANNING_REPAIR, S.AWAITING_APPROVAL, S.CHECKING, S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING,
+            S.PLANNING_REPAIR, S.PLANNING_SPREAD, S.AWAITING_APPROVAL, S.CHECKING, S.APPROACHING, S.GRASPING,
+            S.LIFTING, S.FOLDING,
         ),
         E.LOOK_AGAIN,
     ),

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from cell.executive.effects import checking, gripping, inspecting, moving, planning, pressing, seeing
-from cell.executive.effects.recovery import deciding, estimating, laying, repairing
+from cell.executive.effects.recovery import deciding, estimating, laying, repairing, spreading
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext
@@ -59,9 +59,12 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.PLAN_FOLDS: lambda cell, c: planning.plan_steps(cell, c, _required(c.recognition, "garment")),
     Effect.CHOOSE_TRAJECTORY: lambda cell, c: planning.choose_trajectory(cell, c, _plan(c)),
     Effect.PLAN_MOTION: lambda cell, c: planning.plan_motion(
-        cell, c, _plan(c), _required(c.fold.trajectory, "trajectory")
+        cell, c, _plan(c), _required(c.fold.arcs, "trajectory")
     ),
     Effect.PLAN_REPAIR: lambda cell, c: repairing.choose_repair(cell, c, _plan(c), _attempt(c)),
+    Effect.PLAN_SPREAD: lambda cell, c: spreading.choose_pull(
+        cell, c, _plan(c), _required(c.first_look, "look at the flat garment"), _frame(c)
+    ),
     Effect.ASK_APPROVAL: deciding.ask_approval,
     Effect.CHECK_PLACE: lambda cell, c: checking.check_place(cell, c, _attempt(c), _frame(c)),
     Effect.APPROACH: lambda cell, c: checking.approach_watched(cell, c, _attempt(c)),

@@ -23,11 +23,12 @@ from cell.planning.fold_planning import (
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import Result, RunContext
-from cell.states.stages import Attempt, Plan, Recognition
+from cell.states.stages import Attempt, Plan, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
 from skills.garments.garment import Garment
+from skills.motion.moves.fold import FoldMotion
 from skills.planning.crease_mesh import predictor_mesh
 from skills.planning.folding import target_vertices
 from skills.planning.plan import plan_folds
@@ -46,6 +47,9 @@ __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 INWARD = 0.012
 """Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
 KEY_FRAMES = 6
+PULLING = 0.15
+"""Largest speed of the tools in a pull that spreads a garment [m/s]. The cloth then follows by friction alone:
+what slides on at this speed comes to rest within 4 mm."""
 _ARC = np.linspace(0.0, 1.0, 40)
 """Curve parameters of the points at which the recording draws an arc."""
 
@@ -54,7 +58,7 @@ _ARC = np.linspace(0.0, 1.0, 40)
 class _Task:
     """A motion with the cloth: its arcs, its step and its tool paths, and the vertices (n, 3) of the garment
     before it and in its target shape [m]. promised: D for which the motion was chosen [m]; None if any motion with
-    an acceptable D will do."""
+    an acceptable D will do. simulated: whether the shape before it is known, so that its end can be predicted."""
 
     trajectory: GraspTrajectory
     step: FoldStep
@@ -62,6 +66,7 @@ class _Task:
     vertices: Array
     target: Array
     promised: float | None = None
+    simulated: bool = True
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
@@ -184,6 +189,7 @@ def _draws(cell: Workcell, search: int) -> np.random.Generator:
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Plan both arms' motion for the step, and predict the garment's shape after it."""
     fold, speed = context.fold, tool_speed(cell.settings, plan.garment)
+    speed = min(speed, PULLING) if isinstance(fold.repair, Spread) else speed
     task = _task(fold, plan, trajectory, speed)
     step, paths = task.step, task.paths
     state = fresh_state(cell.ports, cell.execution)
@@ -203,16 +209,9 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         return Result(Event.FAILED, context.with_failure(planned.failure))
     motion = planned.unwrap()
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
-    prediction = cell.compute(
-        cell.settings.computing.simulation_s,
-        lambda: predict_motion(
-            cell.settings, plan.garment, plan.mesh, task.vertices, simulated_paths(cell.settings, motion),
-            KEY_FRAMES,
-        ),
-    )  # fmt: skip
-    predicted = PredictedShape(prediction.vertices, plan.mesh.triangles, plan.mesh.rest)
-    error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
-    attempt = Attempt(task.trajectory, step, paths, speed, motion, predicted, error, prediction.keyframes)
+    after, keyframes, error = _predicted(cell, plan, task, motion)
+    predicted = PredictedShape(after, plan.mesh.triangles, plan.mesh.rest)
+    attempt = Attempt(task.trajectory, step, paths, speed, motion, predicted, error, keyframes)
     fold = replace(fold, attempt=attempt, avoided=(*fold.avoided, motion.postures), estimate=None)
     context = replace(context, fold=fold)
     cell.recorder.predicted(cell.ports.clock.now(), predicted)
@@ -220,13 +219,30 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         "postures": {s.value: {"path": p.path.value, "turned": p.turned, "pitch_rad": p.pitch, "roll_rad": p.roll}
                      for s, p in motion.postures.items()},
         "fold_s": motion.fold.duration,
-        "dissimilarity_m": error,
         "search": dict(planned.notes),
     }  # fmt: skip
-    failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest, task.promised))
-    if failure is not None:
-        return Result(Event.FAILED, context.with_failure(failure), record)
+    if task.simulated:
+        record["dissimilarity_m"] = error
+        failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest, task.promised))
+        if failure is not None:
+            return Result(Event.FAILED, context.with_failure(failure), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
+
+
+def _predicted(cell: Workcell, plan: Plan, task: _Task, motion: FoldMotion) -> tuple[Array, Array, float]:
+    """Return the vertices (n, 3) after the motion, those at moments of it (k, n, 3) and D from the target [m]. If
+    the shape before it is unknown: the vertices that are aimed at, no moments, and NaN."""
+    if not task.simulated:
+        return task.target, np.zeros((0, *task.target.shape)), np.nan
+    prediction = cell.compute(
+        cell.settings.computing.simulation_s,
+        lambda: predict_motion(
+            cell.settings, plan.garment, plan.mesh, task.vertices, simulated_paths(cell.settings, motion),
+            KEY_FRAMES,
+        ),
+    )  # fmt: skip
+    error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
+    return prediction.vertices, prediction.keyframes, error
 
 
 def _named_garment(cell: Workcell, recognition: Recognition) -> Garment:
@@ -265,8 +281,12 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
 
 
 def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: float) -> _Task:
-    """Return what the motion has to do: the fold, with its grasps as recoveries have moved them, or its repair."""
+    """Return what the motion has to do: the fold, with its grasps as recoveries have moved them, its repair, or a
+    pull."""
     repair = fold.repair
+    if isinstance(repair, Spread):
+        paths = tool_paths(repair.trajectory, repair.step, speed)
+        return _Task(repair.trajectory, repair.step, paths, repair.aim, repair.aim, simulated=False)
     if repair is not None:
         step, arcs = repair.plan.step, repair.trajectory
         paths = turned_paths(tool_paths(arcs, step, speed), repair.plan.headings)

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
+from cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread, spreadable
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext, Sight
-from cell.states.stages import FirstLook, Recognition
+from cell.states.stages import FirstLook, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
@@ -118,12 +119,15 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
 
 
 def look(cell: Workcell, context: RunContext) -> Result:
-    """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold. A
-    repair ends with this look."""
+    """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold, or was
+    pulled to spread it. A repair and a pull end with this look."""
     taken = take_picture(cell, context)
     if taken.failure:
         return Result(Event.FAILED, context.with_failure(taken.failure))
+    pulled = isinstance(context.fold.repair, Spread)
     context = replace(context, sight=taken.unwrap(), fold=context.fold.after_repair())
+    if pulled:
+        return Result(Event.SPREAD_ENDED, context)
     estimated = context.fold.uncertain and cell.settings.inspection.enabled
     return Result(Event.TOUCHED if estimated else Event.DONE, context)
 
@@ -151,6 +155,8 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
     if outcome.failure:
         return Result(Event.FAILED, context.with_failure(outcome.failure), {"wall": dict(outcome.notes)})
     perception = outcome.unwrap()
+    if (unspread := not_spread(context, perception)) is not None:
+        return Result(Event.FAILED, context.with_failure(unspread))
     state = perception.state
     overlay = draw_on_camera(perception, frame.rgb)
     cell.recorder.perception(cell.ports.clock.now(), perception, overlay)
@@ -171,7 +177,8 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
     )  # it may lie elsewhere
     fold = replace(context.fold, touched=False, edits=lasting)
     found = replace(context, recognition=recognition, first_look=first_look, disturbed=False, fold=fold)
-    return Result(Event.DONE, found, record)
+    back = lies_elsewhere(found, state.contour) and spreadable(cell, found, FailureKind.HEAPED)
+    return Result(Event.SPREAD if back else Event.DONE, found, record)
 
 
 def _first_look(cell: Workcell, perception: Perception) -> FirstLook:

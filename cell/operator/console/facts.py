@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan, Repair
+from cell.states.stages import Attempt, Plan, Repair, Spread
 from cell.states.transition_table import Event, State
 from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
@@ -44,7 +44,7 @@ def plan_facts(context: RunContext) -> list[tuple[str, str]]:
     return facts
 
 
-def consequences(state: State, planned: bool, repair: Repair | None) -> Mapping[str, str]:
+def consequences(state: State, planned: bool, repair: Repair | Spread | None) -> Mapping[str, str]:
     """Return command -> what it does, for the question of a state. planned: whether folds were planned; repair: of
     the present fold, if one is planned."""
     end = "the hands let go, the arms park, and the run ends as not folded"
@@ -86,7 +86,8 @@ def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tu
     if attempt.dissimilarity_m >= 0.0:
         aim = "the ideal fold" if repair is None else "the shape that is aimed at"
         facts.append(("Predicted error", f"{1e3 * attempt.dissimilarity_m:.1f} mm mean distance from {aim}"))
-    facts.append(("Predicted height", f"{1e3 * height:.0f} mm"))
+    if not isinstance(repair, Spread):  # a pull is not simulated
+        facts.append(("Predicted height", f"{1e3 * height:.0f} mm"))
     facts.append(
         (
             "Clearance",

@@ -20,6 +20,7 @@ from cell.recording.report.run_events import RunEvents
 from cell.states.commands import ANSWERS, COMMAND_WORDS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
+from cell.states.stages import Spread
 from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
 from robots.errors import Failure
@@ -28,6 +29,9 @@ from skills.perception.inspection.claim import Claim
 __all__ = ["ORDER", "RunStatus"]
 
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
+UNPREDICTED = (
+    "the garment lies in no known state, so the end of a pull cannot be predicted; the cell looks after it"
+)
 ASKING = (State.AWAITING_APPROVAL, State.AWAITING_PRESSING, State.ASKING)
 REMARKS_SHOWN = 60
 
@@ -191,6 +195,9 @@ class RunStatus:
             return f"{count} The fold is made and is {height}. Press it flat? Skip leaves it as it is."
         if attempt is None:
             return count
+        if isinstance(fold.repair, Spread):
+            why = UNPREDICTED if not fold.repair.home else "the garment lies flat, but not where it was laid"
+            return _sentences(count.rstrip("."), why, fold.repair.in_words())
         if fold.repair is not None:
             return _sentences(f"{count} The fold is not as planned and can be repaired: {fold.repair.in_words()}")
         if fold.refused_edit:

@@ -7,7 +7,7 @@ from typing import TextIO
 from cell.operator.progress.bar import ProgressBar
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
-from cell.states.stages import Repair
+from cell.states.stages import Repair, Spread
 from cell.states.transition_table import Event, State
 
 __all__ = ["ProgressLines"]
@@ -30,7 +30,7 @@ class ProgressLines:
 
     def __init__(self, stream: TextIO | None) -> None:
         self._bar = ProgressBar(stream)
-        self._repair: Repair | None = None
+        self._repair: Repair | Spread | None = None
 
     def entered(self, t: float, step: Step) -> None:
         hint = _HINTS.get(step.target)

@@ -10,7 +10,7 @@ import numpy as np
 from cell.recording.camera_pictures.projected_drawing import Colour, Picture, ProjectedDrawing
 from cell.recording.outline import outline
 from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan
+from cell.states.stages import Attempt, Plan, Spread
 from cell.states.transition_table import State
 from robots.ports import Array, CameraFrame, Side
 from skills.planning.folding import fold_xy
@@ -32,8 +32,9 @@ TOO_SHORT = 0.03
 
 
 def draw_plan(frame: CameraFrame, calibration: CameraCalibration, context: RunContext) -> Picture:
-    """Draw the planned fold, or its repair: outline, key points, fold line, the arcs of the hands, and the
-    predicted outline. Returns (h, w, 3): only the picture if the context has no plan or no attempt."""
+    """Draw the planned fold, its repair, or a pull: outline, key points, fold line, the arcs of the hands, and the
+    predicted outline, or the one that a pull aims at. Returns (h, w, 3): only the picture if the context has no
+    plan or no attempt."""
     drawing, plan, attempt = ProjectedDrawing(frame, calibration), context.plan, context.fold.attempt
     if plan is None or attempt is None:
         return drawing.picture
@@ -44,10 +45,12 @@ def draw_plan(frame: CameraFrame, calibration: CameraCalibration, context: RunCo
         entries.append(("garment", OUTLINE, False))
     for contour in _contours(attempt.predicted):
         drawing.dashes(contour, EXPECTED, closed=True)
-    entries.append(("after the repair" if context.fold.repair else "after the fold", EXPECTED, True))
-    drawing.dashes(_fold_line(attempt, garment), FOLD_LINE, dash=0.006)
-    entries.append(("fold line", FOLD_LINE, True))
-    if context.fold.index == 0:
+    entries.append((_aim(context), EXPECTED, True))
+    pulled = isinstance(context.fold.repair, Spread)
+    if not pulled:
+        drawing.dashes(_fold_line(attempt, garment), FOLD_LINE, dash=0.006)
+        entries.append(("fold line", FOLD_LINE, True))
+    if context.fold.index == 0 and not pulled:  # where its key points are in a heap is not known
         for name, point in plan.flat.keypoints.items():
             drawing.dot(fold_xy(attempt.step.earlier, point), POINT, radius=5)
             drawing.name(name.replace("_", " "), fold_xy(attempt.step.earlier, point))
@@ -95,8 +98,11 @@ def draw_failure(frame: CameraFrame, calibration: CameraCalibration, context: Ru
 
 def present_outline(context: RunContext) -> Array | None:
     """Return the garment's outline (n, 2) [m] before the present fold, as it was last seen: by the inspection of
-    the fold before, else when it was recognised. None before that. Before a repair: as it was estimated to lie."""
+    the fold before, else when it was recognised. None before that. Before a repair: as it was estimated to lie;
+    before a pull: as it was seen."""
     repair = context.fold.repair
+    if isinstance(repair, Spread):
+        return repair.contour
     if repair is not None and context.plan is not None:
         return max(outline(repair.vertices, context.plan.mesh.triangles), key=len, default=None)
     if context.done and len(context.done[-1].observed) >= 3:
@@ -110,6 +116,13 @@ QUESTIONS: Mapping[State, Callable[[CameraFrame, CameraCalibration, RunContext],
     State.ASKING: draw_failure,
 }
 """The states in which the cell asks, and what is drawn for their questions."""
+
+
+def _aim(context: RunContext) -> str:
+    repair = context.fold.repair
+    if isinstance(repair, Spread):
+        return "where it belongs"
+    return "after the fold" if repair is None else "after the repair"
 
 
 def _arcs(drawing: ProjectedDrawing, attempt: Attempt) -> list[tuple[str, Colour, bool]]:
@@ -145,5 +158,5 @@ def _believed(plan: Plan) -> PredictedShape:
 def _title(context: RunContext, plan: Plan) -> str:
     step = plan.steps[context.fold.index]
     repair = context.fold.repair
-    what = "" if repair is None else f"{repair.plan.goal.value} "
+    what = "" if repair is None else f"{repair.name} "
     return f"{what}fold {context.fold.index + 1} of {len(plan.steps)}: {step.name.replace('_', ' ')}"

@@ -28,7 +28,7 @@ from cell.recording.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition, Repair
+from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition, Repair, Spread
 from cell.states.step_note import StepNote
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
@@ -116,7 +116,7 @@ def _schema() -> str:
     where the fields can change while the version stays the same."""
     kinds = (
         RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
-        Repair, RepairPlan, StateEstimate, Fit, StepNote, Inspection, TargetView, StackHeights, Claim,
+        Repair, RepairPlan, Spread, StateEstimate, Fit, StepNote, Inspection, TargetView, StackHeights, Claim,
     )  # fmt: skip
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"

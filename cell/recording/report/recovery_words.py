@@ -17,6 +17,7 @@ _EVENTS: Mapping[Event, str] = {
     Event.OPTIMISE_AGAIN: "chose another arc",
     Event.GRASP_AGAIN: "planned the motion again, to grasp again",
     Event.REPAIR: "planned to put the moved cloth right",
+    Event.SPREAD: "planned to spread the garment by a pull",
     Event.CARRY_ON: "went on: the next fold can build on it",
     Event.ASK: "asked the operator",
     Event.GIVE_UP: "ended the run",

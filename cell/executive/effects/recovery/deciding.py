@@ -11,12 +11,14 @@ from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.editing import PLANNING_FAILURES, refusal, with_plan_edit, without_edits
 from cell.executive.effects.recovery.estimating import SURE
+from cell.executive.effects.recovery.spreading import spreadable
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import VERDICTS, Adjustment, Recovery, choose_recovery
 from cell.states.run_context import Result, RunContext
+from cell.states.stages import Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from skills.perception.state_estimate.hypothesis import FoldState
@@ -41,7 +43,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     recovery = choose_recovery(
         kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
         max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
-        _repairable(fold, _value(failed, "iou_aligned", 0.0)),
+        _repairable(fold, _value(failed, "iou_aligned", 0.0)), spreadable(cell, context, kind),
     )  # fmt: skip
     if _value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf):
         recovery = replace(recovery, adjust=Adjustment.HIGHER)
@@ -110,7 +112,7 @@ def _repairable(fold: FoldContext, overlap: float) -> bool:
     failed, the next picture will show it. overlap: IoU of observed and predicted shape, if an inspection refused
     the fold."""
     if fold.repair is not None:
-        return True
+        return not isinstance(fold.repair, Spread)
     found = fold.estimate
     if found is None or found.likeliest_shape is None:
         return False
@@ -226,7 +228,9 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
-    fold = replace(answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False)
+    fold = replace(answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False,
+        pulls=0, covered=(), spread=True,
+    )  # fmt: skip
     return replace(answer, event=event, context=replace(_counted_anew(answer.context), fold=fold))
 
 

@@ -199,7 +199,7 @@ def test_every_state_of_a_run_without_failures_and_every_plan_has_a_reentry() ->
         Event.REENTER,
     }  # fmt: skip
     undisturbed = reachable(State.IDLE, interruptions) & set(WORKING)
-    assert set(REENTRIES) == undisturbed | {State.PLANNING_REPAIR}
+    assert set(REENTRIES) == undisturbed | {State.PLANNING_REPAIR, State.PLANNING_SPREAD}
 
 
 @settings(max_examples=200)

@@ -1,0 +1,240 @@
+"""The effect that plans a pull: it spreads a garment in a heap, from its silhouette and heights alone. Then
+recognition decides whether the garment lies flat, and the fold is planned anew from where it lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cell.hardware.workcell import Workcell
+from cell.states.fold_context import FoldContext
+from cell.states.run_context import Result, RunContext
+from cell.states.stages import FirstLook, Plan, Spread
+from cell.states.transition_table import Event
+from robots.errors import Failure, FailureKind
+from robots.ports import Array, CameraFrame, frozen
+from skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
+from skills.perception.perceive import Perception
+from skills.perception.registration.alignment import align
+from skills.perception.segmentation.covered import mean_height
+from skills.perception.state_estimate.observation import Observation, observe
+from skills.perception.template import polygon_area
+from skills.planning.corner import Corner
+from skills.planning.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
+from skills.trajectory.arcs.paths import fold_duration
+from skills.vocabulary import GraspTrajectory, Outcome
+
+__all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
+
+SPREAD_AREA = 0.95
+"""A garment that covers at least this share of the area that it covered when it lay flat is spread. Two pictures
+of one flat garment agree within 2 %; a corner that is folded over as far as a hand can hold it covers 3 % less."""
+GROWTH = 0.02
+"""The covered area has grown if it differs by more than this share of the flat garment's: the noise of
+pictures."""
+TURNED = np.deg2rad(6.0)
+"""A garment that is turned further than this against how it was laid does not lie there [rad]."""
+AROUND = 0.015
+"""Side of the square whose mean height decides whether a hand can take all cloth there [m]."""
+_UNRECOGNISED = frozenset(
+    {
+        FailureKind.NOT_FLAT,
+        FailureKind.LOW_CONFIDENCE,
+        FailureKind.UNKNOWN_GARMENT,
+        FailureKind.CATEGORY_MISMATCH,
+    }
+)
+"""Failures of recognition that a garment causes which is not spread entirely."""
+_HINT = "lay the garment flat where it lay before this fold (its outline is in the report), then retry"
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """The corners of the flat garment where it would lie if it were spread, and where it was laid."""
+
+    now: tuple[Corner, ...]
+    home: tuple[Corner, ...]
+    placement: Placement
+
+
+def spreadable(cell: Workcell, context: RunContext, kind: FailureKind) -> bool:
+    """Whether a pull may spread the garment after a failure of this kind.
+
+    Only in the first fold: pulls move all layers at a corner together and would not open the folds that are made.
+    The garment must have been seen flat, so that it is known when it is spread. What recognition refuses is pulled
+    only after another pull: before one, a person may have laid another garment.
+    """
+    fold = context.fold
+    return (
+        fold.index == 0
+        and fold.spread
+        and fold.pulls < cell.settings.recovery.pulls
+        and context.plan is not None
+        and context.first_look is not None
+        and cell.settings.inspection.enabled
+        and (fold.pulls > 0 or kind not in _UNRECOGNISED)
+    )
+
+
+def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLook, frame: CameraFrame) -> Result:
+    """Plan the next pull from the picture. Motion planning follows, as for a fold.
+
+    Fails with HEAPED if the last pull has not enlarged the covered area, or if no pull is possible; the cell then
+    asks.
+    """
+    sight, fold = context.sight, context.fold
+
+    def work() -> Outcome[tuple[Observation, _Places]]:
+        seen = observe(
+            frame,
+            sight.calibration(cell.calibration),
+            cell.table,
+            sight.reference,
+            sight.previous,
+            cell.perception,
+        )
+        if seen.failure:
+            return Outcome(failure=seen.failure)
+        return Outcome((seen.unwrap(), _places(seen.unwrap().contour, plan, first)))
+
+    outcome = cell.compute(cell.settings.computing.inspection_s, work)
+    if outcome.failure:
+        return Result(Event.FAILED, context.with_failure(outcome.failure))
+    seen, places = outcome.unwrap()
+    covered, flat = abs(polygon_area(seen.contour)), abs(polygon_area(first.contour))
+    record: dict[str, object] = {"covered_m2": covered, "flat_m2": flat}
+    home = covered >= SPREAD_AREA * flat and _displaced(places)
+    if fold.covered and not home and covered - fold.covered[-1] <= GROWTH * flat:
+        failure = Failure(
+            FailureKind.HEAPED,
+            f"the last pull has not spread the garment: it covers {_cm2(covered)} of {_cm2(flat)}, "
+            f"before the pull {_cm2(fold.covered[-1])}",
+            _HINT,
+            {"covered_m2": covered, "before_m2": fold.covered[-1]},
+        )
+        return _failed(context, failure, record)
+    planned = (
+        pulls_home(places.now, places.home, cell.table)
+        if home
+        else plan_pulls(convex_corners(seen.contour), places.now, cell.table, _takeable(cell, context, seen))
+    )
+    if planned.failure is None and not _visible(seen, places):
+        planned = Outcome(
+            failure=Failure(FailureKind.HEAPED, "the spread garment would reach out of the camera's view", _HINT)
+        )
+    if planned.failure:
+        return _failed(context, planned.failure, record)
+    pulls = planned.unwrap()
+    step = spread_step(plan.steps[fold.index].name, fold.index, pulls, plan.garment.material.thickness)
+    arcs = spread_arcs(step)
+    trajectory = GraspTrajectory(
+        arcs, fold_duration(arcs, cell.settings.motion.tool_speed), "pull", np.nan, np.nan
+    )
+    aim = np.column_stack([places.placement.of(plan.vertices[:, :2]), plan.vertices[:, 2]])
+    if home:
+        R, t = _way_home(plan, first)
+        aim = np.column_stack([plan.vertices[:, :2] @ R.T + t, plan.vertices[:, 2]])
+    cell.recorder.plan(cell.ports.clock.now(), step)
+    spread = Spread(step, trajectory, seen.contour, frozen(aim), covered, home)
+    begun = replace(fold, repair=spread, attempt=None, estimate=None, pulls=fold.pulls + 1)
+    return Result(Event.DONE, replace(context, fold=begun), {**record, **_record(pulls, places, home)})
+
+
+def not_spread(context: RunContext, perception: Perception) -> Failure | None:
+    """Return NOT_FLAT if a garment that was pulled and is recognised covers less than when it lay flat: a part of
+    it may be folded under. None if it is spread, or was not pulled."""
+    if not context.fold.covered or context.first_look is None:
+        return None
+    covered = abs(polygon_area(perception.view.to_table(perception.segmentation.contour)))
+    flat = abs(polygon_area(context.first_look.contour))
+    if covered >= SPREAD_AREA * flat:
+        return None
+    what = f"the garment is recognised but not spread: it covers {_cm2(covered)} of {_cm2(flat)}"
+    return Failure(FailureKind.NOT_FLAT, what, _HINT, {"covered_m2": covered, "flat_m2": flat})
+
+
+def lies_elsewhere(context: RunContext, contour: Array) -> bool:
+    """Whether a garment that was spread lies elsewhere than it was laid, so that it may be drawn back there.
+    contour: (n, 2) as recognised [m]."""
+    if not context.fold.covered or context.first_look is None:
+        return False
+    R, t = align(context.first_look.contour, contour)
+    middle = np.mean(context.first_look.contour, axis=0)
+    return bool(np.linalg.norm(R @ middle + t - middle) > AWAY or abs(np.arctan2(R[1, 0], R[0, 0])) > TURNED)
+
+
+def _places(contour: Array, plan: Plan, first: FirstLook) -> _Places:
+    """Return where the corners of the flat garment belong. contour: (n, 2) the silhouette's [m]."""
+    flat = plan.flat.contour
+    lay = convex_corners(flat)
+    placement = place_outline(contour, convex_corners(contour), flat, lay)
+    R, t = _way_home(plan, first)
+    return _Places(
+        tuple(_moved(c, placement.R, placement.t) for c in lay), tuple(_moved(c, R, t) for c in lay), placement
+    )
+
+
+def _way_home(plan: Plan, first: FirstLook) -> tuple[Array, Array]:
+    """Return the rigid motion p -> R p + t from where the garment was planned to where it was laid [m]."""
+    return align(plan.flat.contour, first.contour)
+
+
+def _moved(corner: Corner, R: Array, t: Array) -> Corner:
+    return Corner(frozen(R @ corner.point + t), frozen(R @ corner.inward))
+
+
+def _displaced(places: _Places) -> bool:
+    here, there = (np.array([c.point for c in cs]) for cs in (places.now, places.home))
+    way = there.mean(axis=0) - here.mean(axis=0)
+    a, b = (cs[0].inward for cs in (places.now, places.home))
+    turn = float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
+    return bool(np.linalg.norm(way) > 0.5 * AWAY or abs(turn) > 0.5 * TURNED)
+
+
+def _takeable(cell: Workcell, context: RunContext, seen: Observation) -> Callable[[Array], bool]:
+    """Return whether a hand can take all cloth at a point (2,): it may not stand higher than the pads reach up
+    from the table. The camera's bias is taken off."""
+    pixels = 2 * round(0.5 * AROUND / seen.view.pixel) + 1
+    height, known = mean_height(seen.height, pixels)
+    bias = context.first_look.bias.value if context.first_look else 0.0
+    highest = cell.settings.gripper.pads.depth
+
+    def takeable(point: Array) -> bool:
+        row, column = _pixel(seen, point)
+        return bool(known[row, column]) and float(height[row, column]) - bias <= highest
+
+    return takeable
+
+
+def _pixel(seen: Observation, point: Array) -> tuple[int, int]:
+    column, row = np.round(seen.view.to_pixel(np.asarray(point)[None])[0]).astype(int)
+    rows, columns = seen.mask.shape
+    return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))
+
+
+def _visible(seen: Observation, places: _Places) -> bool:
+    """Whether the camera sees all corners of the spread garment."""
+    return all(bool(seen.view.valid[_pixel(seen, corner.point)]) for corner in places.now)
+
+
+def _failed(context: RunContext, failure: Failure, record: dict[str, object]) -> Result:
+    """Return the failure. No other pull is tried until a person has laid the garment anew."""
+    fold: FoldContext = replace(context.fold, spread=False)
+    return Result(Event.FAILED, replace(context, fold=fold).with_failure(failure), record)
+
+
+def _record(pulls: Sequence[Pull], places: _Places, home: bool) -> dict[str, object]:
+    return {
+        "home": home,
+        "pulls": [
+            {"from": [round(float(c), 4) for c in p.grasp], "to": [round(float(c), 4) for c in p.target]}
+            for p in pulls
+        ],
+        "coinciding_boundary": places.placement.share,
+    }
+
+
+def _cm2(area: float) -> str:
+    return f"{area * 1e4:.0f} cm2"
