@@ -10,8 +10,9 @@ import pytest
 
 from cell.campaigns.trials.campaign import read_campaign
 from cell.config.cell_settings import load_settings
+from cell.config.yaml_file import merge
 from cell.runs.fold_run import fold_once
-from tests.runs import fold_request, once_folded_towel
+from tests.runs import PLAIN, fold_request, once_folded_towel
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +26,7 @@ def settings_of(variant: str) -> Any:
     return {key: value for key, value in settings.items() if isinstance(value, Mapping)}
 
 
-@pytest.mark.parametrize("variant", ["initial_arcs", "no_tactile", "one_look"])
+@pytest.mark.parametrize("variant", ["no_tactile", "one_look"])
 def test_a_small_towel_is_folded_without_a_part_of_the_method(variant: str, tmp_path: Path) -> None:
     request = fold_request(tmp_path, settings_of(variant), garment=once_folded_towel(tmp_path), record=False)
     result = fold_once(request)
@@ -33,5 +34,9 @@ def test_a_small_towel_is_folded_without_a_part_of_the_method(variant: str, tmp_
     assert all(step["done"] for step in result.steps)
     inspected = [step["accepted"] is not None for step in result.steps]
     assert not any(inspected) if variant == "one_look" else all(inspected)
-    sources = {step["source"] for step in result.steps}
-    assert sources == {"optimised"} if variant == "initial_arcs" else sources == {"library"}
+    assert {step["source"] for step in result.steps} == {"library"}
+
+
+def test_the_settings_for_initial_arcs_are_those_of_the_run_on_the_api_page() -> None:
+    """tests/unit/foldcell/test_api_page.py folds a small towel with them."""
+    assert settings_of("initial_arcs") == merge(settings_of("shipped"), PLAIN)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
+from tests.runs import PLAIN
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "api.md"
 
@@ -26,7 +27,11 @@ def test_the_examples_of_the_api_page_run(
     names: dict[str, Any] = {}
     for number, block in enumerate(blocks(), 1):
         exec(compile(block, f"docs/api.md, block {number}", "exec"), names)
-    assert isinstance(names["result"], names["foldcell"].FoldResult) and names["result"].result == "folded"
+    result = names["result"]
+    assert isinstance(result, names["foldcell"].FoldResult) and names["quick"] == PLAIN
+    assert (result.result, result.failure) == ("folded", None)
+    for step in result.steps:
+        assert step["done"] and step["accepted"] is not None and step["source"] == "optimised"
     assert names["run"].folder == Path(names["result"].run_dir)
     assert names["run"].result == {"schema": 1, **names["result"].as_json()}
     assert names["sent"].q.shape == (len(names["sent"].t), 14)
