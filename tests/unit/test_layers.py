@@ -10,8 +10,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def lint_imports(config: Path | None = None, cwd: Path = ROOT) -> subprocess.CompletedProcess:
-    command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
-    command += ["--config", str(config)] if config else []
+    """Run the import check: of the repository with the cache that `make lint` filled, or with a configuration."""
+    command = [str(Path(sys.executable).parent / "lint-imports")]
+    command += ["--no-cache", "--config", str(config)] if config else []
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True)
 
 
