@@ -37,8 +37,9 @@ def test_unfinished_cotton_keeps_its_measured_angle_on_any_mesh():
 
 @pytest.mark.parametrize("edge", EDGES)
 def test_a_crease_keeps_more_after_a_longer_time_and_under_a_greater_load(edge):
-    times = [kept(STANDARD_PRESSURE, t, edge, specimens=3) for t in (1.0, 30.0, 300.0)]
-    loads = [kept(p, 300.0, edge, specimens=3) for p in (0.0, 5e3, STANDARD_PRESSURE)]
+    most = kept(STANDARD_PRESSURE, 300.0, edge)
+    times = [*(kept(STANDARD_PRESSURE, t, edge, specimens=3) for t in (1.0, 30.0)), most]
+    loads = [*(kept(p, 300.0, edge, specimens=3) for p in (0.0, 5e3)), most]
     assert min(np.diff(times)) > 8.0 and min(np.diff(loads)) > 8.0
 
 
