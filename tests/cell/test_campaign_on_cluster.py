@@ -31,7 +31,9 @@ garments: [small_towel]
 seeds: [1, 2, 3]
 keep: none
 variants:
-  no_garment: {do: [{fault: {kind: no_garment}}]}
+  no_garment:
+    do: [{fault: {kind: no_garment}}]
+    cell: {recovery: {attempts_per_step: 0, attempts_per_run: 0}}
 """
 UNLIKE = ("wall_time_s", "run_dir", "recording")
 
