@@ -50,9 +50,9 @@ def test_a_fold_without_load_keeps_what_bending_friction_holds(edge):
 
 
 def test_the_calibration_finds_the_set_of_a_simulated_fabric():
-    true, pressure = 0.35, load_pressure(1.0)
-    measured = press_coupons(COTTON, true, pressure, 60.0)[0]
-    test = calibrate_crease(COTTON, measured, 1.0, 60.0)
+    true, pressure, edge = 0.35, load_pressure(1.0), EDGES[-1]
+    measured = press_coupons(COTTON, true, pressure, 60.0, edge=edge)[0]
+    test = calibrate_crease(COTTON, measured, 1.0, 60.0, edge=edge)
     assert test.agrees and test.crease_set == pytest.approx(true, abs=0.02)
     assert test.coupon.kept_angle(test.coupon.pictures[0]) == pytest.approx(math.pi, abs=0.02)
     assert test.coupon.times[-1] > 60.0
