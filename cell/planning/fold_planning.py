@@ -11,6 +11,7 @@ from cell.config.cell_settings import CellSettings
 from robots.model import JointLimits, RobotModel
 from robots.ports import Array, Side
 from skills.cloth.mesh import ClothMesh
+from skills.cloth.pinch import Patch
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.garments.garment import Garment
 from skills.motion.kinematics.posture import Posture
@@ -120,12 +121,13 @@ def predict_motion(
     vertices: Array,
     paths: Mapping[GraspId, ToolPath],
     keyframes: int = 0,
+    patches: Mapping[GraspId, Patch] | None = None,
 ) -> FoldPrediction:
     """Simulate a step with the tool paths that the arms will execute (`simulated_paths`), including orientation
-    and timing. vertices: (n, 3) before it [m]. Raises the errors of `predict_fold`."""
+    and timing. vertices: (n, 3) before it [m]; patches: as for `predict_fold`, whose errors it raises."""
     return predict_fold(
         mesh, vertices, garment.material, paths, pads=settings.gripper.pads, keyframes=keyframes,
-        grip_force=settings.grasp.grip_force,
+        grip_force=settings.grasp.grip_force, patches=patches,
     )  # fmt: skip
 
 

@@ -4,7 +4,8 @@ turn.
 The pads close along the tool's y axis over `stroke` and draw cloth from anywhere in the stroke to the middle,
 where they hold it along the tool's x axis over `width`. They take every layer between the fingertips (the tool
 centre point) and the upper end of the pads, `depth` above the fingertips. A hand that is lowered less takes fewer
-layers. There is no other selection of layers. `stroke`, `width` and `depth` are fields of `PadGeometry`.
+layers. `stroke`, `width` and `depth` are fields of `PadGeometry`. There is no other selection of layers, except in
+the prediction of a repair, whose hands let go if they feel other layers: they take the cloth of a `Patch` alone.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from robots.ports import Array
 if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
     from skills.cloth.mesh import ClothMesh
 
-__all__ = ["PadGeometry", "PinchReport", "PinchedPoints", "find_pinched"]
+__all__ = ["PadGeometry", "Patch", "PinchReport", "PinchedPoints", "find_pinched"]
 
 
 PRESSED = 0.8  # share of the distance between layers that remains between the pads
@@ -41,6 +42,22 @@ class PadGeometry:
     friction: float = 0.8
     samples: int = 5
     compliance: float = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A part of the garment: the cloth that lay at most `radius` [m] from `centre` (2,) when the vertices of the
+    mesh lay at `lay` (n, 2), seen from above, table frame [m]."""
+
+    lay: Array
+    centre: Array
+    radius: float
+
+    def contains(self, vertex: NDArray[np.int32], bary: Array) -> NDArray[np.bool_]:
+        """Whether points belong to the patch (k,). vertex, bary: (k, 3) vertices of the triangle around each
+        point, and its barycentric coordinates."""
+        lay = np.einsum("kc,kci->ki", bary, self.lay[vertex])
+        return np.asarray(np.linalg.norm(lay - self.centre, axis=1) <= self.radius)
 
 
 @dataclass(frozen=True)
@@ -79,9 +96,16 @@ class PinchedPoints:
 
 
 def find_pinched(
-    mesh: ClothMesh, positions: Array, position: Array, rotation: Array, pads: PadGeometry, thickness: float
+    mesh: ClothMesh,
+    positions: Array,
+    position: Array,
+    rotation: Array,
+    pads: PadGeometry,
+    thickness: float,
+    patch: Patch | None = None,
 ) -> PinchedPoints:
-    """Find the material points between the pads of a tool at `position` (3,), `rotation` (3, 3) R_table_tool."""
+    """Find the material points between the pads of a tool at `position` (3,), `rotation` (3, 3) R_table_tool.
+    patch: the only cloth that the pads take; None: any."""
     q = (positions - position) @ rotation
     lo, hi = q[mesh.triangles].min(axis=1), q[mesh.triangles].max(axis=1)
     half = np.array([0.5 * pads.width, 0.5 * pads.stroke])
@@ -90,7 +114,7 @@ def find_pinched(
     found: list[tuple[int, Array, Array]] = []
     layers = 0
     for x in np.linspace(-half[0], half[0], pads.samples):
-        taken = _along_stroke(mesh, q, np.flatnonzero(near), float(x), half[1], pads.depth, 0.5 * thickness)
+        taken = _along_stroke(mesh, q, np.flatnonzero(near), float(x), half[1], pads.depth, 0.5 * thickness, patch)
         layers = max(layers, len(taken))
         found += taken
     if not found:
@@ -100,7 +124,14 @@ def find_pinched(
 
 
 def _along_stroke(
-    mesh: ClothMesh, q: Array, near: NDArray[np.intp], x: float, reach: float, depth: float, below: float
+    mesh: ClothMesh,
+    q: Array,
+    near: NDArray[np.intp],
+    x: float,
+    reach: float,
+    depth: float,
+    below: float,
+    patch: Patch | None,
 ) -> list[tuple[int, Array, Array]]:
     """Find, in the plane tool x = `x`, the point of each layer that is nearest to the middle of the stroke.
     Returns (triangle, bary, offset) for each layer."""
@@ -121,7 +152,8 @@ def _along_stroke(
         s = float(np.clip(-y0 / (y1 - y0), 0.0, 1.0)) if y1 != y0 else 0.5
         bary = (1.0 - s) * ends[0] + s * ends[1]
         point = bary @ p
-        if abs(point[1]) <= reach and -depth <= point[2] <= below:
+        meant = patch is None or patch.contains(mesh.triangles[[t]], bary[None])[0]
+        if abs(point[1]) <= reach and -depth <= point[2] <= below and meant:
             candidates.append((abs(float(point[1])), float(point[2]), int(t), bary, point))
     taken: list[tuple[int, Array, Array]] = []
     rest: list[tuple[int, Array]] = []

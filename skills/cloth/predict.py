@@ -9,7 +9,7 @@ import numpy as np
 
 from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, PinchReport
+from skills.cloth.pinch import PadGeometry, Patch, PinchReport
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import GraspId, Material, ToolPath, tool_rotation
@@ -46,11 +46,13 @@ def predict_fold(
     pads: PadGeometry | None = None,
     keyframes: int = 0,
     grip_force: float = 20.0,
+    patches: Mapping[GraspId, Patch] | None = None,
 ) -> FoldPrediction:
     """Simulate the fold of a garment that lies at rest at `positions` (n, 3), along the tools' paths.
 
     Each gripper closes at the start of its path and opens at the end; the cloth then has release_s + settle_s [s]
-    to come to rest. A pure function that runs without the global interpreter lock for nearly all of its time.
+    to come to rest. patches: the only cloth that each hand takes; None: any between its pads. A pure function that
+    runs without the global interpreter lock for nearly all of its time.
     """
     simulation = ClothSimulation(mesh, material, positions, settings, pads=pads, at_rest=True)
     frame = simulation.settings.frame
@@ -58,7 +60,7 @@ def predict_fold(
     frames = max(1, round(duration / frame))
     p, r = sample_paths(paths, frames, frame)
     pinches = {
-        grasp_id: simulation.grip(hand, p[0, hand], r[0, hand], grip_force)
+        grasp_id: simulation.grip(hand, p[0, hand], r[0, hand], grip_force, (patches or {}).get(grasp_id))
         for hand, grasp_id in enumerate(HANDS)
         if grasp_id in paths
     }

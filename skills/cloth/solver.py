@@ -30,7 +30,7 @@ from skills.cloth.elasticity import (
 )
 from skills.cloth.intersections.resolve import Intersections, no_intersections
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
+from skills.cloth.pinch import PadGeometry, Patch, PinchReport, find_pinched
 from skills.cloth.settings import SolverSettings, check_cloth, choose_substeps
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.state import (
@@ -236,14 +236,17 @@ class ClothSimulation:
         if len(s.slip):
             s.slip[:], s.held[:] = turns(self._body.hinge, s.x[:, :3]), 0.0
 
-    def grip(self, hand: int, position: Array, rotation: Array, force: float = 20.0) -> PinchReport:
-        """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N].
+    def grip(
+        self, hand: int, position: Array, rotation: Array, force: float = 20.0, patch: Patch | None = None
+    ) -> PinchReport:
+        """Close the pads of `hand` (0 or 1) at a pose in the table frame, squeezing with `force` [N]. patch: the
+        only cloth that they take; None: any.
 
         From now on, the pads hold the cloth between them, which follows the tool motions given to `advance`.
         """
         self.release(hand)
         p, r = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
-        found = find_pinched(self.mesh, self._state.x[:, :3], p, r, self.pads, self.material.thickness)
+        found = find_pinched(self.mesh, self._state.x[:, :3], p, r, self.pads, self.material.thickness, patch)
         h = self._holds
         free = np.flatnonzero(h.hand < 0)[: len(found.vertex)]
         m = len(free)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skills.cloth.pinch import Patch
 from skills.planning.folding import SheetMesh
 from skills.planning.plan import RELEASE_CLEARANCE
 from skills.vocabulary import (
@@ -28,7 +28,7 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "is_own", "locate_grasp", "plan_repair"]
+__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair"]
 
 
 class RepairGoal(StrEnum):
@@ -59,11 +59,17 @@ cloth itself [m]. Cloth below it that stayed lay as far from the grasp as the gr
 class RepairPlan:
     """goal: where the moved cloth is carried. step: the repair as a fold step: grasps where this cloth lies now,
     targets where it has to lie. headings: of the held line at the grasp and at the target [rad]; the hand turns
-    between them."""
+    between them.
+
+    patches: the cloth that each hand is to take. A real hand counts the layers between its pads before it lifts
+    them, and opens if there are others. In a simulation, layers of the stack below may stand up between those of
+    the grasp (beside the crease of an earlier fold), and a single held point of them would drag the whole stack
+    along. So the hands of a prediction take the cloth of the patch alone."""
 
     goal: RepairGoal
     step: FoldStep
     headings: Mapping[GraspId, tuple[float, float]]
+    patches: Mapping[GraspId, Patch]
 
 
 def plan_repair(
@@ -80,6 +86,7 @@ def plan_repair(
     grasps: dict[GraspId, Grasp] = {}
     targets: dict[GraspId, Array] = {}
     headings: dict[GraspId, tuple[float, float]] = {}
+    patches: dict[GraspId, Patch] = {}
     for grasp_id, grasp in step.grasps.items():
         place, heading, smooth = locate_grasp(before, now, grasp)
         target = _target(goal, step, grasp_id, thickness)
@@ -89,7 +96,8 @@ def plan_repair(
         name = f"the cloth of the {grasp_id.value} grasp"
         if smooth < SMOOTH:
             return Outcome(failure=_impossible(goal, step, f"{name} is rumpled"))
-        others = _other_layers(mesh, before, now, grasp.point, place[:2])
+        patch = _grasped_cloth(before, grasp.point, place[:2])
+        others = _other_layers(mesh, now, patch, place[:2])
         if (others > top + COVERED * thickness).any():
             return Outcome(failure=_impossible(goal, step, f"{name} lies under other cloth"))
         # the tips press lofty cloth down to the layers below it
@@ -97,12 +105,13 @@ def plan_repair(
         grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=height)
         targets[grasp_id] = target
         headings[grasp_id] = heading, grasp.heading
+        patches[grasp_id] = patch
     if not grasps:
         return Outcome(failure=_impossible(goal, step, "the cloth of every grasp lies where it should"))
     line = step.line if goal is RepairGoal.COMPLETE else FoldLine(step.line.point, frozen(-step.line.direction))
     named = f"{goal.value} {step.name}"
     return Outcome(
-        RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings)
+        RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings, patches)
     )
 
 
@@ -137,10 +146,15 @@ def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float,
     return affine[0], grasp.heading + turn, float(np.linalg.norm(along))
 
 
-def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, point: Array) -> Array:
-    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,): it lay further
-    from the grasp (2,) before the fold (OWN). The grasped cloth itself may be lofty, for example beside the crease
-    of an earlier fold."""
+def _grasped_cloth(before: Array, grasp: Array, place: Array) -> Patch:
+    """Return the cloth that lay near a grasp (2,) before the fold, and now lies at a place (2,) (OWN) [m]."""
+    reach = float(np.clip(0.5 * np.linalg.norm(place - grasp), *OWN))
+    return Patch(frozen(before[:, :2]), frozen(grasp), reach)
+
+
+def _other_layers(mesh: SheetMesh, now: Array, grasped: Patch, point: Array) -> Array:
+    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,). The grasped
+    cloth itself may be lofty, for example beside the crease of an earlier fold."""
     a, b, c = np.moveaxis(now[mesh.triangles][..., :2], 1, 0)
     u, v, w = b - a, c - a, point - a
     area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
@@ -150,17 +164,9 @@ def _other_layers(mesh: SheetMesh, before: Array, now: Array, grasped: Array, po
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
     over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
     weights, corners = np.column_stack([1.0 - s - t, s, t])[over], mesh.triangles[over]
-    came_from = np.einsum("kc,kci->ki", weights, before[corners])[:, :2]
     heights = np.einsum("kc,kc->k", weights, now[corners][..., 2])
-    other = ~is_own(came_from, grasped, point)
+    other = ~grasped.contains(corners, weights)
     return np.unique(np.round(heights[other], 6))  # a point on an edge lies on two triangles of one layer
-
-
-def is_own(came_from: Array, grasped: Array, point: Array) -> NDArray[np.bool_]:
-    """Whether cloth that lay at `came_from` (k, 2) before the fold is the grasped cloth itself (OWN). grasped,
-    point: (2,) where the grasped cloth lay before the fold, and where it lies now [m]."""
-    reach = np.clip(0.5 * np.linalg.norm(point - grasped), *OWN)
-    return np.asarray(np.linalg.norm(came_from - grasped, axis=1) <= reach)
 
 
 def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:

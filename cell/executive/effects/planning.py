@@ -27,6 +27,7 @@ from cell.states.stages import Attempt, Plan, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
+from skills.cloth.pinch import Patch
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
 from skills.planning.crease_mesh import predictor_mesh
@@ -58,7 +59,8 @@ _ARC = np.linspace(0.0, 1.0, 40)
 class _Task:
     """A motion with the cloth: its arcs, its step and its tool paths, and the vertices (n, 3) of the garment
     before it and in its target shape [m]. promised: D for which the motion was chosen [m]; None if any motion with
-    an acceptable D will do. simulated: whether the shape before it is known, so that its end can be predicted."""
+    an acceptable D will do. simulated: whether the shape before it is known, so that its end can be predicted.
+    patches: the only cloth that each hand takes in the simulation; None: any."""
 
     trajectory: GraspTrajectory
     step: FoldStep
@@ -67,6 +69,7 @@ class _Task:
     target: Array
     promised: float | None = None
     simulated: bool = True
+    patches: Mapping[GraspId, Patch] | None = None
 
 
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
@@ -238,7 +241,7 @@ def _predicted(cell: Workcell, plan: Plan, task: _Task, motion: FoldMotion) -> t
         cell.settings.computing.simulation_s,
         lambda: predict_motion(
             cell.settings, plan.garment, plan.mesh, task.vertices, simulated_paths(cell.settings, motion),
-            KEY_FRAMES,
+            KEY_FRAMES, task.patches,
         ),
     )  # fmt: skip
     error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
@@ -291,7 +294,8 @@ def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: flo
         step, arcs = repair.plan.step, repair.trajectory
         paths = turned_paths(tool_paths(arcs, step, speed), repair.plan.headings)
         completing = repair.plan.goal is RepairGoal.COMPLETE  # undone cloth is looked at and folded anew
-        return _Task(arcs, step, paths, repair.vertices, repair.target, arcs.dissimilarity if completing else None)
+        promised = arcs.dissimilarity if completing else None
+        return _Task(arcs, step, paths, repair.vertices, repair.target, promised, patches=repair.plan.patches)
     inset = INWARD * fold.count(Adjustment.INWARD)
     inset_trajectory, step = _inwards(trajectory, plan.steps[fold.index], inset)
     target = target_vertices(plan.mesh, step.lines, plan.garment.material)

@@ -18,7 +18,7 @@ from skills.planning.folding import target_vertices
 from skills.planning.plan import translate_plan
 from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
 from skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
-from skills.trajectory.arcs.repair_arcs import repair_arcs, start_heights, turned_paths
+from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
 from skills.trajectory.search.acceptance import acceptance_limit
 from skills.trajectory.search.objective import dissimilarity
 from skills.vocabulary import Array, GraspId, GraspTrajectory
@@ -55,10 +55,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     ways = [
         _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal])
         for goal, planned in plans.items() if planned.value is not None
-        for controls in repair_arcs(
-            attempt.trajectory.control_points, planned.value, thickness,
-            start_heights(plan.mesh, before, now, step, planned.value, thickness, cell.settings.gripper.pads),
-        )
+        for controls in repair_arcs(attempt.trajectory.control_points, planned.value, thickness)
     ]  # fmt: skip
     if not ways:
         failure = plans[RepairGoal.UNDO].failure
@@ -116,7 +113,7 @@ def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Cand
     try:
         end = predict_fold(
             plan.mesh, now, plan.garment.material, paths, pads=cell.settings.gripper.pads,
-            grip_force=cell.grasp.grip_force,
+            grip_force=cell.grasp.grip_force, patches=way.plan.patches,
         )  # fmt: skip
     except CellError:
         return way

@@ -10,18 +10,19 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.pinch import PadGeometry, find_pinched
 from skills.planning.plan import translate_plan
 from skills.planning.repair import MISPLACED, RepairGoal, locate_grasp, plan_repair
-from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
+from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, tool_rotation
 
 THICKNESS = 0.002
 SIZE = 0.3
 
 
-def sheet() -> tuple[ClothMesh, Array]:
+def sheet(edge: float = 0.02) -> tuple[ClothMesh, Array]:
     """A square with its middle at (0.6, 0), flat on the table."""
     corners = np.array([[0.45, -0.15], [0.75, -0.15], [0.75, 0.15], [0.45, 0.15]])
-    mesh = mesh_from_contour(corners, 0.02)
+    mesh = mesh_from_contour(corners, edge)
     return mesh, mesh.lay_flat(THICKNESS)
 
 
@@ -135,6 +136,23 @@ def test_the_layers_of_an_earlier_fold_are_grasped_together() -> None:
     undo = plan_repair(RepairGoal.UNDO, mesh, frozen(flat), now, two, THICKNESS).unwrap()
     grasp = undo.step.grasps[GraspId.LEFT]
     assert grasp.layers == 2 and grasp.height == pytest.approx(3 * THICKNESS), "on the layer that stayed"
+
+
+def test_a_simulated_hand_leaves_cloth_of_the_stack_that_stands_up_between_the_grasped_layers() -> None:
+    """Beside the crease of an earlier fold, no height of the tips separates the two. A hand presses them flat."""
+    mesh, flat = sheet(0.01)
+    now = folded_at(0.68, flat)
+    now[(flat[:, 0] < 0.68) & (flat[:, 1] > 0.125), 2] += 5.0 * THICKNESS
+    plan = plan_repair(RepairGoal.UNDO, mesh, flat, now, step(), THICKNESS).unwrap()
+    grasp, own = plan.step.grasps[GraspId.LEFT], plan.patches[GraspId.LEFT]
+    turned = tool_rotation(np.array([grasp.heading]), np.zeros(1), np.zeros(1))[0]
+    for raised in (0.0, 0.5, 0.9):
+        at = np.append(grasp.point, (1.0 + raised) * THICKNESS)
+        any_cloth = find_pinched(mesh, now, at, turned, PadGeometry(), THICKNESS)
+        assert not own.contains(any_cloth.vertex, any_cloth.bary).all()
+        found = find_pinched(mesh, now, at, turned, PadGeometry(), THICKNESS, own)
+        assert found.layers == 1 and len(found.vertex) == PadGeometry().samples
+        assert own.contains(found.vertex, found.bary).all()
 
 
 @pytest.mark.parametrize("goal", list(RepairGoal))
