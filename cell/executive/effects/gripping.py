@@ -209,8 +209,9 @@ def _goal(
     Contact is expected on top of the stack under the hand. With tactile sensors, a descent without contact fails
     at the lowest height that the hand can reach, but not lower than 8 mm below the expected table. Without tactile
     sensors, it ends at the expected height of the table. If only the upper layers are to be held, each `thickness`
-    [m] thick, it ends at the first touch, or at STOP in the lowest of them. table: height at which this hand has
-    felt the table [m]. shift: of STOP, by recoveries.
+    [m] thick, it ends at STOP in the lowest of them, or where the cloth pushes harder than it needs to be pressed
+    flat down to there: a first touch would end it on top of several thick layers. table: height at which this hand
+    has felt the table [m]. shift: of STOP, by recoveries.
     """
     bottom = min(max(lowest, -0.008), grasp.height)
     whole = grasp.whole_stack(thickness)
@@ -218,7 +219,7 @@ def _goal(
         return DescentGoal(grasp.height, bottom, None if tactile else max(bottom, 0.0), through=grasp.height)
     below = grasp.height / thickness - grasp.layers
     stop = table + max(below + min(STOP + shift, HIGHEST), LOWEST) * thickness
-    return DescentGoal(grasp.height, min(bottom, stop), stop=stop)
+    return DescentGoal(grasp.height, min(bottom, stop), stop=stop, through=max(grasp.height + table - stop, 0.0))
 
 
 def _lower_tip(cell: Workcell, posture: Posture) -> float:

@@ -125,6 +125,25 @@ def test_the_descent_ends_at_the_stop_height_without_a_contact() -> None:
     assert 0.004 < end.unwrap().height <= 0.006
 
 
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize(("layers", "held"), [(2, 1), (3, 1), (4, 2), (4, 3)])
+def test_a_descent_to_upper_layers_presses_them_flat_and_stops_in_the_lowest_of_them(
+    layers: int, held: int, scale: float
+) -> None:
+    """Several thick layers push as hard as a first touch long before the tips are under them."""
+    top, stop = layers * TOP, (layers - held + 0.65) * TOP
+    goal = DescentGoal(contact=top, bottom=-0.008, stop=stop, through=top - stop)
+    for seed in range(20):
+        end = lower(DescendingHand(seed, scale, top), goal)[0].unwrap()
+        assert end.by == "height" and (layers - held) * TOP < end.height < (layers - held + 0.75) * TOP
+
+
+def test_a_descent_to_upper_layers_ends_where_something_hard_lies() -> None:
+    goal = DescentGoal(contact=4 * TOP, bottom=-0.008, stop=2.65 * TOP, through=1.35 * TOP)
+    end = lower(DescendingHand(1, 1.0, 4.5 * TOP, floor=4 * TOP), goal)[0].unwrap()
+    assert end.by == "tip" and end.height > 3.5 * TOP
+
+
 def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
     hand = DescendingHand(3, top=TOP)
     state: DescentState | Outcome[Contact] = start_descent(SETTINGS, GOAL, bias_of(hand), hand.read())

@@ -237,7 +237,8 @@ def test_the_tips_stop_between_the_layers_to_be_held_and_those_below(table: floa
     """The hand's height is in error by what it felt the table at. Through the whole stack, the table ends it."""
     two, one = (Grasp(np.zeros(2), 0.0, layers, 2 * THICKNESS) for layers in (2, 1))
     upper = _goal(one, -0.02, True, THICKNESS, table)
-    assert upper.stop == pytest.approx((1.0 + STOP) * THICKNESS + table) and upper.through == 0.0
+    assert upper.stop == pytest.approx((1.0 + STOP) * THICKNESS + table)
+    assert upper.through == pytest.approx((1.0 - STOP) * THICKNESS), "no touch but a hard one ends it before"
     whole = _goal(two, -0.02, True, THICKNESS, table)
     assert whole.stop is None and whole.through == pytest.approx(2 * THICKNESS) and whole.bottom < 0.0
 
