@@ -164,7 +164,7 @@ class SimulatedGripper:
         self.opening += min(max(max(self._goal, stop) - before, -step), step)
         contact = self._noise.contact_opening
         if self._calibrating is None and before > contact >= self.opening:
-            self._between = min(self._caught(self._stroke, self.force), contact)
+            self._between = self._caught(self._stroke, self.force)  # a thicker stack pushes the pads open again
         elif self.holding and before < self.opening > self._between + MOVING:
             self._release()
 
