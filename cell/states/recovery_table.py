@@ -174,7 +174,8 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.DRIFT: (Recovery(Event.CARRY_ON), *_SHAPE),  # the shape is right but displaced: the plan is moved to it
     K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), *_SHAPE),
     K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
-    K.TOO_HIGH: (*_GOOD_ENOUGH, *_SHAPE),
+    # the last fold stands higher than its fabric explains, and pressing has not helped: it is folded anew
+    K.TOO_HIGH: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), *_SHAPE),
     K.MISSED_LAYER: (*_GOOD_ENOUGH, *_repair(A.LOWER), *_SHAPE),

@@ -62,13 +62,14 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
             event = Event.APPROVAL_NEEDED if cell.approve else Event.PRESS
             context = context.with_attempt(replace(attempt, press_plan=press_plan))
             return Result(event, context, {**record, "dabs": press_plan.dabs})
-    if inspection.diagnosis is None and claim is not None and not claim.holds:
-        failure = claim_failure(claim)
-        return Result(
-            Event.FAILED,
-            context.with_failure(replace(failure, values={**figures(inspection), **failure.values})),
-            record,
-        )
+    drifted = inspection.diagnosis is FailureKind.DRIFT
+    if claim is not None and not claim.holds and (inspection.diagnosis is None or (drifted and too_high)):
+        failure, state = claim_failure(claim), ""
+        if failure.kind is FailureKind.TOO_HIGH and claim.too_high:  # it may be folded anew
+            context, state = _estimated(cell, context, plan, attempt, frame)
+        values = {**figures(inspection), **failure.values}
+        failure = replace(failure, what=f"{failure.what}{state}", values=values)
+        return Result(Event.FAILED, context.with_failure(failure), record)
     if inspection.diagnosis is None:
         learned: dict[str, object] = {}
         if not attempt.repaired:
@@ -76,7 +77,9 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
             context = replace(context, plan=replace(plan, garment=garment))
         advanced = next_step(cell, context)
         return replace(advanced, record={**record, **learned, **advanced.record})
-    context, state = _estimated(cell, context, plan, attempt, frame)
+    state = ""
+    if not drifted:  # the fold is carried on from, where it lies
+        context, state = _estimated(cell, context, plan, attempt, frame)
     failure = Failure(
         inspection.diagnosis,
         f"fold {step.name}: {', '.join(beyond_limits(inspection, cell.inspection))}{state}",
@@ -115,9 +118,8 @@ def _estimated(
 ) -> tuple[RunContext, str]:
     """Estimate the state of a garment that is not as predicted, once per attempt, so that the fold can be
     repaired. Returns the context with the estimate, and the state in words for the failure; empty if the fold is
-    made or nothing was estimated. After a drift nothing is repaired."""
-    seen = attempt.inspection
-    if context.fold.estimate is not None or seen is None or seen.diagnosis is FailureKind.DRIFT:
+    made or nothing was estimated."""
+    if context.fold.estimate is not None:
         return context, ""
     outcome = note_estimate(cell, context, plan, attempt, frame)
     if outcome.failure:

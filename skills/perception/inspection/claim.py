@@ -65,6 +65,11 @@ class Claim:
     def holds(self) -> bool:
         return self.shape and self.flat
 
+    @property
+    def too_high(self) -> bool:
+        """Whether a measured height is above its limit. A height that is not visible is not."""
+        return self.height_m > self.height_limit_m or self.crease_height_m > self.crease_height_limit_m
+
 
 def claim_to_dict(claim: Claim) -> dict[str, bool | float | str | None]:
     """Return the claim as a mapping, in the form that results use. Figures that are not visible are None."""
@@ -185,7 +190,7 @@ def _sentence(claim: Claim, wrong: tuple[str, ...], seen: Inspection, settings: 
         claim.height_m - claim.height_limit_m,
         claim.crease_height_m - claim.crease_height_limit_m,
     )
-    if not claim.flat and (above > 0.0 or crease_above > 0.0):
+    if not claim.flat and claim.too_high:
         if crease_above > max(above, 0.0):
             return f"folded, but a crease stands {_mm(claim.crease_height_m)} high, {_over(crease_above)}"
         return f"folded, but stands {_mm(claim.height_m)} high, {_over(above)}"

@@ -159,6 +159,7 @@ def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldSta
         (K.MISSED_LAYER, Adjustment.LOWER),
         (K.SAG, Adjustment.OPTIMISE),
         (K.PILING, Adjustment.OPTIMISE),
+        (K.TOO_HIGH, Adjustment.OPTIMISE),
         (K.OFF_TARGET, Adjustment.NONE),
     ],
 )

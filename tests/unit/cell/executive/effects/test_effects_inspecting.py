@@ -22,6 +22,7 @@ from skills.perception.inspection.heights.camera_bias import CameraBias
 from skills.perception.inspection.heights.stack_heights import StackHeights
 from skills.perception.inspection.result import Inspection
 from skills.perception.inspection.target_view import TargetView
+from skills.perception.state_estimate.hypothesis import FoldState
 from skills.planning.repair import RepairGoal
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with
@@ -179,6 +180,30 @@ def test_a_last_fold_whose_claim_does_not_hold_is_not_folded(
     assert EFFECTS[Effect.CHOOSE_RECOVERY](workcell, result.context).event is Event.GIVE_UP
     note = result.context.notes()["quarter"]
     assert not note.accepted and note.claim is not None and not note.claim.holds
+
+
+@pytest.mark.parametrize("drifted", [None, K.DRIFT])
+@pytest.mark.parametrize(
+    ("view", "undone"), [(as_seen(0.031), True), (as_seen(np.nan), False), (as_seen(0.011, iou=0.85), False)]
+)
+def test_a_last_fold_is_made_anew_if_it_is_seen_to_stand_too_high(
+    view: TargetView, undone: bool, drifted: FailureKind | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only a fold whose state is estimated is undone. A height that is not visible, or a place that is not the
+    planned one, does not get better by it."""
+    lies: Any = SimpleNamespace(state=FoldState.AFTER)
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        inspecting, "note_estimate", lambda cell, context, *_: asked.append(1) or Outcome((context, lies))
+    )
+    look(monkeypatch, seen(drifted, target=view))
+    result = inspect_fold(fake_workcell(FakeCell()), last_fold())
+    failure = result.context.failure
+    assert bool(asked) == undone and failure is not None
+    if undone:
+        assert failure.kind is K.TOO_HIGH, (
+            "also if it has drifted from its prediction, which is accepted otherwise"
+        )
 
 
 def test_only_the_last_fold_is_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
