@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 from skills.perception.rectification.table_height import table_height
 from skills.perception.rectification.table_view import RectifiedView
 
-__all__ = ["garment_height", "height_above", "smooth_height", "upper_height"]
+__all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "upper_height"]
+
+LOFTY = 1.4
+"""Largest ratio between the height of cloth and the one that its stated thickness gives: fabrics differ, and loose
+layers do not lie flat."""
 
 
 def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.garment_height import LOFTY
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.planning.plan import RELEASE_CLEARANCE
@@ -47,10 +48,6 @@ def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold
     """Part of the judged area in which the excess height (H, W) [m] is above the threshold [m], in [m2]. pixel:
     edge of a pixel [m]."""
     return float(np.count_nonzero((excess > threshold) & judged)) * pixel**2
-
-
-LOFTY = 1.4
-"""Largest height of a loose stack at a target, as a multiple of its layers' thickness."""
 
 
 def missing_layer(

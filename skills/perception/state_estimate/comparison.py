@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
+from skills.perception.garment_height import LOFTY
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
 from skills.perception.registration.alignment import align
 from skills.perception.state_estimate.hypothesis import Hypothesis
@@ -39,7 +40,7 @@ class MisfitSettings:
     cell: float = 0.024
     coverage: float = 0.25
     height: float = 0.002
-    gain: float = 1.4
+    gain: float = LOFTY
     shift: float = 0.012
     height_share: float = 0.35
     freedom: float = 3.0
