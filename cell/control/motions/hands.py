@@ -22,11 +22,9 @@ from robots.errors import Failure, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, GripperState, JointState, Ports, Side, TactileReading, arm_slice
 from skills.grasping.hand_reading import GripCommand, HandReading
-from skills.grasping.settings import GraspSettings
 from skills.motion.kinematics.ik import tool_pose
 from skills.motion.moves.grasp import Descent
-from skills.perception.state_estimate.hand_course import HandCourse, held_until, without_gaps
-from skills.vocabulary import GraspId, Outcome, Table
+from skills.vocabulary import Outcome, Table
 
 __all__ = ["Control", "Hands", "Telemetry", "commanding", "control_hands", "each_hand"]
 
@@ -84,24 +82,6 @@ class Hands:
         for gripper in grippers.values():
             self.telemetry.gripper(gripper)
         self.record.add(state, {side: gripper.opening for side, gripper in grippers.items()})
-
-    def course(self, grasps: Mapping[Side, GraspId], settings: GraspSettings) -> HandCourse | None:
-        """Return the course of the hands since they lifted the cloth; None if none was recorded. grasps: of each
-        hand."""
-        stamps, q, openings = self.record.readings()
-        if len(stamps) < 2:
-            return None
-        t = without_gaps(stamps)
-        position, rotation, until = {}, {}, {}
-        for side, grasp_id in grasps.items():
-            poses = np.array([tool_pose(self.robot.chains[side], row) for row in q[:, self.robot.arm(side)]])
-            position[grasp_id] = poses[:, :3, 3] - np.array([0.0, 0.0, self.table.height])
-            rotation[grasp_id] = poses[:, :3, :3]
-            opening = openings[:, list(Side).index(side)]
-            held = held_until(t, opening, settings.empty_opening, settings.slip_opening_fraction)
-            clung = self.record.clung_until.get(side)
-            until[grasp_id] = held if clung is None else float(t[np.searchsorted(stamps, clung)])
-        return HandCourse(t, position, rotation, until)
 
     def recording(self, watch: Watch | None = None) -> Watch:
         """Return a watch that records the arms and both hands, then calls `watch`."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from cell.control.checks import stopped
 from cell.hardware.workcell import Workcell
@@ -14,14 +16,16 @@ from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import Array, CameraFrame
+from robots.ports import Array, CameraFrame, Side
+from skills.motion.kinematics.ik import tool_pose
 from skills.perception.state_estimate.drawing import draw_estimate
 from skills.perception.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate, estimate_state
+from skills.perception.state_estimate.hand_course import HandCourse, held_until, without_gaps
 from skills.perception.state_estimate.hypothesis import FoldState, Interruption
 from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
 from skills.perception.state_estimate.observation import Observation, observe
 from skills.perception.state_estimate.wording import describe
-from skills.vocabulary import Outcome, PredictedShape
+from skills.vocabulary import GraspId, Outcome, PredictedShape
 
 __all__ = ["SURE", "estimate", "note_estimate"]
 
@@ -83,7 +87,7 @@ def _estimated(
     top = context.recognition.perception.top if context.recognition else 0.0
     lift = max(top - float(plan.vertices[:, 2].min()), 0.0)
     several_layers = any(grasp.layers > 1 for grasp in attempt.step.grasps.values())
-    course = cell.hands.course({arm: p.path for arm, p in attempt.motion.postures.items()}, cell.grasp)
+    course = _hand_course(cell, {arm: p.path for arm, p in attempt.motion.postures.items()})
     settings = EstimateSettings(priors=COMPLETED) if _uneventful(context) else EstimateSettings()
 
     def proceed() -> None:
@@ -119,6 +123,25 @@ def _estimated(
         return costs.inspection_s + simulations * costs.simulation_s
 
     return cell.compute(cost, work)
+
+
+def _hand_course(cell: Workcell, grasps: Mapping[Side, GraspId]) -> HandCourse | None:
+    """Return the measured course of the hands since they lifted the cloth; None if none was recorded. grasps: of
+    each hand."""
+    stamps, q, openings = cell.hand_record.readings()
+    if len(stamps) < 2:
+        return None
+    t = without_gaps(stamps)
+    position, rotation, until = {}, {}, {}
+    for side, grasp_id in grasps.items():
+        poses = np.array([tool_pose(cell.robot.chains[side], row) for row in q[:, cell.robot.arm(side)]])
+        position[grasp_id] = poses[:, :3, 3] - np.array([0.0, 0.0, cell.table.height])
+        rotation[grasp_id] = poses[:, :3, :3]
+        opening = openings[:, list(Side).index(side)]
+        held = held_until(t, opening, cell.grasp.empty_opening, cell.grasp.slip_opening_fraction)
+        clung = cell.hand_record.clung_until.get(side)
+        until[grasp_id] = held if clung is None else float(t[np.searchsorted(stamps, clung)])
+    return HandCourse(t, position, rotation, until)
 
 
 def _uneventful(context: RunContext) -> bool:
