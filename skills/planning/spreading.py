@@ -75,16 +75,24 @@ class _Match:
 
 
 def plan_pulls(
-    corners: Sequence[Corner], places: Sequence[Corner], table: Table, takeable: Callable[[Array], bool]
+    contour: Array,
+    corners: Sequence[Corner],
+    places: Sequence[Corner],
+    table: Table,
+    takeable: Callable[[Array], bool],
 ) -> Outcome[tuple[Pull, ...]]:
     """Choose one or two corners of a silhouette and pull them to the places of the garment's corners.
 
-    corners: of the silhouette; places: the corners of the flat garment where it would lie if it were spread.
-    table: its edges bound the pulls. takeable: whether a hand can take all cloth at a point (2,).
+    contour: (n, 2) of the silhouette [m]; corners: of it; places: the corners of the flat garment where it would
+    lie if it were spread. table: its edges bound the pulls. takeable: whether a hand can take all cloth at a point
+    (2,).
 
-    Of all couples of corners that cloth of this size can have there, the one that is nearest to its places is
+    A pull may drag the whole heap along, so that one that would drag it over the table's edge is not made. Of all
+    couples of corners that cloth of this size can have there, the one that is nearest to its places is
     chosen: what is nearest is least doubtful. Fails with HEAPED, with the reason, if no corner can be pulled.
     """
+    if not all(_on(table, place.point) for place in places):
+        return Outcome(failure=_impossible("it would reach over the table's edge"))
     held = [k for k, place in enumerate(places) if _nearest(place, corners) < AWAY]
     missing = [k for k in range(len(places)) if k not in held]
     loose = [c for c in corners if _nearest(c, places) >= AWAY]
@@ -99,7 +107,7 @@ def plan_pulls(
         _Match(corner, k, away)
         for corner, k in itertools.product(within, missing)
         if AWAY <= (away := _distance(corner, places[k])) <= LONGEST
-        and _on(table, _grasp(places[k]))
+        and all(_on(table, point) for point in contour + (_grasp(places[k]) - _grasp(corner)))
         and all(_distance(corner, places[h]) <= _distance(places[k], places[h]) + STRETCH for h in held)
     ]
     couples = [c for c in itertools.combinations(matches, 2) if _possible(*c, places)]

@@ -118,7 +118,9 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
     planned = (
         pulls_home(places.now, places.home, cell.table)
         if home
-        else plan_pulls(convex_corners(seen.contour), places.now, cell.table, _takeable(cell, context, seen))
+        else plan_pulls(
+            seen.contour, convex_corners(seen.contour), places.now, cell.table, _takeable(cell, context, seen)
+        )
     )
     if planned.failure is None and not _visible(seen, places):
         planned = Outcome(
