@@ -9,7 +9,7 @@ PARALLEL := -n auto --dist worksteal
 # Python keeps its compiled modules, also where that is switched off: the tests start many programs.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup fold test quick checked lint compile hil docs clean
+.PHONY: setup fold test quick lint compile hil docs clean
 
 setup: $(STAMP)
 
@@ -23,14 +23,11 @@ fold: setup            ## one-shot fold of a medium towel in the simulated cell
 	$(BIN)/foldcell fold medium_towel
 
 test: setup            ## lint, types, layers and the whole test suite
-	$(MAKE) --jobs=2 compile checked
-	$(BIN)/python -m pytest $(PARALLEL) -m "slow or long"
+	$(MAKE) --jobs=2 lint compile
+	$(BIN)/python -m pytest $(PARALLEL)
 
 quick: setup           ## the tests that take a minute together: no whole runs, and nothing marked long
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long"
-
-checked: lint          ## lint, then the quick tests: they use no compiled cloth, and compiling it keeps one core busy
-	$(MAKE) quick
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports && $(BIN)/mypy
