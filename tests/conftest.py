@@ -24,6 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 UNIT = Path(__file__).parent / "unit"
 COMPUTES_CLOTH = (
     "benchmarks/test_bench_cloth.py",
+    "benchmarks/test_claim_matrix.py",
     "benchmarks/test_ideal_folds.py",
     "calibration/test_crease.py",
     "calibration/test_identify.py",
@@ -31,6 +32,7 @@ COMPUTES_CLOTH = (
     "calibration/test_mujoco_peer.py",
     "cell/campaigns/test_library_build.py",
     "cell/commands/test_calibrate_fabric.py",
+    "cell/commands/test_garment_check.py",
     "cell/commands/test_optimise_command.py",
     "cell/config/test_fabric_file.py",
     "cell/config/test_ideal_heights_file.py",
