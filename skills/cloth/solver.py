@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,14 @@ __all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
 MOST_PAIRS = 120
 """Largest number of candidate pairs per vertex; folded stacks have about 10. Cloth with more pairs than this has
 lost its shape, and the lists would grow until the memory is full."""
+
+HASTY = 1.0
+"""Speed of a hand that holds cloth, or of the cloth itself, from which positions may get lost [m/s]: a taut cloth is
+then stretched by more than it gives way before the pads let it slip, at the end of the frame. Folds are slower."""
+UNSOUND = 2.0
+"""Multiple of the largest speed at which vertices move freely. Contacts, pads and edges add less than this."""
+FINER = 2, 4
+"""Factors of the substeps with which frames are repeated in which the positions were lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,11 +311,32 @@ class ClothSimulation:
         """Advance along sampled motions, one sample at each frame boundary: position (frames + 1, 2, 3) and
         rotation (frames + 1, 2, 3, 3) of both hands; capsules: both ends, (frames + 1, k, 3) each, and radius
         (k,)."""
-        frames = len(position) - 1
-        p0, p1, radius = capsules if capsules is not None else _capsule_path(None, np.zeros(frames + 1))
+        path = capsules if capsules is not None else _capsule_path(None, np.zeros(len(position)))
         p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
-        lost = False
-        motion = p, r, p0, p1, radius, frames
+        before = self.checkpoint() if self._hasty(p) else None
+        kept = self._advanced(p, r, path)
+        if before is not None and not (kept and self._sound()):
+            for times in FINER:
+                finer = self._with_substeps(times * self.substeps, before)
+                if finer._advanced(p, r, path) and finer._sound():
+                    self._continue_from(finer.checkpoint())
+                    return
+        if kept:
+            return
+        raise InternalError(
+            "the cloth simulation lost its positions: its cloth is too stiff for so fine a mesh and so few "
+            "substeps, or a tool moved too far in a frame",
+            time_s=self.time,
+            substeps=self.substeps,
+            shortest_edge=float(self.mesh.edge_length.min()),
+            bending_length=self.material.bending_length,
+            fastest_m_s=float(np.abs(np.nan_to_num(self._state.v, posinf=0.0, neginf=0.0)).max()),
+        )
+
+    def _advanced(self, p: Array, r: Array, capsules: tuple[Array, Array, Array]) -> bool:
+        """Advance along the motions of `advance_along`. Returns False if the positions are lost."""
+        frames, lost = len(p) - 1, False
+        motion = p, r, *capsules, frames
         try:
             while (
                 kernel.run_frames(
@@ -329,16 +358,38 @@ class ClothSimulation:
             lost = True
         self._tool_p[:], self._tool_r[:] = p[-1], r[-1]
         self.time += frames * self.settings.frame
-        if lost or not np.isfinite(self._state.x).all():
-            raise InternalError(
-                "the cloth simulation lost its positions: its cloth is too stiff for so fine a mesh and so few "
-                "substeps, or a tool moved too far in a frame",
-                time_s=self.time,
-                substeps=self.substeps,
-                shortest_edge=float(self.mesh.edge_length.min()),
-                bending_length=self.material.bending_length,
-                fastest_m_s=float(np.abs(np.nan_to_num(self._state.v, posinf=0.0, neginf=0.0)).max()),
-            )
+        return not lost and bool(np.isfinite(self._state.x).all())
+
+    def _hasty(self, p: Array) -> bool:
+        """Whether a hand that holds cloth, or the cloth itself, is so fast that the positions may get lost. p:
+        (frames + 1, 2, 3) positions of the hands [m]."""
+        if self._state.counts[AWAKE] == 0:
+            return False
+        holding = self._holds.points > 0
+        way = np.linalg.norm(np.diff(p, axis=0), axis=2)[:, holding]
+        fast = HASTY * self.settings.frame
+        return bool((way > fast).any() or np.abs(self._state.v[:, :3]).max() > HASTY)
+
+    def _sound(self) -> bool:
+        """Whether no vertex is faster than it can have become."""
+        return float(np.abs(self._state.v[:, :3]).max()) < UNSOUND * self.settings.max_speed
+
+    def _with_substeps(self, substeps: int, state: Mapping[str, Array]) -> ClothSimulation:
+        """Return a simulation of the same cloth with other substeps, in the given state."""
+        settings = replace(self.settings, substeps=substeps, stretch_tolerance=None)
+        other = ClothSimulation(
+            self.mesh, self.material, settings=settings, table=bool(self._solver_parameters.table),
+            pads=self.pads, fixed=self._body.w == 0.0,
+        )  # fmt: skip
+        other._continue_from(state)
+        return other
+
+    def _continue_from(self, saved: Mapping[str, Array]) -> None:
+        """Continue from a checkpoint with other substeps: all contacts are examined anew, because waiting times
+        and impulses of contacts depend on the length of a substep."""
+        self.restore(saved)
+        for remembered in (self._pairs.vt_due, self._pairs.ee_due, self._pairs.vt_j, self._pairs.ee_j):
+            remembered[...] = 0
 
     def checkpoint(self) -> dict[str, Array]:
         """Return the complete state as named arrays; `restore` continues from it bit for bit."""

@@ -13,7 +13,7 @@ from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.simd.vec3 import rows
-from skills.cloth.solver import CapsuleMotion, ClothSimulation
+from skills.cloth.solver import CapsuleMotion, ClothSimulation, ToolMotion
 from skills.vocabulary import Material
 
 MATERIAL = Material(
@@ -256,6 +256,57 @@ def test_advancing_frame_by_frame_equals_advancing_all_frames_in_one_call():
     for _ in range(12):
         b.advance(1)
     assert a.positions.tobytes() == b.positions.tobytes()
+
+
+def jerked(frames, substeps=20, fails=lambda simulation: False):
+    """A patch is lifted by two hands, one of which is then torn aside at 1.6 m/s for `frames` frames, with
+    `substeps`. fails: of which simulations the positions are lost meanwhile."""
+    down = np.diag([1.0, -1.0, -1.0])
+    hands = [np.array([x, -0.09, 0.0015]) for x in (-0.14, 0.14)]
+    s = ClothSimulation(PATCH, MATERIAL, settings=SolverSettings(substeps=20))
+    for hand, place in enumerate(hands):
+        s.grip(hand, place, down)
+
+    def move(ways):
+        s.advance(1, [ToolMotion(k, hands[k], down, hands[k] + w / 60, down) for k, w in enumerate(ways)])
+        hands[:] = [p + w / 60 for p, w in zip(hands, ways, strict=True)]
+
+    for _ in range(15):
+        move([np.array([0.0, 0.0, 0.4])] * 2)
+    lifted = s.checkpoint()
+    s = ClothSimulation(PATCH, MATERIAL, settings=SolverSettings(substeps=substeps))
+    s.restore(lifted)
+    advanced = ClothSimulation._advanced
+
+    def failing(simulation, *motion):
+        good = advanced(simulation, *motion)
+        if fails(simulation):
+            simulation._state.x[:] = np.nan
+        return good and not fails(simulation)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ClothSimulation, "_advanced", failing)
+        for _ in range(frames):
+            move([np.zeros(3), np.array([-0.5, 0.8, -1.3])])
+    return s
+
+
+@pytest.mark.parametrize("times", [2, 4])
+def test_a_hasty_frame_in_which_positions_are_lost_is_repeated_with_shorter_substeps(times):
+    """The cloth then moves as with such substeps from the first of these frames on, and the hands still hold it."""
+    s = jerked(4, fails=lambda simulation: simulation.substeps < 20 * times)
+    sound = jerked(4, substeps=20 * times)
+    assert s.substeps == 20
+    assert s.time == sound.time
+    assert s.held(0) and s.held(1)
+    assert np.abs(s.positions - sound.positions).max() < 0.006
+    s.advance(30)
+    assert np.isfinite(s.positions).all()
+
+
+def test_positions_that_shorter_substeps_lose_as_well_are_an_error():
+    with pytest.raises(InternalError, match="lost its positions"):
+        jerked(1, fails=lambda simulation: True)
 
 
 def test_a_finger_pushes_the_cloth():
