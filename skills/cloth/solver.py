@@ -60,8 +60,8 @@ MOST_PAIRS = 120
 lost its shape, and the lists would grow until the memory is full."""
 
 HASTY = 1.0
-"""Speed of a hand that holds cloth, or of the cloth itself, from which positions may get lost [m/s]: a taut cloth is
-then stretched by more than it gives way before the pads let it slip, at the end of the frame. Folds are slower."""
+"""Speed of a hand that holds cloth, or of the cloth itself, from which positions may get lost [m/s]: in a substep,
+cloth then turns and moves by a part of an edge. Folds are slower."""
 UNSOUND = 2.0
 """Multiple of the largest speed at which vertices move freely. Contacts, pads and edges add less than this."""
 FINER = 2, 4

@@ -293,7 +293,7 @@ def jerked(frames, substeps=20, fails=lambda simulation: False):
 
 @pytest.mark.parametrize("times", [2, 4])
 def test_a_hasty_frame_in_which_positions_are_lost_is_repeated_with_shorter_substeps(times):
-    """The cloth then moves as with such substeps from the first of these frames on, and the hands still hold it."""
+    """The cloth then moves as with such substeps from the first of these frames on, and both hands hold it."""
     s = jerked(4, fails=lambda simulation: simulation.substeps < 20 * times)
     sound = jerked(4, substeps=20 * times)
     assert s.substeps == 20
