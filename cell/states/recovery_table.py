@@ -113,8 +113,9 @@ def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
 
 
 _SPREAD = (Recovery(Event.SPREAD),)
-"""Pull the heap apart. For the rows of recognition it comes first: only after a pull, when the garment is still
-not flat, is it allowed there."""
+"""Pull the heap apart. For the rows of recognition it is allowed only after a pull, when the garment is still not
+flat."""
+_REFUSED = (_LOOK_TWICE[0], *_SPREAD, _LOOK_TWICE[1])
 
 
 def _ask(reason: str) -> tuple[Recovery]:
@@ -133,12 +134,12 @@ _PERSON = "a person ended the motion, and only a person begins it again"
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
     K.NO_GARMENT: (*_LOOK_TWICE, *_TABLE),
-    K.UNKNOWN_GARMENT: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
-    K.CATEGORY_MISMATCH: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
+    K.UNKNOWN_GARMENT: (*_REFUSED, *_TABLE),
+    K.CATEGORY_MISMATCH: (*_REFUSED, *_TABLE),
     K.OUT_OF_VIEW: (*_LOOK_TWICE, *_TABLE),
     K.VIEW_OBSTRUCTED: (*_WAIT_AND_LOOK, *_ask("the hand or the object that hides the view has not gone away")),
-    K.NOT_FLAT: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
-    K.LOW_CONFIDENCE: (*_SPREAD, *_LOOK_TWICE, *_TABLE),
+    K.NOT_FLAT: (*_REFUSED, *_TABLE),
+    K.LOW_CONFIDENCE: (*_REFUSED, *_TABLE),
     K.CAMERA_FAULT: (*_LOOK_TWICE, *_CAMERA),
     K.GARMENT_MOVED: (*((Recovery(Event.LOOK_AGAIN, dwell_s=1.0),) * 3), *_ask("something keeps moving it")),
     # planning

@@ -40,6 +40,8 @@ from skills.cloth.state import (
     FITTED,
     HANDS,
     PACE,
+    PACKED,
+    SEARCHED,
     VT,
     Body,
     Holds,
@@ -363,8 +365,6 @@ class ClothSimulation:
     def _hasty(self, p: Array) -> bool:
         """Whether a hand that holds cloth, or the cloth itself, is so fast that the positions may get lost. p:
         (frames + 1, 2, 3) positions of the hands [m]."""
-        if self._state.counts[AWAKE] == 0:
-            return False
         holding = self._holds.points > 0
         way = np.linalg.norm(np.diff(p, axis=0), axis=2)[:, holding]
         fast = HASTY * self.settings.frame
@@ -385,9 +385,10 @@ class ClothSimulation:
         return other
 
     def _continue_from(self, saved: Mapping[str, Array]) -> None:
-        """Continue from a checkpoint with other substeps: all contacts are examined anew, because waiting times
-        and impulses of contacts depend on the length of a substep."""
+        """Continue from a checkpoint with other substeps: all contacts are examined anew and the packed lists are
+        filled anew, because waiting times, impulses and compliances depend on the length of a substep."""
         self.restore(saved)
+        self._state.counts[PACKED] = self._state.counts[SEARCHED] = 0
         for remembered in (self._pairs.vt_due, self._pairs.ee_due, self._pairs.vt_j, self._pairs.ee_j):
             remembered[...] = 0
 

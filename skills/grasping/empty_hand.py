@@ -18,7 +18,7 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["Emptied", "EmptyCheck", "check_empty", "start_empty_check"]
+__all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty", "start_empty_check"]
 
 MET_READINGS = 5
 """Number of readings of the opening that are averaged."""
@@ -30,6 +30,11 @@ HELD_READINGS = 5
 STILL = 0.0008
 """Pads that press are at rest if the averaged openings differ by less than this [m]: more than twice the spread of
 their noise. Saturated pads seem to press, too, but move on until they meet."""
+CLEAR = 0.012
+"""Height above the one at which the hand begins to close, below which the pads do not close further than NARROW
+[m]: a hand that a pause, or slow arms, keep low takes no cloth of the stack."""
+NARROW = 0.012
+"""Distance of the pads at which no cloth that lies between them is gripped [m]."""
 OPENED = 0.005
 """Pads that are this far apart do not touch each other or cloth between them [m]."""
 
@@ -94,7 +99,8 @@ def check_empty(
     if state.phase is _Phase.CLOSING:
         after = _closing(reading, state)
         if isinstance(after, Outcome) or after.phase is _Phase.CLOSING:
-            return GripCommand(0.0, state.settings.release_force), after
+            low = not reading.height >= state.above + CLEAR
+            return GripCommand(NARROW if low else 0.0, state.settings.release_force), after
         state = after
     return _opening(reading, state)
 

@@ -51,7 +51,7 @@ def consequences(state: State, planned: bool, repair: Repair | Spread | None) ->
     if state is State.AWAITING_APPROVAL and repair is not None:
         return {
             Event.APPROVE: repair.in_words(),
-            Event.RETRY: "the cell looks and estimates again how the garment lies",
+            Event.RETRY: "the cell looks again how the garment lies, and plans anew",
             Event.ABORT: end,
         }
     if state is State.AWAITING_APPROVAL:

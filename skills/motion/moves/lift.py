@@ -16,7 +16,7 @@ from skills.motion.validation.inputs import validate_height, validate_state
 from skills.motion.validation.trajectory_check import contact_along
 from skills.vocabulary import Outcome
 
-__all__ = ["plan_lift"]
+__all__ = ["CAREFUL_SPEED", "plan_lift"]
 
 SPEED = 0.25
 """Maximum speed of the tools [m/s]."""

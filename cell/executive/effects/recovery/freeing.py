@@ -29,6 +29,7 @@ from skills.grasping.stuck_on_finger import (
     watch_drag,
 )
 from skills.grasping.tare import TactileBias
+from skills.motion.moves.lift import CAREFUL_SPEED
 from skills.motion.moves.retrace import plan_along
 from skills.motion.moves.retreat import Retreat
 from skills.vocabulary import Outcome
@@ -102,7 +103,7 @@ def _rise(
 def _rise_again(
     cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Failure | None:
-    planned = _plan(cell, up.q)
+    planned = _plan(cell, up.q, CAREFUL_SPEED)
     return planned.failure or _rise(cell, planned.unwrap(), biases, layer, control)
 
 
@@ -139,9 +140,14 @@ class _HandChecks:
     unsure: set[Side] = field(default_factory=set)
     """Hands whose pads did not meet."""
     felt: Failure | None = None
+    at: float = -1.0
+    """Path time of the last tick [s]."""
 
     def look(self, tick: Tick) -> Failure | None:
-        """Watch a motion of the arms. After a hand has felt cloth, no hand is commanded any more."""
+        """Watch a motion of the arms. After a hand has felt cloth, and in a pause, no hand is commanded."""
+        rests, self.at = tick.t <= self.at, tick.t
+        if rests:
+            return self.felt
         for side, check in () if self.felt else tuple(self.running.items()):
             reading = self.cell.hands.read(side, tick.state)
             if isinstance(check, StuckCheck) and not reading.height >= self.weighed[side]:
@@ -191,8 +197,13 @@ class _HandChecks:
 def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
     """Return a watch that ends the motion of a hand that drags cloth along."""
     watches = {side: DragWatch(start_stuck_check(cell.grasp, bias)) for side, bias in biases.items()}
+    at = -1.0
 
     def look(tick: Tick) -> Failure | None:
+        nonlocal at
+        rests, at = tick.t <= at, tick.t
+        if rests:  # in a pause, a person may touch the hands
+            return None
         for side, watch in watches.items():
             after = watch_drag(cell.hands.read(side, tick.state), watch)
             if isinstance(after, Failure):
@@ -226,11 +237,11 @@ def _follow(
     return planned.failure or move(cell, planned.unwrap(), fingertips=fingertips, control=control, watch=watch)
 
 
-def _plan(cell: Workcell, path: Array) -> Outcome[ArmTrajectory]:
+def _plan(cell: Workcell, path: Array, speed: float = FREEING_SPEED) -> Outcome[ArmTrajectory]:
     unsettled = come_to_rest(cell.ports, cell.execution, cell.last_command)
     state = fresh_state(cell.ports, cell.execution)
     if unsettled or state.failure:
         return Outcome(failure=unsettled or state.failure)
     return plan_along(
-        cell.robot, cell.execution_checker, state.unwrap().q, path, limits=cell.limits, tool_speed=FREEING_SPEED
+        cell.robot, cell.execution_checker, state.unwrap().q, path, limits=cell.limits, tool_speed=speed
     )

@@ -127,7 +127,9 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
             failure=Failure(FailureKind.HEAPED, "the spread garment would reach out of the camera's view", _HINT)
         )
     if planned.failure:
-        return _failed(context, planned.failure, record)
+        # a flat garment that cannot be drawn back is folded where it lies, after another look
+        kind = FailureKind.GARMENT_MOVED if home else planned.failure.kind
+        return _failed(context, replace(planned.failure, kind=kind), record)
     pulls = planned.unwrap()
     step = spread_step(plan.steps[fold.index].name, fold.index, pulls, plan.garment.material.thickness)
     arcs = spread_arcs(step)
@@ -145,9 +147,9 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
 
 
 def not_spread(context: RunContext, perception: Perception) -> Failure | None:
-    """Return NOT_FLAT if a garment that was pulled and is recognised covers less than when it lay flat: a part of
-    it may be folded under. None if it is spread, or was not pulled."""
-    if not context.fold.covered or context.first_look is None:
+    """Return NOT_FLAT if a garment that lay in a heap and is recognised covers less than when it lay flat: a part
+    of it may be folded under. None if it is spread, or no pull was planned."""
+    if not context.fold.pulls or context.first_look is None:
         return None
     covered = abs(polygon_area(perception.view.to_table(perception.segmentation.contour)))
     flat = abs(polygon_area(context.first_look.contour))
@@ -160,7 +162,7 @@ def not_spread(context: RunContext, perception: Perception) -> Failure | None:
 def lies_elsewhere(context: RunContext, contour: Array) -> bool:
     """Whether a garment that was spread lies elsewhere than it was laid, so that it may be drawn back there.
     contour: (n, 2) as recognised [m]."""
-    if not context.fold.covered or context.first_look is None:
+    if not context.fold.pulls or context.first_look is None:
         return False
     R, t = align(context.first_look.contour, contour)
     middle = np.mean(context.first_look.contour, axis=0)

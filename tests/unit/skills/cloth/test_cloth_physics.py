@@ -275,7 +275,7 @@ def jerked(frames, substeps=20, fails=lambda simulation: False):
         move([np.array([0.0, 0.0, 0.4])] * 2)
     lifted = s.checkpoint()
     s = ClothSimulation(PATCH, MATERIAL, settings=SolverSettings(substeps=substeps))
-    s.restore(lifted)
+    s._continue_from(lifted)
     advanced = ClothSimulation._advanced
 
     def failing(simulation, *motion):
@@ -299,9 +299,22 @@ def test_a_hasty_frame_in_which_positions_are_lost_is_repeated_with_shorter_subs
     assert s.substeps == 20
     assert s.time == sound.time
     assert s.held(0) and s.held(1)
-    assert np.abs(s.positions - sound.positions).max() < 0.006
+    assert np.abs(s.positions - sound.positions).max() < 1e-6
     s.advance(30)
     assert np.isfinite(s.positions).all()
+
+
+def test_sleeping_cloth_that_a_hand_tears_away_in_one_call_is_repeated_too():
+    down, place = np.diag([1.0, -1.0, -1.0]), np.array([0.14, -0.09, 0.0015])
+    s = ClothSimulation(PATCH, MATERIAL, settings=SolverSettings(substeps=20), at_rest=True)
+    s.grip(1, place, down)
+    way = place + np.outer(np.arange(6), [-0.5, 0.8, 1.3]) / 60
+    with pytest.MonkeyPatch.context() as patch:
+        coarse = ClothSimulation._advanced
+        patch.setattr(ClothSimulation, "_advanced", lambda s, *m: s.substeps > 20 and coarse(s, *m))
+        position = np.stack([np.zeros((6, 3)), way], axis=1)
+        s.advance_along(position, np.broadcast_to(down, (6, 2, 3, 3)))
+    assert s.held(1) and s.positions[:, 2].max() > 0.05
 
 
 def test_positions_that_shorter_substeps_lose_as_well_are_an_error():

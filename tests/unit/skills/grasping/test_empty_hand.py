@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.grasping.empty_hand import Emptied, check_empty, start_empty_check
+from skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
 from skills.grasping.hand_reading import HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
@@ -43,15 +43,16 @@ class RisingHand(SensedHand):
         self.height, self.cloth, self.grip, self.error = 0.0, cloth, grip, error
         self.real, self.goal, self.jammed = RELEASED, RELEASED, False
         self.closed_at: float | None = None
+        self.top, self.narrowest = TOP, RELEASED
 
     def tick(self) -> HandReading:
-        self.height = min(self.height + RISE * 0.01, TOP)
+        self.height = min(self.height + RISE * 0.01, self.top)
         if not self.jammed:
             self.real += float(np.clip(max(self.goal, self.cloth) - self.real, -PADS * 0.01, PADS * 0.01))
         pressing = self.cloth > 0.0 and self.goal < self.cloth and self.real <= self.cloth
         target = np.full(2, self.grip if pressing else 0.0)
         self.pads = self.pads + (target - self.pads) * (0.01 / FORCE_TIME)
-        self.opening = max(self.real + self.error, 0.0)
+        self.opening, self.narrowest = max(self.real + self.error, 0.0), min(self.narrowest, self.real)
         return self.read()
 
 
@@ -77,6 +78,14 @@ def test_empty_pads_meet_and_open_again_within_the_rise() -> None:
         end, seconds = rise(hand)
         assert end.ok and end.unwrap().met
         assert seconds < 0.36 and hand.goal == RELEASED
+
+
+def test_pads_of_a_hand_that_stays_low_do_not_close_on_the_stack() -> None:
+    """An arm that hangs, or brakes for the other hand, leaves it there."""
+    hand = RisingHand(9)
+    hand.top = ABOVE + 0.005
+    end, _ = rise(hand)
+    assert end.ok and not end.unwrap().met and hand.narrowest >= NARROW
 
 
 @pytest.mark.parametrize("cloth", [0.0005, 0.0008, 0.0025])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cell.config.cell_settings import load_settings
+from cell.control.motion import Tick
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
 from cell.executive.effects import EFFECTS, checked_motion, gripping, moving
@@ -21,6 +22,7 @@ from robots.errors import DriverError, Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Side, arm_slice
 from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.empty_hand import NARROW
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
 from skills.motion.timing.jerk_limiter import JerkLimiter
@@ -225,8 +227,9 @@ def retreating(
     away: Any = SimpleNamespace(retreat=up, park=home)
     monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: Outcome(away))
 
-    def along(cell: Workcell, path: Any) -> Outcome[Any]:
+    def along(cell: Workcell, path: Any, speed: float = freeing.FREEING_SPEED) -> Outcome[Any]:
         way = "home" if path[-1, 0] > 0.15 else "up" if path[-1, 0] > path[0, 0] else "down"
+        assert (speed < freeing.FREEING_SPEED) == (way == "up"), "cloth may still be caught"
         return Outcome(SimpleNamespace(name=way, q=path))
 
     def move(
@@ -347,7 +350,24 @@ def test_a_hand_that_closes_on_cloth_while_it_rises_keeps_it(side: Side, monkeyp
     failure = freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell))
     assert failure is not None and failure.kind is FailureKind.STUCK_ON_FINGER
     assert failure.values["side"] == side.value
-    assert cell.openings[side] == 0.0008 and all(opening == 0.0 for s, opening, _ in commands if s is side)
+    closed = [opening for s, opening, _ in commands if s is side]
+    assert cell.openings[side] == 0.0008 and closed[-1] == 0.0 and max(closed) <= NARROW
+
+
+def test_in_a_pause_no_hand_is_commanded_or_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person may touch the hands meanwhile. The clock of the path shows that the arms rest."""
+    cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008 for side in Side})
+    checks = freeing._HandChecks(workcell, UNLOADED, *freeing._first_checks(workcell, up, UNLOADED, 0.0008))
+    dragging = freeing._dragging(workcell, UNLOADED)
+    cell.q[:] = 0.05
+    state = workcell.ports.arms.state()
+    assert checks.look(Tick(0.5, state)) is None and len(commands) == 2
+    cell.pads = dict.fromkeys(Side, GRIP)
+    assert dragging(Tick(0.5, state)) is None
+    for _ in range(300):
+        cell.now += 0.01
+        assert checks.look(Tick(0.5, state)) is None and dragging(Tick(0.5, state)) is None
+    assert len(commands) == 2
 
 
 def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,7 +87,8 @@ def test_a_heap_of_the_first_fold_is_spread_after_a_second_look() -> None:
 def test_what_recognition_refuses_is_spread_only_after_another_pull(kind: FailureKind) -> None:
     assert chosen(heaped(), kind) is Event.LOOK_AGAIN
     assert chosen(heaped(), kind, 3) is Event.GIVE_UP
-    assert chosen(heaped(pulls=1), kind) is Event.SPREAD
+    assert chosen(heaped(pulls=1), kind) is Event.LOOK_AGAIN, "no verdict from one look"
+    assert chosen(heaped(pulls=1), kind, 2) is Event.SPREAD
 
 
 @pytest.mark.parametrize(
@@ -166,10 +167,10 @@ def test_a_recognised_garment_that_covers_too_little_is_not_spread(share: float,
     perception: Any = SimpleNamespace(
         view=SimpleNamespace(to_table=lambda pixels: pixels), segmentation=SimpleNamespace(contour=smaller)
     )
-    failure = not_spread(heaped(covered=(0.1,)), perception)
+    failure = not_spread(heaped(pulls=1), perception)
     assert (failure is None) is spread
     assert failure is None or (failure.kind is K.NOT_FLAT and "not spread" in failure.what)
-    assert not_spread(heaped(), perception) is None, "the first look, or after a person laid it"
+    assert not_spread(heaped(), perception) is None, "no pull was planned, or a person laid it since"
 
 
 def test_after_a_person_has_laid_the_garment_pulls_are_allowed_again() -> None:
