@@ -359,15 +359,21 @@ def test_in_a_pause_no_hand_is_commanded_or_judged(monkeypatch: pytest.MonkeyPat
     cell, workcell, up, commands = rising(monkeypatch, {side: 0.0008 for side in Side})
     checks = freeing._HandChecks(workcell, UNLOADED, *freeing._first_checks(workcell, up, UNLOADED, 0.0008))
     dragging = freeing._dragging(workcell, UNLOADED)
-    cell.q[:] = 0.05
-    state = workcell.ports.arms.state()
-    assert checks.look(Tick(0.5, state)) is None and len(commands) == 2
-    cell.pads = dict.fromkeys(Side, GRIP)
-    assert dragging(Tick(0.5, state)) is None
-    for _ in range(300):
+
+    def tick(t: float) -> Tick:
         cell.now += 0.01
-        assert checks.look(Tick(0.5, state)) is None and dragging(Tick(0.5, state)) is None
+        return Tick(t, workcell.ports.arms.state())
+
+    for k in range(50):  # the pads are unloaded at first
+        assert dragging(tick(0.01 * k)) is None
+    cell.q[:] = 0.05
+    assert checks.look(tick(0.5)) is None and len(commands) == 2
+    cell.pads = dict.fromkeys(Side, GRIP)
+    assert dragging(tick(0.48)) is None
+    for _ in range(300):
+        assert checks.look(tick(0.5)) is None and dragging(tick(0.48)) is None
     assert len(commands) == 2
+    assert any(dragging(tick(0.49 + 0.01 * k)) for k in range(50)), "after the pause the pull is felt"
 
 
 def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch) -> None:
