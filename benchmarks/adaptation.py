@@ -30,8 +30,8 @@ from cell.executive.effects.adapting import FACTORS
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
 from skills.trajectory.arcs.paths import fold_paths, lifted
 from skills.trajectory.search.optimise import optimise_fold
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Material, ToolPath

@@ -3,7 +3,7 @@
     python -m benchmarks.attainable_dissimilarity [GARMENT...]
 
 The fold starts from the garment after the earlier steps, each made ideally and settled. It is made without
-grippers (skills/planning/turned_fold.py): cloth that lies flat is moved exactly to its target, which is the
+grippers (skills/fold_plan/turned_fold.py): cloth that lies flat is moved exactly to its target, which is the
 isometry of this fold and the earlier ones with layers at k x thickness. The garment then settles for one second.
 The remaining D is due to the cloth: creases open, and earlier creases lift the layers above them. D is defined as
 in the paper: 3-D, unaligned, over all layers, area-weighted over barycentres. Triangles are cut at the fold
@@ -25,16 +25,16 @@ import argparse
 import numpy as np
 
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.simulation.scoring.score import FinalGarment, named_edge_pairs, score
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.fold_figures.folded_mesh import fold_mesh
+from skills.fold_plan.folding import fold_points, outline_of, target_vertices
+from skills.fold_plan.plan import plan_folds
+from skills.fold_plan.turned_fold import turned_over
 from skills.garments.garment import Garment
-from skills.planning.folding import fold_points, outline_of, target_vertices
-from skills.planning.plan import plan_folds
-from skills.planning.turned_fold import turned_over
+from skills.scoring.score import FinalGarment, named_edge_pairs, score
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from cell.config.cell_settings import load_settings
 from cell.hardware.driver import OpenCell
-from cell.recording.report.pictures.film import FilmFrame, encode_film
-from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip
+from cell.report.pictures.film import FilmFrame, encode_film
+from cell.report.pictures.fold_pictures import KeyFrame, fold_strip
 from cell.runs.fold_run import FoldRequest, fold_once
 from cell.simulation.truth import Truth
 from cell.states.commands import CommandQueue

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
 from cell.config.garments.garment_file import load_garment
-from cell.config.library.library_file import load_library
+from cell.config.trajectory_library.library_file import load_library
 from cell.hardware.camera import nominal_calibration
 from cell.simulation.garment.cloth_body import FRAME_RATE
 from cell.simulation.garment.fabric import garment_uv
@@ -25,15 +25,15 @@ from cell.simulation.noise import load_noise
 from robots.baxter.camera_mount import MOUNT
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.predict import HANDS, predict_fold, sample_paths
+from skills.fold_plan.crease_mesh import predictor_mesh
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
 from skills.perception.perceive import perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.perception.state_estimate.hand_course import HandCourse
-from skills.perception.state_estimate.hypothesis import FoldState
-from skills.planning.crease_mesh import predictor_mesh
-from skills.planning.plan import plan_folds
+from skills.state_estimate.hand_course import HandCourse
+from skills.state_estimate.hypothesis import FoldState
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, lifted, tool_paths
-from skills.trajectory.library import lookup, trajectory_from
+from skills.trajectory.trajectory_library import lookup, trajectory_from
 from skills.vocabulary import (
     Array,
     CameraCalibration,

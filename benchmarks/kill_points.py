@@ -33,7 +33,7 @@ from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, resume_event
 from benchmarks.results_page import table
 from cell.campaigns.statistics.proportions import wilson_interval
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.support.files.paths import journal_path
 from robots.errors import InternalError
 

@@ -38,9 +38,9 @@ from benchmarks.operator.supervised_run import Run, spinning, unsupervised
 from benchmarks.results_page import Row, table, table_of_rows
 from cell.config.cell_settings import load_settings
 from cell.hardware.camera import camera_calibration
-from cell.recording.checkpoint.checkpoint_file import CHECKPOINT
-from cell.recording.checkpoint.run_checkpoint import read_checkpoint
-from cell.recording.frame_store import FRAMES, FrameStore
+from cell.journal.checkpoint_file import CHECKPOINT
+from cell.journal.frame_store import FRAMES, FrameStore
+from cell.journal.run_checkpoint import read_checkpoint
 
 __all__ = ["main"]
 

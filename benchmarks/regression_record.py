@@ -68,7 +68,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
     from cell.campaigns.hil.script import read_script
     from cell.config.cell_settings import load_settings
     from cell.hardware.robot_model import load_robot
-    from cell.recording.journal import Journal
+    from cell.journal.journal import Journal
     from cell.runs.fold_run import fold_once
     from cell.states.fold_request import FoldRequest
     from cell.support.files.paths import journal_path

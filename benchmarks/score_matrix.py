@@ -27,13 +27,13 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
 from cell.simulation.scoring.ideal import ideal_of
-from cell.simulation.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
 from cell.simulation.truth import GarmentTruth
 from skills.fold_figures.fold_figures import CREASE_MARGIN
 from skills.fold_figures.folded_mesh import fold_mesh
 from skills.fold_figures.table_raster import PIXEL, TableRaster
-from skills.planning.folding import fold_xy
-from skills.planning.plan import ways_to_fold
+from skills.fold_plan.folding import fold_xy
+from skills.fold_plan.plan import ways_to_fold
+from skills.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
 from skills.vocabulary import Array, FoldLine
 
 __all__ = [

@@ -22,11 +22,11 @@ import numpy as np
 from benchmarks.interrupted_folds import WorldFold, open_fold, shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.results_page import table
-from skills.perception.state_estimate.estimate import StateEstimate, estimate_state
-from skills.perception.state_estimate.hand_course import HandCourse
-from skills.perception.state_estimate.hypothesis import FoldState, Interruption
-from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
-from skills.perception.state_estimate.observation import observe
+from skills.state_estimate.estimate import StateEstimate, estimate_state
+from skills.state_estimate.hand_course import HandCourse
+from skills.state_estimate.hypothesis import FoldState, Interruption
+from skills.state_estimate.interrupted_fold import simulate_interruptions
+from skills.state_estimate.observation import observe
 from skills.vocabulary import Array, CameraFrame
 
 __all__ = ["Case", "cases", "estimate"]

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.planning.ideal_fold import ideal_folds
+from skills.fold_plan.ideal_fold import ideal_folds
 from skills.vocabulary import FoldLine, Material
 
 __all__ = ["FreeFold", "bending_length_of_fold", "calibrate_free_fold", "elastica_height", "free_fold"]

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from foldcell.exporting import export
 from foldcell.folding import fold
 from foldcell.garments import new_garment
+from foldcell.loading import Run, load_run
 from foldcell.optimising import OptimisedFold, optimise
 from foldcell.perceiving import PerceivedGarment, perceive
-from foldcell.runs import Run, load_run
 from robots.errors import CellError, ConfigurationError, Failure, StorageError
 
 if TYPE_CHECKING:
-    from cell.recording.transcript.set_points import SetPoints
     from cell.states.fold_request import FoldResult
+    from cell.transcript.set_points import SetPoints
 
 __all__ = [
     "CellError",
@@ -47,7 +47,7 @@ def __getattr__(name: str) -> Any:
 
         return FoldResult
     if name == "SetPoints":
-        from cell.recording.transcript.set_points import SetPoints
+        from cell.transcript.set_points import SetPoints
 
         return SetPoints
     raise AttributeError(f"module 'foldcell' has no attribute '{name}'")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
-    from cell.campaigns.plans.plan_optimisation import StepOptimisation
+    from cell.planning.plan_optimisation import StepOptimisation
     from robots.errors import Failure
     from robots.ports import Array
 
@@ -65,8 +65,8 @@ def optimise(
 
     Raises ConfigurationError for an invalid argument or file.
     """
-    from cell.campaigns.plans.plan_optimisation import optimise_plan
     from cell.config.garments.garment_file import load_garment
+    from cell.planning.plan_optimisation import optimise_plan
     from robots.errors import ConfigurationError
 
     if budget is not None and budget < 1:

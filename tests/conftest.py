@@ -30,7 +30,7 @@ COMPUTES_CLOTH = (
     "calibration/test_identify.py",
     "calibration/test_material_tests.py",
     "calibration/test_mujoco_peer.py",
-    "cell/campaigns/test_library_build.py",
+    "cell/planning/test_trajectory_library_build.py",
     "cell/commands/test_calibrate_fabric.py",
     "cell/commands/test_garment_check.py",
     "cell/commands/test_optimise_command.py",
@@ -41,7 +41,7 @@ COMPUTES_CLOTH = (
     "cell/simulation/faults/test_world_faults.py",
     "cell/simulation/test_cloth_body.py",
     "cell/simulation/test_ideal.py",
-    "cell/simulation/test_score.py",
+    "skills/test_score.py",
     "cell/simulation/test_world.py",
     "foldcell/test_api_optimise.py",
     "skills/cloth",
@@ -54,6 +54,7 @@ DRAWS_PICTURES = (
     "cell/simulation/test_camera_sensor.py",
     "foldcell/test_api_perceive.py",
     "skills/perception",
+    "skills/state_estimate",
 )
 PLANS_MOTIONS = (
     "calibration/test_hand_eye.py",
@@ -77,7 +78,7 @@ STARTS_PROGRAMS = (
     "cell/operator/key_points/test_key_point_page.py",
     "cell/support/process/test_library_messages.py",
     "cell/support/process/test_workers.py",
-    "cell/recording/rerun/test_recorder.py",
+    "cell/view/test_recorder.py",
 )
 LONG = tuple(
     UNIT / place

@@ -16,7 +16,7 @@ from cell.config.garments.garment_file import shipped_garment_path
 from cell.executive.effects import EFFECTS
 from cell.hardware.driver import OpenCell
 from cell.hardware.workcell import Workcell
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.checkpoint_writer import Interrupted
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once

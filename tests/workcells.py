@@ -13,9 +13,9 @@ from cell.config.cell_settings import load_settings
 from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
-from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
-from skills.trajectory.library import Library
+from cell.view import Recorder
+from skills.trajectory.trajectory_library import Library
 from tests.fakes import FakeCell
 
 __all__ = ["fake_workcell"]

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 
 __all__ = ["measure"]
 

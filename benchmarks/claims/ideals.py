@@ -12,10 +12,10 @@ from benchmarks.score_matrix import IdealGarment, in_own_frame
 from cell.config.garments.garment_file import load_garment
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.scoring.ideal import ideal_of
-from cell.simulation.scoring.score import IdealHeights, named_edge_pairs
 from cell.support.files.packing import packed
 from cell.support.files.whole_file import write_whole
-from skills.planning.plan import ways_to_fold
+from skills.fold_plan.plan import ways_to_fold
+from skills.scoring.score import IdealHeights, named_edge_pairs
 from skills.vocabulary import Array
 
 __all__ = ["IdealFolds", "ideal_folds_of"]

@@ -23,7 +23,6 @@ from cell.executive.effects.inspecting import judge_fold, next_step
 from cell.hardware.assembly import assemble
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
-from cell.recording.rerun import Recorder
 from cell.simulation.ports import ports_of
 from cell.simulation.settings import SimulationSettings
 from cell.simulation.world import World
@@ -33,6 +32,7 @@ from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Effect
+from cell.view import Recorder
 from robots.depth_averaging import EXPOSURES
 from robots.errors import CellError
 from robots.ports import CameraFrame, Ports

@@ -27,7 +27,7 @@ Tell = Callable[[str], None]
 """Function that shows one line of progress to the user."""
 PEER_FIGURE = "mujoco_final_error_difference_mm"
 ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ("skills/cloth", "skills/planning", "skills/garments", "calibration", "benchmarks/cloth")
+MEASURED = ("skills/cloth", "skills/fold_plan", "skills/garments", "calibration", "benchmarks/cloth")
 
 
 @dataclass(frozen=True)

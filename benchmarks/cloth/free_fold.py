@@ -22,7 +22,7 @@ from calibration.free_fold import elastica_height
 from skills.cloth.mesh import FineBands, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.fold_figures.table_raster import TableRaster
-from skills.planning.folding import crease_segments
+from skills.fold_plan.folding import crease_segments
 from skills.vocabulary import FoldLine, Material, frozen
 
 __all__ = ["crease_height"]

@@ -13,8 +13,8 @@ from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import FoldPrediction, predict_fold
 from skills.cloth.solver import ClothSimulation
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
 from skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath, tool_rotation
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
@@ -246,9 +246,9 @@ def plain_fold(friction: float = MATERIAL.friction_static) -> SharedFold:
 def optimised_fold() -> SharedFold:
     """Return the medium towel's first fold along the shipped library's trajectory, which our predictor found."""
     from benchmarks.attainable_dissimilarity import distance_to_target
-    from cell.config.library.library_file import load_library
+    from cell.config.trajectory_library.library_file import load_library
     from skills.trajectory.arcs.paths import tool_paths
-    from skills.trajectory.library import lookup, trajectory_from
+    from skills.trajectory.trajectory_library import lookup, trajectory_from
 
     garment = load_garment("medium_towel")
     state = garment.flat_state(*garment.poses.middle)

@@ -19,7 +19,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from cell.recording.journal import Journal, RunJournal, to_json
+from cell.journal.journal import Journal, RunJournal, to_json
 from cell.runs import checkpoint_writer
 
 __all__ = ["DurableWrite", "read_writes", "watch"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.kills.durable_writes import DurableWrite
-from cell.recording.journal import Entry, RunRecord
+from cell.journal.journal import Entry, RunRecord
 from cell.runs.resumable import RESUMED_FROM
 
 __all__ = ["Outcome", "Resumed", "lost", "place_of", "resume_event"]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cell.config.garments.garment_file import list_garments, load_garment
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
 from skills.trajectory.plain_arc import plain_paths
 from skills.vocabulary import FoldStep, GraspId, ToolPath
 

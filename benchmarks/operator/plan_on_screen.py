@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.camera_pictures.projected_drawing import ProjectedDrawing
-from cell.recording.camera_pictures.question_picture import ARCS, EXPECTED, OUTLINE, present_outline
-from cell.recording.outline import outline
+from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
+from cell.report.camera_pictures.question_picture import ARCS, EXPECTED, OUTLINE, present_outline
 from cell.states.run_context import RunContext
 from robots.ports import Array
+from skills.fold_figures.outline import outline
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["drawn_shares", "picture_of"]

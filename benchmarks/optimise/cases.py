@@ -13,8 +13,8 @@ from benchmarks.attainable_dissimilarity import d_relax, distance_to_target, eva
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.plan import plan_folds
 from skills.trajectory.arcs.bezier import initial_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted

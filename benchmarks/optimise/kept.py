@@ -22,7 +22,7 @@ VERSION = 5
 earlier are no longer used."""
 
 ROOT = Path(__file__).resolve().parents[2]
-MEASURED = ("skills/cloth", "skills/trajectory", "skills/planning")
+MEASURED = ("skills/cloth", "skills/trajectory", "skills/fold_plan")
 
 
 def fingerprint(garment: str, **how: Any) -> str:

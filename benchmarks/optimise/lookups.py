@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks.optimise.cases import Case, initial, judge, prepare
 from cell.config.garments.garment_file import load_garment
-from cell.config.library.library_file import entry_of, load_library
-from skills.planning.plan import plan_folds
-from skills.trajectory.library import LibraryEntry, lookup, trajectory_from
+from cell.config.trajectory_library.library_file import entry_of, load_library
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.search.optimise import optimise_fold
+from skills.trajectory.trajectory_library import LibraryEntry, lookup, trajectory_from
 from skills.vocabulary import GraspId, GraspTrajectory, Material
 
 __all__ = ["measure_lookup_times", "measure_lookups", "summary_of_lookups"]

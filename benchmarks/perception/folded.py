@@ -30,12 +30,12 @@ from robots.baxter.camera_mount import MOUNT
 from robots.errors import FailureKind
 from robots.ports import Array, CameraFrame
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.fold_plan.folding import fold_xy, target_vertices
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
 from skills.perception.inspection.inspect import inspect
 from skills.perception.perceive import perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
-from skills.planning.folding import fold_xy, target_vertices
-from skills.planning.plan import plan_folds
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, PredictedShape, frozen
 
 __all__ = ["CURVES", "Folded", "measure_inspection", "open_folded"]

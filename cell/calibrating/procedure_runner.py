@@ -28,7 +28,7 @@ from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.seeing import capture
 from cell.hardware.workcell import Workcell
-from cell.recording.journal import RunJournal
+from cell.journal.journal import RunJournal
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import BoardPlace, Side, TactileReading
 from skills.grasping.hand_reading import GripCommand

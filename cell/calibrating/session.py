@@ -26,11 +26,10 @@ from cell.hardware.camera import camera_mount
 from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
+from cell.journal.journal import RunJournal
 from cell.operator.progress.compiling import report_compilation
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal
-from cell.recording.journal import RunJournal
-from cell.recording.rerun import Recorder
 from cell.runs.ownership import begun_run, owned_cell
 from cell.simulation import SimulationSettings, Truth
 from cell.states.commands import CommandQueue
@@ -40,6 +39,7 @@ from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.interrupts import Interrupts
 from cell.support.process.terminations import BY_SIGNAL
+from cell.view import Recorder
 from robots.errors import (
     CellError,
     DriverError,

@@ -330,7 +330,7 @@ class InspectionConfig(_Group):
 
 
 class PressingConfig(_Group):
-    """Pressing of creases that stand high: from which height and how hard (skills.planning.pressing)."""
+    """Pressing of creases that stand high: from which height and how hard (skills.fold_plan.pressing)."""
 
     max_attempts: int = _count(0, 5, "how often one fold may be pressed; 0: never")
     min_excess_height: float = _number(

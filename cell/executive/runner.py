@@ -14,7 +14,7 @@ from dataclasses import replace
 from cell.control.checks import stopped
 from cell.executive.machine import Executive
 from cell.hardware.workcell import Workcell
-from cell.recording.journal import RunJournal
+from cell.journal.journal import RunJournal
 from cell.states.commands import ABORTED, ANSWERS, CommandQueue
 from cell.states.observers import FAILING, Observer, Step
 from cell.states.run_context import Result, RunContext

@@ -11,20 +11,20 @@ import numpy as np
 
 from cell.config.cell_settings import CellSettings
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.library.ideal_heights_file import ideal_heights_of
-from cell.config.library.library_file import add_entry, entry_of, load_library, user_library_path
+from cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
+from cell.config.trajectory_library.library_file import add_entry, entry_of, load_library, user_library_path
 from cell.control.checks import ExecutionLimits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import motion_rng
-from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
+from cell.view import Recorder
 from robots.model import RobotModel
 from robots.ports import Ports
 from skills.garments.garment import Garment
 from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
-from skills.trajectory.library import Library
+from skills.trajectory.trajectory_library import Library
 from skills.vocabulary import FoldStep, GraspTrajectory
 
 __all__ = ["assemble"]

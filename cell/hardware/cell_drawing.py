@@ -15,9 +15,9 @@ from cell.hardware.placement import Pose
 from cell.hardware.robot_check import moved_shapes, reached_places
 from robots.model import RobotModel
 from robots.ports import Array, Side
+from skills.fold_plan.folding import silhouette
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.folding import silhouette
-from skills.planning.plan import plan_folds
 
 __all__ = ["draw_cell"]
 

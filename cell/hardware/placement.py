@@ -15,12 +15,12 @@ from cell.planning.fold_planning import motion_rng
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
 from robots.ports import Array
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment, PoseRange
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.rectification.table_view import TableView
 from skills.perception.settings import PerceptionSettings
-from skills.planning.plan import plan_folds
 from skills.trajectory.plain_arc import plain_paths
 
 __all__ = [

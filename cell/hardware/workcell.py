@@ -16,18 +16,18 @@ from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
 from cell.control.path_record import PathRecord
-from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
+from cell.view import Recorder
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import Ports, Stop
+from skills.fold_plan.ideal_heights import IdealFoldHeights
 from skills.garments.garment import Garment
 from skills.grasping.settings import GraspSettings
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.inspection.inspect import InspectionSettings
 from skills.perception.settings import PerceptionSettings
-from skills.planning.ideal_heights import IdealFoldHeights
-from skills.trajectory.library import Library
+from skills.trajectory.trajectory_library import Library
 from skills.vocabulary import CameraCalibration, FoldStep, GraspTrajectory, Table
 
 __all__ = ["Workcell"]

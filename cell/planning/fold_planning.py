@@ -18,9 +18,9 @@ from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.fold import FoldMotion, plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.trajectory.arcs.paths import after_lift
-from skills.trajectory.library import Library, lookup, trajectory_from
 from skills.trajectory.search.optimise import ClothPredictor, Progress, Watch, optimise_fold
 from skills.trajectory.search.problem import Predictor
+from skills.trajectory.trajectory_library import Library, lookup, trajectory_from
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, Outcome, ToolPath
 
 __all__ = [

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.checkpoint_file import CHECKPOINT
-from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
-from cell.recording.frame_store import FRAMES, FrameStore
-from cell.recording.journal import Journal
+from cell.journal.checkpoint_file import CHECKPOINT
+from cell.journal.frame_store import FRAMES, FrameStore
+from cell.journal.journal import Journal
+from cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
 from cell.runs.reentry import reentered, reentry_event
 from cell.runs.request_file import load_request
 from cell.runs.resumable import check_resumable, last_begun

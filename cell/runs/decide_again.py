@@ -23,11 +23,7 @@ from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
-from cell.recording.journal import Entry, Journal, RunRecord
-from cell.recording.rerun import Recorder
-from cell.recording.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers, asked_in_words
-from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
-from cell.recording.transcript.transcript_codec import Channel
+from cell.journal.journal import Entry, Journal, RunRecord
 from cell.runs.resumable import RESUMED_FROM
 from cell.runs.run_inputs import initial_checkpoint, restored_request
 from cell.states.commands import CommandQueue
@@ -37,6 +33,10 @@ from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import journal_path
+from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers, asked_in_words
+from cell.transcript.transcript import TRANSCRIPT, Transcript
+from cell.transcript.transcript_codec import Channel
+from cell.view import Recorder
 from robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]

@@ -29,19 +29,16 @@ from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
 from cell.hardware.placement import refuse_too_large
 from cell.hardware.robot_model import load_robot
+from cell.journal.journal import RunJournal
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.compiling import report_compilation
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.progress.notifier import Notifier, say
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import TerminalOperator, check_terminal, in_foreground
-from cell.recording.camera_pictures.question_files import QuestionFiles
-from cell.recording.journal import RunJournal
-from cell.recording.report.failure_stories import FailureStories, FailureStory
-from cell.recording.report.run_events import RunEvent, RunEvents
-from cell.recording.rerun import Recorder
-from cell.recording.rerun.observer import RecorderObserver
-from cell.recording.transcript.port_recorder import PortRecorder
+from cell.report.camera_pictures.question_files import QuestionFiles
+from cell.report.failure_stories import FailureStories, FailureStory
+from cell.report.run_events import RunEvent, RunEvents
 from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
 from cell.runs.fold_result import failure_to_dict, fold_result
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
@@ -57,6 +54,9 @@ from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.whole_file import write_whole
 from cell.support.process.interrupts import Interrupts
+from cell.transcript.port_recorder import PortRecorder
+from cell.view import Recorder
+from cell.view.observer import RecorderObserver
 from robots.errors import CellError, Failure, FailureKind, StorageError
 from robots.ports import Ports
 from robots.registry import find_robot
@@ -64,7 +64,7 @@ from robots.visual import RobotVisual
 
 if TYPE_CHECKING:
     from cell.operator.console.supervision import Supervision
-    from cell.recording.report.pictures.recorded_holds import TrueFrame
+    from cell.report.pictures.recorded_holds import TrueFrame
 
 __all__ = ["FoldRequest", "FoldResult", "fold_once"]
 
@@ -127,7 +127,7 @@ def _with_files(folder: Path, request: FoldRequest, ended: _Ended) -> FoldResult
     try:
         write_whole(folder / "result.json", json.dumps(result.as_json(), indent=1) + "\n")
         if request.record:
-            from cell.recording.report.report import report
+            from cell.report.report import report
 
             calibration = camera_calibration(request.settings)
             report(

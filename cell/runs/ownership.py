@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 
 from cell.config.cell_settings import CellSettings
-from cell.recording.journal import Journal, RunJournal
+from cell.journal.journal import Journal, RunJournal
 from cell.support.files.paths import journal_path
 from cell.support.process.interrupts import Interrupts, taking_signals
 from cell.support.process.lock import OwnerLock

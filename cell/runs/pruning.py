@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cell.recording.checkpoint.checkpoint_file import CHECKPOINT, has_checkpoint
-from cell.recording.frame_store import FRAMES
-from cell.recording.journal import Journal, RunRecord
+from cell.journal.checkpoint_file import CHECKPOINT, has_checkpoint
+from cell.journal.frame_store import FRAMES
+from cell.journal.journal import Journal, RunRecord
 from cell.runs.checkpoint_writer import WORLD
 from cell.runs.resumable import resumable
 from cell.runs.run_inputs import BEGAN_WITH

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cell.hardware.driver import is_simulated
-from cell.recording.checkpoint.checkpoint_file import has_checkpoint
-from cell.recording.journal import Journal
+from cell.journal.checkpoint_file import has_checkpoint
+from cell.journal.journal import Journal
 from robots.errors import ConfigurationError
 
 __all__ = ["RESUMED_FROM", "check_resumable", "last_begun", "resumable"]

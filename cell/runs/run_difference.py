@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cell.recording.journal import Entry, Intent, RunRecord, performed
+from cell.journal.journal import Entry, Intent, RunRecord, performed
 from cell.runs.request_file import SETTINGS
 
 __all__ = ["Decision", "Difference", "RunDifference", "run_difference"]

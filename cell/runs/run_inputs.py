@@ -11,11 +11,11 @@ from pathlib import Path
 
 import yaml
 
-from cell.config.library.ideal_heights_file import user_heights_path
-from cell.config.library.library_file import user_library_path
+from cell.config.trajectory_library.ideal_heights_file import user_heights_path
+from cell.config.trajectory_library.library_file import user_library_path
 from cell.config.yaml_file import read_yaml
-from cell.recording.checkpoint.run_checkpoint import read_checkpoint, write_checkpoint
-from cell.recording.frame_store import FRAMES, FrameStore
+from cell.journal.frame_store import FRAMES, FrameStore
+from cell.journal.run_checkpoint import read_checkpoint, write_checkpoint
 from cell.runs.request_file import SETTINGS, load_request
 from cell.states.fold_request import FoldRequest
 from cell.states.run_context import RunContext

@@ -13,11 +13,11 @@ from cell.states.recovery_table import Adjustment
 from cell.states.stages import Attempt, Repair, Spread
 from cell.states.step_note import StepNote
 from robots.ports import ArmTrajectory, Side
+from skills.fold_plan.repair import RepairGoal
 from skills.grasping.confirm import Held
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
-from skills.perception.state_estimate.estimate import StateEstimate
-from skills.planning.repair import RepairGoal
+from skills.state_estimate.estimate import StateEstimate
 from skills.vocabulary import GraspTrajectory
 
 __all__ = ["FoldContext"]

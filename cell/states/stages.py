@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, CameraFrame, Side
 from skills.cloth.mesh import ClothMesh
+from skills.fold_plan.repair import RepairGoal, RepairPlan
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
 from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.heights.camera_bias import CameraBias
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
-from skills.perception.state_estimate.comparison import Fit
-from skills.planning.repair import RepairGoal, RepairPlan
+from skills.state_estimate.comparison import Fit
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
 __all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair", "Spread"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from cell.recording.transcript.transcript import TRANSCRIPT, CellConstants, TranscriptWriter
-from cell.recording.transcript.transcript_codec import Exchange
+from cell.transcript.transcript import TRANSCRIPT, CellConstants, TranscriptWriter
+from cell.transcript.transcript_codec import Exchange
 
 __all__ = ["write_transcript"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cell.recording.journal import Entry, Journal, RunRecord
+from cell.journal.journal import Entry, Journal, RunRecord
 from cell.states.fold_request import FoldRequest, FoldResult
 from tests.runs import Onlooker, fold_request
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.library.library_file import load_library
+from cell.config.trajectory_library.library_file import load_library
 from cell.executive.machine import Executive
-from cell.recording.journal import Entry
+from cell.journal.journal import Entry
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from cell.support.process.lock import is_held
 from robots.baxter.model import load_model

@@ -17,16 +17,16 @@ import yaml
 
 from cell.commands.main import main
 from cell.hardware.driver import OpenCell
-from cell.recording.frame_store import FRAMES, FrameStore
-from cell.recording.journal import RunRecord
-from cell.recording.transcript.replay_ports import NoRecordedAnswer
-from cell.recording.transcript.transcript import TRANSCRIPT, Transcript
-from cell.recording.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
+from cell.journal.frame_store import FRAMES, FrameStore
+from cell.journal.journal import RunRecord
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event
+from cell.transcript.replay_ports import NoRecordedAnswer
+from cell.transcript.transcript import TRANSCRIPT, Transcript
+from cell.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
 from tests.builders.transcripts import write_transcript

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.simulation import Fault, FaultKind
 from robots.errors import StorageError
 from tests.runs import FEW_PICTURES, PLAIN, Onlooker, fold_request, once_folded_towel

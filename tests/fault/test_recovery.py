@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.simulation import Fault, FaultKind
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest

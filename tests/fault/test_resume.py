@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted, interrupted_run
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest, FoldResult

@@ -22,7 +22,7 @@ from cell.campaigns.page.campaign_page import PAGE as CAMPAIGN_PAGE
 from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.store import CampaignFolder, is_campaign
 from cell.campaigns.trials.trial import MANIFEST, TRIAL, Trial, load_trial
-from cell.recording.journal import NOT_BEGUN, Journal
+from cell.journal.journal import NOT_BEGUN, Journal
 from cell.support.files.paths import journal_path
 from robots.errors import CellError
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.trial import MANIFEST, TRIAL, digest, load_trial
-from cell.config.library.library_file import user_library_path
+from cell.config.trajectory_library.library_file import user_library_path
 from cell.runs.pruning import RECORDINGS
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json

@@ -24,7 +24,7 @@ from typing import Any, get_args
 
 from cell.campaigns.trials.campaign import Campaign, Keep, TrialRequest
 from cell.campaigns.trials.trial import MANIFEST, Trial, load_trial
-from cell.config.library.library_file import user_library_path
+from cell.config.trajectory_library.library_file import user_library_path
 from cell.runs.ownership import VERSIONED
 from cell.support.files.paths import repository_root
 from cell.support.files.whole_file import write_whole

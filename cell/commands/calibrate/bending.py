@@ -48,7 +48,7 @@ def _measure(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     test = calibrate_bending(garment.material, options.overhang)
 
     def record(path: Path) -> None:
-        from cell.recording.rerun.material import record_bending
+        from cell.view.material import record_bending
 
         record_bending(path, test)
 
@@ -76,7 +76,7 @@ def _folded_over(garment: Garment, options: argparse.Namespace, tell: Tell) -> F
     test = calibrate_free_fold(replace(garment.material, areal_mass=mass), options.fold_height, tell)
 
     def record(path: Path) -> None:
-        from cell.recording.rerun.material import record_free_fold
+        from cell.view.material import record_free_fold
 
         record_free_fold(path, test)
 

@@ -32,7 +32,7 @@ def _measure(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     test = calibrate_crease(garment.material, math.radians(options.angle), options.load, options.time, tell=tell)
 
     def record(path: Path) -> None:
-        from cell.recording.rerun.material import record_crease
+        from cell.view.material import record_crease
 
         record_crease(path, test)
 

@@ -32,7 +32,7 @@ def _measure(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     degrees = math.degrees(test.angle)
 
     def record(path: Path) -> None:
-        from cell.recording.rerun.material import record_friction
+        from cell.view.material import record_friction
 
         record_friction(path, test)
 

@@ -35,7 +35,7 @@ def _measure(garment: Garment, options: argparse.Namespace, surface: str, tell: 
     l1, l2 = options.l1, options.l2
 
     def record(path: Path) -> None:
-        from cell.recording.rerun.material import record_shear
+        from cell.view.material import record_shear
 
         record_shear(path, test)
 

@@ -12,7 +12,7 @@ from cell.campaigns.trials.store import CampaignFolder, is_campaign
 from cell.campaigns.trials.trial import Trial
 from cell.commands.options import json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.run_difference import Difference, RunDifference, run_difference
 from cell.support.files.paths import journal_path, logs_directory
 from robots.errors import ConfigurationError

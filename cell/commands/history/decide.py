@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from cell.commands.output import print_json, progress_stream
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.support.files.paths import journal_path, logs_directory
 
 __all__ = ["run"]

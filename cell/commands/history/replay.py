@@ -9,9 +9,9 @@ import sys
 
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
-from cell.recording.journal import Journal
-from cell.recording.rerun.viewing.viewer import find_viewer, silent_environment
+from cell.journal.journal import Journal
 from cell.support.files.paths import journal_path, logs_directory
+from cell.view.viewing.viewer import find_viewer, silent_environment
 from robots.errors import StorageError
 
 __all__ = ["add_options", "run"]

@@ -8,7 +8,7 @@ from typing import Any
 from cell.commands.history.runs import run_figures
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
-from cell.recording.journal import NOT_BEGUN, Entry, Journal, RunRecord, performed
+from cell.journal.journal import NOT_BEGUN, Entry, Journal, RunRecord, performed
 from cell.runs.resumable import resumable
 from cell.support.files.paths import command_for, journal_path, logs_directory
 

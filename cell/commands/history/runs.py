@@ -10,8 +10,8 @@ from typing import Any
 
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.recording.checkpoint.checkpoint_file import has_checkpoint
-from cell.recording.journal import Journal, RunRecord
+from cell.journal.checkpoint_file import has_checkpoint
+from cell.journal.journal import Journal, RunRecord
 from cell.support.files.paths import command_for, journal_path, logs_directory
 from robots.errors import ConfigurationError
 

@@ -13,8 +13,8 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from cell.recording.rerun.viewing.viewer import find_viewer
 from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
+from cell.view.viewing.viewer import find_viewer
 from robots.errors import CellError
 from robots.registry import find_robot, list_robots
 from robots.ros.installation import PACKAGES, find_ros
@@ -190,7 +190,7 @@ def _logs(logs: Path) -> Iterable[Check]:
     journal_file = journal_path(logs)
     if not journal_file.exists():
         return
-    from cell.recording.journal import Journal
+    from cell.journal.journal import Journal
 
     with Journal.open(journal_file, readonly=True) as journal:
         state = journal.check()

@@ -9,21 +9,25 @@ from dataclasses import replace
 from pathlib import Path
 
 from cell.campaigns.executors import chosen_workers
-from cell.campaigns.library.build import BuildProgress, BuiltStep, build_library
-from cell.campaigns.library.unfinished_build import UnfinishedBuild
 from cell.commands.library.entry_figures import figures
 from cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
-from cell.config.library.ideal_heights_file import ideal_heights_of, put_ideal_heights, user_heights_path
-from cell.config.library.library_file import put_garments, user_library_path
+from cell.config.trajectory_library.ideal_heights_file import (
+    ideal_heights_of,
+    put_ideal_heights,
+    user_heights_path,
+)
+from cell.config.trajectory_library.library_file import put_garments, user_library_path
 from cell.operator.progress.bar import ProgressBar
+from cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
+from cell.planning.unfinished_build import UnfinishedBuild
 from cell.support.files.paths import logs_directory, prepare_logs
+from skills.fold_plan.ideal_heights import bending_lengths, ideal_fold_heights
 from skills.garments.garment import Garment
-from skills.planning.ideal_heights import bending_lengths, ideal_fold_heights
-from skills.trajectory.library import LibraryEntry
 from skills.trajectory.search.optimise import ClothPredictor
+from skills.trajectory.trajectory_library import LibraryEntry
 
 __all__ = ["add_options"]
 

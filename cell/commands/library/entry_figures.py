@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from skills.trajectory.library import LibraryEntry
+from skills.trajectory.trajectory_library import LibraryEntry
 
 __all__ = ["figures"]
 

@@ -7,7 +7,7 @@ import argparse
 from cell.commands.library.entry_figures import figures
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
 from cell.commands.output import print_json, print_table
-from cell.config.library.library_file import load_library
+from cell.config.trajectory_library.library_file import load_library
 from cell.support.files.paths import logs_directory
 
 __all__ = ["add_options"]

@@ -11,8 +11,8 @@ from cell.commands.options import json_option, run_options
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.recording.checkpoint.checkpoint_file import has_checkpoint
-from cell.recording.report.recording_losses import recording_losses
+from cell.journal.checkpoint_file import has_checkpoint
+from cell.report.recording_losses import recording_losses
 from cell.support.files.paths import command_for, logs_directory, prepare_logs
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.run.fold import tell
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.support.files.paths import journal_path, logs_directory, prepare_logs
 
 __all__ = ["add_options", "run"]

@@ -7,13 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.plans.plan_optimisation import StepOptimisation, check_step, optimise_plan
 from cell.commands.options import cell_option, count, json_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
 from cell.operator.progress.compiling import report_compilation
+from cell.planning.plan_optimisation import StepOptimisation, check_step, optimise_plan
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from robots.ports import Array

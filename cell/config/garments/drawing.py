@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.fold_plan.folding import silhouette
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.planning.folding import silhouette
-from skills.planning.plan import plan_folds
 from skills.vocabulary import FoldStep
 
 __all__ = ["draw_garment"]

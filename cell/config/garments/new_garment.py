@@ -14,8 +14,8 @@ from cell.config.garments.garment_file import FABRIC_FIELDS, garment_path, load_
 from cell.config.yaml_file import read_yaml
 from robots.errors import ConfigurationError
 from robots.ports import Array
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment, PoseRange
-from skills.planning.plan import plan_folds
 
 __all__ = ["check_plan", "new_garment_text"]
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from cell.config.yaml_file import Document, Key
 from robots.errors import ConfigurationError
+from skills.fold_plan.folding import layers_at
+from skills.fold_plan.plan import LEAST_FLAP, plan_folds
 from skills.garments.garment import Garment
-from skills.planning.folding import layers_at
-from skills.planning.plan import LEAST_FLAP, plan_folds
 from skills.vocabulary import FoldStep
 
 __all__ = ["check_lines_and_grasps"]

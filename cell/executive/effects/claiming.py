@@ -10,6 +10,7 @@ from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
+from skills.fold_plan.folding import folded_creases, target_vertices
 from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import diagnose
 from skills.perception.inspection.heights.camera_bias import CameraBias
@@ -23,7 +24,6 @@ from skills.perception.inspection.inspect import Inspection
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, TargetView
 from skills.perception.registration.alignment import align
-from skills.planning.folding import folded_creases, target_vertices
 from skills.vocabulary import PredictedShape, frozen
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]

@@ -8,8 +8,8 @@ import numpy as np
 
 from cell.states.stages import Plan
 from robots.ports import Array, frozen
+from skills.fold_plan.plan import rigid_motion, translate_plan
 from skills.perception.inspection.inspect import Inspection
-from skills.planning.plan import rigid_motion, translate_plan
 
 __all__ = ["apply_drift", "moved_contour"]
 

@@ -14,7 +14,7 @@ from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
 from robots.errors import FailureKind
 from robots.ports import frozen
-from skills.planning.folding import silhouette
+from skills.fold_plan.folding import silhouette
 from skills.vocabulary import FoldStep, GarmentState
 
 __all__ = [

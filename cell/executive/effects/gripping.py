@@ -10,9 +10,9 @@ import numpy as np
 from cell.control.motion import Motion, Tick, Watch
 from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
+from cell.control.motions.guarded_push import push_down
 from cell.control.motions.hands import commanding, each_hand
 from cell.control.motions.lowering import Lowering
-from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
 from cell.executive.effects.recovery.parking import RELEASE_OPENING
@@ -255,7 +255,7 @@ def _press(
             contact = cell.hands.depth(s, hand.descent, start.q)
             strokes[s] = contact, contact + _lower_tip(cell, postures[s]) + depth
         max_force = cell.grasp.press_force
-        return press_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
+        return push_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 
     return cell.loop.run(begin).failure
 

@@ -23,7 +23,7 @@ from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diag
 from skills.perception.inspection.inspect import Inspection, InspectionSettings, inspect
 from skills.perception.inspection.target_view import FoldTarget
 from skills.perception.registration.alignment import edge_deviation
-from skills.perception.state_estimate.hypothesis import FoldState
+from skills.state_estimate.hypothesis import FoldState
 from skills.vocabulary import FoldStep, Outcome, PredictedShape
 
 __all__ = ["find_folded", "inspect_fold", "judge_fold", "judged_as_before", "next_step"]

@@ -28,12 +28,12 @@ from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
 from robots.ports import Array, frozen
 from skills.cloth.pinch import Patch
+from skills.fold_plan.crease_mesh import predictor_mesh
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import plan_folds
+from skills.fold_plan.repair import RepairGoal
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
-from skills.planning.crease_mesh import predictor_mesh
-from skills.planning.folding import target_vertices
-from skills.planning.plan import plan_folds
-from skills.planning.repair import RepairGoal
 from skills.trajectory.arcs.bezier import evaluate
 from skills.trajectory.arcs.paths import tool_paths
 from skills.trajectory.arcs.repair_arcs import turned_paths

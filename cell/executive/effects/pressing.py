@@ -19,14 +19,14 @@ from cell.states.stages import Attempt, Plan, PressPlan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, Side
+from skills.fold_plan.folding import layers_at, outline_of, target_vertices
+from skills.fold_plan.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
 from skills.grasping.hand_reading import GripCommand
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
 from skills.perception.inspection.heights.high_places import find_high_places
 from skills.perception.inspection.inspect import Inspection
-from skills.planning.folding import layers_at, outline_of, target_vertices
-from skills.planning.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
 from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
 
 __all__ = ["plan_pressing", "press"]

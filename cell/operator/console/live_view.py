@@ -20,15 +20,15 @@ import numpy as np
 
 from cell.operator.console.messages import PlanChange
 from cell.operator.console.plan_changes import offered_changes, plan_edit
-from cell.recording.camera_pictures.live_picture import draw_live
-from cell.recording.camera_pictures.projected_drawing import jpeg_file
-from cell.recording.camera_pictures.question_picture import QUESTIONS
-from cell.recording.rerun.bounded_worker import BoundedWorker
+from cell.report.camera_pictures.live_picture import draw_live
+from cell.report.camera_pictures.projected_drawing import jpeg_file
+from cell.report.camera_pictures.question_picture import QUESTIONS
 from cell.simulation import Display
 from cell.states.observers import Step
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
+from cell.view.bounded_worker import BoundedWorker
 from robots.errors import DriverError
 from robots.ports import (
     Arms,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cell.operator.console.messages import PlanChange
-from cell.recording.camera_pictures.picture_places import on_picture, on_table
+from cell.report.camera_pictures.picture_places import on_picture, on_table
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import RunContext
 from skills.vocabulary import CameraCalibration, GraspId

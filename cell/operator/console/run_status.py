@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from cell.executive.machine import complete_table
+from cell.journal.checkpoint_file import has_checkpoint
 from cell.operator.console.facts import RECOGNISED, consequences, plan_facts
-from cell.recording.checkpoint.checkpoint_file import has_checkpoint
-from cell.recording.report.run_events import RunEvents
+from cell.report.run_events import RunEvents
 from cell.states.commands import ANSWERS, COMMAND_WORDS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext

@@ -10,9 +10,9 @@ from pathlib import Path
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
-from cell.recording.rerun.viewing.web_viewer import web_viewer_files
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
+from cell.view.viewing.web_viewer import web_viewer_files
 from robots.errors import StorageError
 from robots.ports import Stop
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.fold_plan.folding import crease_segments
+from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
 from skills.garments.key_point_check import KeyPointFinding, check_key_points
 from skills.garments.picture_measure import PictureMeasure
-from skills.planning.folding import crease_segments
-from skills.planning.plan import plan_folds
 
 __all__ = ["KeyPointEdit"]
 

@@ -27,7 +27,7 @@ from starlette.routing import Route
 
 from cell.operator.key_points.editing import KeyPointEdit
 from cell.operator.local_server import local_app, new_secret, origins, served
-from cell.recording.camera_pictures.projected_drawing import jpeg_file
+from cell.report.camera_pictures.projected_drawing import jpeg_file
 from cell.support.files.html_page import read_page
 from cell.support.json_values import to_json
 from robots.errors import ConfigurationError, StorageError

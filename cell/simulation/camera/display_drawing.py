@@ -15,7 +15,7 @@ import pinocchio as pin
 import trimesh
 from numpy.typing import NDArray
 
-from cell.recording.report.pictures.cloth_raster import vertex_normals
+from cell.report.pictures.cloth_raster import vertex_normals
 from cell.simulation.camera.mesh_raster import Canvas, Lens, Mesh, draw_mesh
 from cell.simulation.camera.render_server import FLOOR_RGB, NEAR, Picture, Scene, Shot
 from skills.vocabulary import Array

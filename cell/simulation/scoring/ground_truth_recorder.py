@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.config.garments.garment_file import load_garment
-from cell.recording.rerun import Recorder
 from cell.simulation.scoring.dwell import DwellTimes
 from cell.simulation.scoring.ideal import BackgroundIdeal
-from cell.simulation.scoring.score import score_plan
 from cell.simulation.simulated_cell import TruthSource
 from cell.simulation.truth import GarmentTruth, Truth
 from cell.states.fold_request import FoldRequest
+from cell.view import Recorder
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
+from skills.scoring.score import score_plan
 
 __all__ = ["GroundTruthRecorder"]
 

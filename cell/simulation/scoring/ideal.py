@@ -18,14 +18,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cell.simulation.garment.cloth_body import solver_settings
-from cell.simulation.scoring.score import FinalGarment, IdealHeights, named_edge_pairs, score
 from cell.simulation.truth import GarmentTruth
 from robots.errors import CellError
 from skills.cloth.strain import MOST_STRAIN
+from skills.fold_plan.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
+from skills.fold_plan.plan import ways_to_fold
+from skills.fold_plan.turned_fold import TURN_S
 from skills.garments.garment import Garment
-from skills.planning.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_folds
-from skills.planning.plan import ways_to_fold
-from skills.planning.turned_fold import TURN_S
+from skills.scoring.score import FinalGarment, IdealHeights, named_edge_pairs, score
 from skills.vocabulary import Array, FoldLine
 
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]

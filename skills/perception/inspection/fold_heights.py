@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.fold_plan.plan import RELEASE_CLEARANCE
 from skills.perception.garment_height import LOFTY
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.planning.plan import RELEASE_CLEARANCE
 from skills.vocabulary import FoldStep, GraspId
 
 __all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_height"]

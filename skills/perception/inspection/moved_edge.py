@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from robots.ports import Array
+from skills.fold_plan.folding import fold_xy
 from skills.perception.garment_height import smooth_height
 from skills.perception.rectification.table_view import TableView
-from skills.planning.folding import fold_xy
 from skills.vocabulary import FoldStep, PredictedShape
 
 __all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from skills.fold_plan.corner import Corner
 from skills.perception.registration.energy import resample_closed
 from skills.perception.template import polygon_area
-from skills.planning.corner import Corner
 from skills.vocabulary import Array, frozen
 
 __all__ = ["Placement", "convex_corners", "place_outline"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skills.planning.repair import RepairGoal, RepairPlan
+from skills.fold_plan.repair import RepairGoal, RepairPlan
 from skills.trajectory.arcs.bezier import initial_controls
 from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.vocabulary import Array, GraspId, ToolPath, frozen

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skills.planning.crease_mesh import mesh_near_creases
-from skills.planning.folding import crease_segments
+from skills.fold_plan.crease_mesh import mesh_near_creases
+from skills.fold_plan.folding import crease_segments
 from skills.trajectory.search.problem import FoldProblem, TrajectoryMesh
 from skills.vocabulary import Array
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.errors import CellError
-from skills.planning.folding import target_vertices
+from skills.fold_plan.folding import target_vertices
 from skills.trajectory.arcs.bezier import arc_lengths
 from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted

@@ -14,8 +14,8 @@ from benchmarks.claims.stage import Stage, judge_shown, open_stage
 from benchmarks.claims.verdicts import Verdict, caught_by
 from benchmarks.score_matrix import in_own_frame
 from cell.config.garments.garment_file import load_garment
-from skills.planning.folding import target_vertices
-from skills.planning.plan import ways_to_fold
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import ways_to_fold
 from skills.vocabulary import Array
 from tests.inspections import a_claim
 

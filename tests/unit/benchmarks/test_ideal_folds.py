@@ -11,8 +11,8 @@ from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
-from skills.planning.folding import fold_xy, target_vertices
-from skills.planning.turned_fold import turned_over
+from skills.fold_plan.folding import fold_xy, target_vertices
+from skills.fold_plan.turned_fold import turned_over
 from skills.vocabulary import FoldLine, frozen
 
 FABRIC = load_garment("medium_towel", "bare_table").material

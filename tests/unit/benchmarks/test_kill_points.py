@@ -14,7 +14,7 @@ import pytest
 from benchmarks.kill_points import boundaries, met, page
 from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, lost, place_of, resume_event
-from cell.recording.journal import Entry, Journal, RunRecord
+from cell.journal.journal import Entry, Journal, RunRecord
 
 PASSED = Resumed(0, {"result": "folded", "score": {"passed": True}}, "look_again")
 
@@ -23,7 +23,7 @@ import os, signal, sys
 from pathlib import Path
 from benchmarks.kills import durable_writes
 from cell.commands import main as command
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.checkpoint_writer import CheckpointWriter
 from cell.states.run_context import RunContext
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.recording.outline import outline
-from cell.recording.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
-from cell.recording.report.pictures.fold_pictures import KeyFrame, fold_strip
+from cell.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
+from cell.report.pictures.fold_pictures import KeyFrame, fold_strip
+from skills.fold_figures.outline import outline
 
 
 def run_record() -> RunRecord:

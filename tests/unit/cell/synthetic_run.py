@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from cell.recording.rerun import Recorder, RecorderReport
 from cell.states.transition_table import State
+from cell.view import Recorder, RecorderReport
 from robots.baxter.model import load_model
 from robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
 from skills.motion.kinematics.ik import solve_seeds

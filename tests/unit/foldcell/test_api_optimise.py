@@ -9,7 +9,7 @@ import pytest
 
 import foldcell
 from cell.config.garments.garment_file import load_garment
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.bezier import initial_controls
 from skills.vocabulary import GraspId
 

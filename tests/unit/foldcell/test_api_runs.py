@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import foldcell
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.support.files.paths import journal_path
 
 

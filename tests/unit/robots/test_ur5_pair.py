@@ -11,8 +11,8 @@ import pybullet as pb
 import pytest
 
 from cell.hardware.robot_check import view_margins
-from cell.recording.rerun.entries.robot import RobotFigure
 from cell.simulation import SimulationSettings, open_simulated_cell
+from cell.view.entries.robot import RobotFigure
 from robots.errors import DriverError
 from robots.ports import Side
 from robots.registry import find_robot

@@ -21,7 +21,7 @@ from cell.states.run_context import Result, RunContext
 from cell.states.stages import Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
-from skills.perception.state_estimate.hypothesis import FoldState
+from skills.state_estimate.hypothesis import FoldState
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
 

@@ -18,13 +18,13 @@ from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side
 from skills.motion.kinematics.ik import tool_pose
-from skills.perception.state_estimate.drawing import draw_estimate
-from skills.perception.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate, estimate_state
-from skills.perception.state_estimate.hand_course import HandCourse, held_until, without_gaps
-from skills.perception.state_estimate.hypothesis import FoldState, Interruption
-from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
-from skills.perception.state_estimate.observation import Observation, observe
-from skills.perception.state_estimate.wording import describe
+from skills.state_estimate.drawing import draw_estimate
+from skills.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate, estimate_state
+from skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
+from skills.state_estimate.hypothesis import FoldState, Interruption
+from skills.state_estimate.interrupted_fold import simulate_interruptions
+from skills.state_estimate.observation import Observation, observe
+from skills.state_estimate.wording import describe
 from skills.vocabulary import GraspId, Outcome, PredictedShape
 
 __all__ = ["SURE", "estimate", "note_estimate"]

@@ -14,9 +14,9 @@ from cell.states.stages import Attempt, Plan, Repair
 from cell.states.transition_table import Event
 from robots.errors import CellError, Failure, FailureKind
 from skills.cloth.predict import predict_fold
-from skills.planning.folding import target_vertices
-from skills.planning.plan import translate_plan
-from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import translate_plan
+from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
 from skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
 from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
 from skills.trajectory.search.acceptance import acceptance_limit

@@ -30,7 +30,7 @@ from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_calibration
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
-from cell.recording.journal import Journal, RunJournal
+from cell.journal.journal import Journal, RunJournal
 from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Arms, JointSetpoint, JointState, Ports, Side, arm_slice

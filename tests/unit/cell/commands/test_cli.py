@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from cell.commands.main import build_parser, main
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
 
 FIGURES: dict[str, Any] = {

@@ -11,7 +11,7 @@ import pytest
 from cell.commands.installation import checks as doctor
 from cell.commands.installation.checks import Check, Verdict, examine, pinned_versions, required_packages
 from cell.commands.main import main
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from robots.errors import ConfigurationError
 
 

@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from cell.commands.main import main
 from cell.config.garments.garment_file import load_garment
-from skills.planning.crease_mesh import predictor_mesh
-from skills.planning.folding import silhouette, target_vertices
-from skills.planning.plan import plan_folds
+from skills.fold_plan.crease_mesh import predictor_mesh
+from skills.fold_plan.folding import silhouette, target_vertices
+from skills.fold_plan.plan import plan_folds
 
 SIDE = 0.36
 SPEED = 0.30

@@ -16,10 +16,10 @@ from cell.control.loop import ControlLoop
 from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
 from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
+from cell.control.motions.guarded_push import push_down
 from cell.control.motions.hands import Hands, each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.motions.lowering import Lowering
-from cell.control.motions.press import press_down
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
 from cell.control.ticks import LOST_S, TICK_S
@@ -96,7 +96,7 @@ class Bench:
             pushes = FingertipForceMonitor(hands, GRASP, {Side.LEFT: AIR})
             strokes = {Side.LEFT: (0.01, 0.02)}
             return self.loop.run(
-                lambda start: press_down(hands, self.loop.last_command, start, lowering, strokes, pushes, 25.0)
+                lambda start: push_down(hands, self.loop.last_command, start, lowering, strokes, pushes, 25.0)
             )
 
         def begin(start: JointState) -> Motion[Any]:

@@ -15,8 +15,8 @@ from cell.executive.effects import EFFECTS
 from cell.executive.effects.inspecting import next_step
 from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from cell.executive.runner import EffectFunction, Runner
-from cell.recording.journal import Journal, RunJournal
-from cell.recording.report.run_events import RunEvents
+from cell.journal.journal import Journal, RunJournal
+from cell.report.run_events import RunEvents
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd

@@ -12,8 +12,8 @@ import pytest
 
 from cell.hardware.assembly import assemble
 from cell.hardware.workcell import Workcell
-from cell.recording.rerun import Recorder
 from cell.states.commands import CommandQueue
+from cell.view import Recorder
 from robots.baxter.model import load_model
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics import ik

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from cell.recording.journal import Entry
+from cell.journal.journal import Entry
 from cell.runs.decide_again import changed_versions, first_difference
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cell.commands.main import main
 from cell.config.cell_settings import load_settings
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from cell.support.files.paths import journal_path
 from robots.errors import ConfigurationError

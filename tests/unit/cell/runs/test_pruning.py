@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cell.commands.main import main
-from cell.recording.journal import Journal, RunJournal
+from cell.journal.journal import Journal, RunJournal
 from cell.runs.pruning import RECORDINGS, prunable_runs, prune
 from robots.errors import StorageError
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.recording.journal import Journal, RunJournal
+from cell.journal.journal import Journal, RunJournal
 from cell.runs.checkpoint_writer import CheckpointWriter, interrupted_run
 from cell.runs.reentry import reentry_event
 from cell.runs.request_file import keep_request

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cell.recording.journal import Journal
+from cell.journal.journal import Journal
 from cell.runs.run_difference import Decision, RunDifference, run_difference
 
 Effects = Sequence[tuple[str, str]]

@@ -11,13 +11,13 @@ import pytest
 import yaml
 
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
-from cell.recording.rerun import Recorder
 from cell.simulation.garment.cloth_body import BodyTraits
 from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.truth import GarmentTruth
+from cell.view import Recorder
 from skills.cloth.mesh import mesh_from_contour
-from skills.planning.folding import target_vertices
-from skills.planning.plan import plan_folds
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import plan_folds
 
 
 @pytest.mark.parametrize("name", ["mine", "small_towel"])

@@ -13,14 +13,14 @@ import pytest
 
 from benchmarks.score_matrix import KINDS, IdealGarment, drawn_garment, ideal_garment, judged, spoiled
 from cell.config.garments.garment_file import load_garment
-from cell.recording.rerun import Recorder
 from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
 from cell.simulation.truth import GarmentTruth
+from cell.view import Recorder
+from skills.fold_plan.ideal_fold import IdealFold, ideal_folds
+from skills.fold_plan.plan import ways_to_fold
 from skills.garments.garment import Garment
-from skills.planning.ideal_fold import IdealFold, ideal_folds
-from skills.planning.plan import ways_to_fold
 
 TOWEL = "small_towel", 9001
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
-from cell.recording.transcript.port_recorder import PortRecorder
 from cell.simulation import Fault, FaultKind, SimulationSettings, open_simulated_cell
 from cell.simulation.garment.garment import WorldGarment
 from cell.simulation.noise import load_noise
 from cell.simulation.world import World
 from cell.states.commands import CommandQueue
+from cell.transcript.port_recorder import PortRecorder
 from robots.baxter.model import load_model
 from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import ConfigurationError, DriverError, FailureKind

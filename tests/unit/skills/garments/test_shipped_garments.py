@@ -13,7 +13,7 @@ import yaml
 
 from cell.config.garments.garment_file import list_garments, load_garment
 from skills.cloth.settings import SolverSettings
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.config.garments.garment_file import load_garment
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.bezier import two_parameter_controls
 from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.trajectory.arcs.paths import fold_duration
-from skills.trajectory.library import (
+from skills.trajectory.trajectory_library import (
     SCHEMA,
     Library,
     LibraryEntry,

@@ -22,8 +22,8 @@ from cell.campaigns.dashboard.server import served_history
 from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import digest
+from cell.journal.journal import Journal
 from cell.operator.local_server import open_listener
-from cell.recording.journal import Journal
 from tests.builders.campaigns import figures, trials_campaign
 
 FAILURE: dict[str, Any] = {"failure": {"kind": "too_high", "what": "folded, but stands 31 mm high", "hint": ""}}

@@ -12,7 +12,7 @@ from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.drift import apply_drift
 from cell.states.stages import Plan
 from skills.cloth.mesh import ClothMesh
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId
 
 

@@ -19,7 +19,7 @@ from cell.states.stages import Plan
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths
 from skills.vocabulary import Material, PredictedShape
 from tests.builders.contexts import context_with

@@ -20,9 +20,9 @@ from cell.states.run_context import RunContext
 from cell.states.transition_table import TRANSITIONS, Effect, Event, State
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
-from skills.perception.state_estimate.estimate import StateEstimate
-from skills.perception.state_estimate.hypothesis import FoldState
-from skills.planning.repair import RepairGoal
+from skills.fold_plan.repair import RepairGoal
+from skills.state_estimate.estimate import StateEstimate
+from skills.state_estimate.hypothesis import FoldState
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell

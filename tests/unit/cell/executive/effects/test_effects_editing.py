@@ -17,7 +17,7 @@ from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.vocabulary import FoldStep, GraspId
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

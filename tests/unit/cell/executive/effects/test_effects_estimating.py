@@ -15,8 +15,8 @@ from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
-from skills.perception.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate
-from skills.perception.state_estimate.hypothesis import FoldState
+from skills.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate
+from skills.state_estimate.hypothesis import FoldState
 from skills.vocabulary import GraspId, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

@@ -21,12 +21,12 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Side, arm_slice
+from skills.fold_plan import pressing
 from skills.grasping.confirm import Held, LayerCount
 from skills.grasping.empty_hand import NARROW
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
 from skills.motion.timing.jerk_limiter import JerkLimiter
-from skills.planning import pressing
 from skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

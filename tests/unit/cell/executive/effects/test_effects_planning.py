@@ -12,7 +12,7 @@ import pytest
 
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.config.library.library_file import entry_of
+from cell.config.trajectory_library.library_file import entry_of
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.planning import _draws
 from cell.states.recovery_table import Adjustment
@@ -21,12 +21,12 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import FailureKind, StorageError
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
-from skills.planning.folding import target_vertices
-from skills.planning.plan import plan_folds
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.bezier import two_parameter_controls
 from skills.trajectory.arcs.frame import frames_of
-from skills.trajectory.library import Library, entry_from
 from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
+from skills.trajectory.trajectory_library import Library, entry_from
 from skills.vocabulary import GarmentState, GraspId, GraspTrajectory
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

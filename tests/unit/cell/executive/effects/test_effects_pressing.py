@@ -23,10 +23,10 @@ from robots.baxter.model import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
 from skills.cloth.mesh import ClothMesh
+from skills.fold_plan.pressing import OPENING, Dab, press_paths
 from skills.grasping.hand_reading import HandReading
 from skills.perception.inspection.inspect import Inspection, InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.planning.pressing import OPENING, Dab, press_paths
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

@@ -19,12 +19,12 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import CellError, Failure, FailureKind
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
-from skills.perception.state_estimate.comparison import Fit
-from skills.perception.state_estimate.estimate import StateEstimate
-from skills.perception.state_estimate.hypothesis import FoldState, Hypothesis
-from skills.planning.folding import target_vertices
-from skills.planning.plan import plan_folds
-from skills.planning.repair import RepairGoal
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import plan_folds
+from skills.fold_plan.repair import RepairGoal
+from skills.state_estimate.comparison import Fit
+from skills.state_estimate.estimate import StateEstimate
+from skills.state_estimate.hypothesis import FoldState, Hypothesis
 from skills.trajectory.arcs.bezier import initial_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.search.acceptance import PROMISE_SLACK

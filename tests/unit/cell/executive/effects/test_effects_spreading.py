@@ -23,11 +23,11 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
+from skills.fold_plan.folding import SheetMesh
+from skills.fold_plan.plan import plan_folds
 from skills.perception.inspection.heights.camera_bias import CameraBias
 from skills.perception.rectification.table_view import TableView
-from skills.perception.state_estimate.observation import Observation
-from skills.planning.folding import SheetMesh
-from skills.planning.plan import plan_folds
+from skills.state_estimate.observation import Observation
 from skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell

@@ -29,8 +29,8 @@ from cell.states.run_context import Result, RunContext
 from cell.states.stages import Repair
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
-from skills.planning.plan import plan_folds
-from skills.planning.repair import RepairGoal
+from skills.fold_plan.plan import plan_folds
+from skills.fold_plan.repair import RepairGoal
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection

@@ -22,7 +22,7 @@ import pytest
 
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import PAGE
-from cell.recording.camera_pictures.projected_drawing import jpeg_file
+from cell.report.camera_pictures.projected_drawing import jpeg_file
 from cell.states.observers import Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event, State

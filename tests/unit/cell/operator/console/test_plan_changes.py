@@ -11,12 +11,12 @@ from cell.config.garments.garment_file import load_garment
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.messages import CommandMessage, EditMessage, PlanChange, read_message
 from cell.operator.console.plan_changes import offered_changes, plan_edit
-from cell.recording.camera_pictures.picture_places import on_picture, on_table
-from cell.recording.camera_pictures.projected_drawing import SCALE, ProjectedDrawing
+from cell.report.camera_pictures.picture_places import on_picture, on_table
+from cell.report.camera_pictures.projected_drawing import SCALE, ProjectedDrawing
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.vocabulary import GraspId
 from tests.builders.contexts import context_with
 from tests.scenes import Scene, camera, render

@@ -18,8 +18,8 @@ from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
 from cell.operator.console.viewer_routes import growing_file
 from cell.operator.local_server import open_listener
-from cell.recording.rerun.viewing.web_viewer import FILES
 from cell.states.commands import CommandQueue
+from cell.view.viewing.web_viewer import FILES
 from tests.fakes import FakeCell
 from tests.scenes import camera
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skills.fold_plan.plan import RELEASE_CLEARANCE
 from skills.perception.inspection.fold_heights import (
     extra_height,
     judged_area,
@@ -16,7 +17,6 @@ from skills.perception.inspection.fold_heights import (
 )
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.planning.plan import RELEASE_CLEARANCE
 from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
 from tests.scenes import TABLE, camera
 

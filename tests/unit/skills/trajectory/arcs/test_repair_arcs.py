@@ -7,11 +7,11 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.predict import predict_fold
-from skills.perception.state_estimate.hypothesis import Interruption
-from skills.perception.state_estimate.interrupted_fold import simulate_interruptions
-from skills.planning.crease_mesh import predictor_mesh
-from skills.planning.plan import plan_folds
-from skills.planning.repair import RepairGoal, RepairPlan, plan_repair
+from skills.fold_plan.crease_mesh import predictor_mesh
+from skills.fold_plan.plan import plan_folds
+from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
+from skills.state_estimate.hypothesis import Interruption
+from skills.state_estimate.interrupted_fold import simulate_interruptions
 from skills.trajectory.arcs.bezier import initial_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import fold_paths, lifted

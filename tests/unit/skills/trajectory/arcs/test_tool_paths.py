@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from cell.config.garments.garment_file import load_garment
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.bezier import arc_lengths, initial_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import (

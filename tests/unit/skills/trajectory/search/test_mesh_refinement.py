@@ -7,7 +7,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from skills.cloth.mesh import mesh_from_contour
-from skills.planning.plan import plan_folds
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.search.mesh_refinement import carried, refined
 from skills.trajectory.search.problem import FoldProblem
 

@@ -16,8 +16,8 @@ from scipy.spatial.distance import cdist
 
 from cell.config.garments.garment_file import load_garment
 from robots.errors import CellError, FailureKind
-from skills.planning.folding import target_vertices
-from skills.planning.plan import plan_folds
+from skills.fold_plan.folding import target_vertices
+from skills.fold_plan.plan import plan_folds
 from skills.trajectory.arcs.bezier import evaluate, two_parameter_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.search import optimise

@@ -1,0 +1,193 @@
+"""The checkpoint: a run's context, written after each effect so that an interrupted run can be resumed from it.
+
+A checkpoint is a folder with a file `context`, which is replaced as a whole. Its first line is JSON with version,
+schema and hash. The rest is a pickle of the context. Reading the pickle can create only arrays and values of this
+program's types. Each large array is stored in a separate file, named by the hash of its content. Pictures are
+stored in the run's frame store (cell/journal/frame_store.py).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import io
+import json
+import pickle
+from enum import Enum
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cell.journal.checkpoint_file import CONTEXT
+from cell.journal.frame_store import FrameStore
+from cell.states.fold_context import FoldContext
+from cell.states.plan_edit import PlanEdit
+from cell.states.run_context import RunContext, Sight
+from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition, Repair, Spread
+from cell.states.step_note import StepNote
+from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError, InternalError, StorageError
+from robots.ports import CameraFrame, frozen
+from skills.fold_plan.repair import RepairPlan
+from skills.perception.inspection.claim import Claim
+from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.result import Inspection
+from skills.perception.inspection.target_view import TargetView
+from skills.state_estimate.comparison import Fit
+from skills.state_estimate.estimate import StateEstimate
+
+__all__ = ["read_checkpoint", "write_checkpoint"]
+
+SCHEMA = 3
+LARGE = 2**16
+"""Arrays of at least this size [bytes] get separate files, because most of them do not change between effects."""
+_OURS = ("cell.", "robots.", "skills.")
+_ARRAYS = frozenset(
+    {
+        ("numpy", "dtype"),
+        ("numpy", "ndarray"),
+        ("numpy._core.multiarray", "_reconstruct"),
+        ("numpy._core.multiarray", "scalar"),
+        ("numpy._core.numeric", "_frombuffer"),
+    }
+)
+"""The functions and types that a pickle of a numpy array refers to."""
+
+
+def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> None:
+    """Write the context. It is on disk when the call returns. Raises StorageError."""
+    stream = io.BytesIO()
+    try:
+        folder.mkdir(exist_ok=True)
+        _Pickler(stream, folder, frames).dump(context)
+    except OSError as e:
+        raise StorageError(
+            f"{folder} cannot be created: {e.strerror}", "free some disk space", path=str(folder)
+        ) from e
+    except (pickle.PicklingError, TypeError, AttributeError) as e:
+        raise InternalError(f"a value of the context cannot be written: {e}") from e
+    body = stream.getvalue()
+    head = {"foldcell": _version(), "schema": _schema(), "sha256": _hash(body)}
+    write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
+
+
+def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
+    """Read the context. Raises StorageError if a file or picture is missing or damaged, ConfigurationError if
+    another version of this program wrote it."""
+    path = folder / CONTEXT
+    try:
+        head_line, _, body = path.read_bytes().partition(b"\n")
+        head = json.loads(head_line)
+        version, schema, digest = head["foldcell"], head["schema"], head["sha256"]
+    except (OSError, ValueError, KeyError, TypeError) as e:
+        raise _damaged(path, e) from None
+    if (version, schema) != (_version(), _schema()):
+        raise ConfigurationError(
+            f"{path} was written by another foldcell (version {version}, this is {_version()})",
+            "resume with the version that began the run, or start a new run",
+        )
+    if digest != _hash(body):
+        raise _damaged(path, "its hash does not match")
+    try:
+        context = _Unpickler(io.BytesIO(body), folder, frames).load()
+    except StorageError:
+        raise
+    except Exception as e:  # a damaged pickle can raise anything
+        raise _damaged(path, e) from e
+    if not isinstance(context, RunContext):
+        raise _damaged(path, "it does not contain a run's context")
+    return context
+
+
+@lru_cache(maxsize=1)
+def _version() -> str:
+    return metadata.version("foldcell")
+
+
+@lru_cache(maxsize=1)
+def _schema() -> str:
+    """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
+    where the fields can change while the version stays the same."""
+    kinds = (
+        RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
+        Repair, RepairPlan, Spread, StateEstimate, Fit, StepNote, Inspection, TargetView, StackHeights, Claim,
+    )  # fmt: skip
+    fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
+    return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
+
+
+def _hash(body: bytes) -> str:
+    return hashlib.sha256(body).hexdigest()
+
+
+def _damaged(path: Path, why: object) -> StorageError:
+    return StorageError(f"{path} is missing or damaged: {why}", "start a new run", path=str(path))
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
+        super().__init__(stream, protocol=5)
+        self._folder, self._frames = folder, frames
+
+    def persistent_id(self, obj: Any) -> tuple[str, str] | None:
+        if isinstance(obj, CameraFrame):
+            return "frame", self._frames.put(obj)
+        if type(obj) is np.ndarray and obj.nbytes >= LARGE and not obj.dtype.hasobject:
+            return "array", self._put(obj)
+        return None
+
+    def reducer_override(self, obj: Any) -> Any:
+        # Python 3.11.0 to 3.11.3 pickle an Enum member as a call of getattr, which _Unpickler refuses
+        return (type(obj), (obj.value,)) if isinstance(obj, Enum) else NotImplemented
+
+    def _put(self, array: NDArray[Any]) -> str:
+        stream = io.BytesIO()
+        np.save(stream, array, allow_pickle=False)
+        name = _hash(stream.getvalue())
+        path = _array_path(self._folder, name)
+        if not path.exists():
+            write_whole(path, stream.getvalue())
+        return name
+
+
+def _array_path(folder: Path, name: str) -> Path:
+    return folder / f"{name}.npy"
+
+
+def _is_value(kind: type) -> bool:
+    """Whether a pickle may create this type. All types of the package `skills` are allowed, because that package
+    contains only pure functions and values. Of the other packages, only dataclasses and enums are allowed."""
+    return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
+
+
+class _Unpickler(pickle.Unpickler):
+    """An unpickler that creates only arrays and values of this program's types. A general pickle could call any
+    function."""
+
+    def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
+        super().__init__(stream)
+        self._folder, self._frames = folder, frames
+
+    def persistent_load(self, pid: tuple[str, str]) -> CameraFrame | NDArray[Any]:
+        kind, name = pid
+        if kind == "frame":
+            return self._frames.get(name)
+        content = _array_path(self._folder, name).read_bytes()
+        if _hash(content) != name:
+            raise pickle.UnpicklingError(f"the hash of its array {name} does not match")
+        return frozen(np.load(io.BytesIO(content), allow_pickle=False))
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in _ARRAYS:
+            return super().find_class(module, name)
+        if module.startswith(_OURS) and "." not in name:
+            found = getattr(importlib.import_module(module), name)
+            if isinstance(found, type) and _is_value(found):
+                return found
+        raise pickle.UnpicklingError(f"it refers to {module}.{name}, which is not allowed")

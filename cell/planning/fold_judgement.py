@@ -1,0 +1,177 @@
+"""Judge a predicted fold by the limits of a run and of its score, and say in plain words what will not go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.ports import Array
+from skills.cloth.predict import FoldPrediction
+from skills.fold_plan.folding import fold_xy
+from skills.garments.garment import Garment
+from skills.perception.inspection.claim_settings import ClaimSettings
+from skills.scoring.score import Score, ScoreLimits, named_edge_pairs
+from skills.trajectory.search.acceptance import judge_prediction
+from skills.vocabulary import FoldLine, FoldStep, GraspId
+
+__all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
+
+MENDED_BY_TENSION = 0.060
+"""A key point that is farther from its place [m] is not brought there by releasing the cloth farther out."""
+
+_FABRIC = (
+    "check the fabric's figures in the garment file (`foldcell calibrate` measures them), move the fold line or"
+    " the grasps of this fold, or give it another variant"
+)
+_LESS_FORCE = "fold more slowly (max_tool_speed in the garment file), or lay the garment on a rougher surface"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a fold will not go. what: in words, with figure and limit; hint: what can be changed. arc: whether
+    another arc may help."""
+
+    what: str
+    hint: str
+    arc: bool = True
+
+
+def claim_limits(claim: ClaimSettings) -> ScoreLimits:
+    """Return the limits of the score, with those of the claim where the settings state them."""
+    return ScoreLimits(
+        iou=claim.iou, drift=claim.drift, drift_angle=claim.drift_angle, height=claim.stack_margin,
+        ideal_height=claim.ideal_margin, ideal_crease_height=claim.crease_margin,
+    )  # fmt: skip
+
+
+def judge_hands(step: FoldStep, prediction: FoldPrediction) -> tuple[Reason, ...]:
+    """Return what is wrong with the grasps of a predicted fold."""
+    found = []
+    for grasp_id, pinch in prediction.pinches.items():
+        wanted, hand = step.grasps[grasp_id].layers, _hand(grasp_id)
+        if not pinch.held_points:
+            hint = "place this grasp on the cloth (`inset` in the garment file)"
+            found.append(Reason(f"{hand} closes on no cloth", hint, arc=False))
+        elif pinch.layers < wanted:
+            hint = "place this grasp where all layers lie (`inset`), or use deeper pads (gripper.pad_depth)"
+            found.append(Reason(f"{hand} takes {pinch.layers} of {wanted} layers", hint, arc=False))
+        if grasp_id in prediction.dropped:
+            hint = "grip harder (grasp.grip_force), fold more slowly (max_tool_speed), or grasp farther inside"
+            found.append(Reason(f"{hand} loses its cloth before the fold ends", hint))
+    return tuple(found)
+
+
+def judge_edges(
+    garment: Garment, lines: Sequence[FoldLine], keypoints: Mapping[str, Array], limit: float
+) -> tuple[Reason, ...]:
+    """Return which edges that belong together (`edge_pairs` of the garment file) do not meet even after the ideal
+    folds about `lines`. keypoints: name -> (2,) place on the flat garment [m]; limit: largest distance [m]."""
+    found = []
+    pairs = named_edge_pairs(garment.edge_pairs, keypoints)
+    for names, (first, second) in zip(garment.edge_pairs, pairs, strict=True):
+        apart = float(np.linalg.norm(fold_xy(lines, first) - fold_xy(lines, second), axis=1).max())
+        if apart > limit:
+            edges = " and ".join(" to ".join(ends) for ends in names)
+            what = f"even after the ideal folds, the edges {edges} lie {_mm(apart)} apart (limit {_mm(limit)})"
+            found.append(Reason(what, "correct these key points, or move the fold lines between them", arc=False))
+    return tuple(found)
+
+
+def judge_fold(
+    garment: Garment,
+    step: FoldStep,
+    keypoints: Mapping[str, Array],
+    offsets: Mapping[str, Array],
+    dissimilarity: float,
+    limit: float,
+    score: Score,
+    edges: bool = True,
+) -> tuple[Reason, ...]:
+    """Return what is wrong with the shape after a predicted fold; empty if it is within all limits.
+
+    keypoints: name -> (2,) place on the flat garment [m]; offsets: name -> (2,) vector from its place after the
+    ideal fold to its predicted one [m]. dissimilarity: D [m], and limit: the largest D with which a run accepts
+    the fold. score: of the predicted shape; heights are judged if it has an ideal fold. edges: whether the edges
+    that belong together are judged, which no fold can bring together if the plan does not (`judge_edges`).
+    """
+    found = [*_keypoint(garment, step, keypoints, offsets, score.figures["keypoints_m"].limit)]
+    poor = judge_prediction(step.name, dissimilarity, limit)
+    if poor is not None:
+        what = f"it misses its target by {_mm(dissimilarity)} on average (limit {_mm(limit)})"
+        found.append(Reason(what, _FABRIC))
+    found += _shape(score, bool(found), edges)
+    found += _heights(score)
+    return tuple(found)
+
+
+def _hand(grasp_id: GraspId) -> str:
+    return f"the {grasp_id.planned_arm} hand"
+
+
+def _keypoint(
+    garment: Garment, step: FoldStep, keypoints: Mapping[str, Array], offsets: Mapping[str, Array], limit: float
+) -> Iterator[Reason]:
+    """Say where the key point lies that is farthest from its place, if it is too far, and what would help."""
+    name = max(offsets, key=lambda n: float(np.linalg.norm(offsets[n])), default="")
+    far = float(np.linalg.norm(offsets[name])) if name else 0.0
+    if far <= limit:
+        return
+    along, across = float(offsets[name] @ step.line.normal), float(offsets[name] @ step.line.direction)
+    moved = bool(step.line.signed_distance(fold_xy(step.earlier, keypoints[name])) > 0.0)
+    hint = _FABRIC
+    if not moved:
+        text, hint = f"the simulation drags {name} {_mm(far)} off its place", _LESS_FORCE
+    elif abs(across) > abs(along):
+        text = f"the simulation lays {name} {_mm(far)} beside its place"
+    elif along > 0.0:
+        text = f"the simulation leaves {name} {_mm(far)} short of its place"
+    else:
+        text = f"the simulation carries {name} {_mm(far)} beyond its place"
+    if moved and abs(along) >= abs(across) and far <= MENDED_BY_TENSION:
+        past = garment.plan[step.index].tension[0]
+        hint = f"release the cloth elsewhere: the `tension` of this fold is {_mm(past)}, try {_mm(past + along)}"
+    yield Reason(f"{text} (limit {_mm(limit)})", hint)
+
+
+def _shape(score: Score, known: bool, with_edges: bool) -> Iterator[Reason]:
+    """Say which figures of the silhouette are beyond their limits. known: whether the cloth is known to lie off
+    its place, so that only the overlap says something new."""
+    figures = score.figures
+    if not figures["iou"].passed:
+        value, least = figures["iou"].value, figures["iou"].limit
+        yield Reason(f"it overlaps its planned shape by {value:.2f} (at least {least:.2f})", _FABRIC)
+    if known:
+        return
+    mean, edges = figures["correspondence_m"], figures["edges_m"]
+    if not mean.passed:
+        yield Reason(f"the cloth lies {_mm(mean.value)} off on average (limit {_mm(mean.limit)})", _FABRIC)
+    if with_edges and not edges.passed:
+        yield Reason(
+            f"edges that belong together lie {_mm(edges.value)} apart (limit {_mm(edges.limit)})", _FABRIC
+        )
+    drift, turn = figures["drift_m"], figures["drift_rad"]
+    if not drift.passed:
+        yield Reason(f"the garment is dragged {_mm(drift.value)} away (limit {_mm(drift.limit)})", _LESS_FORCE)
+    if not turn.passed:
+        angle, most = math.degrees(turn.value), math.degrees(turn.limit)
+        yield Reason(f"the garment is turned by {angle:.0f} degrees (limit {most:.0f})", _LESS_FORCE)
+
+
+def _heights(score: Score) -> Iterator[Reason]:
+    if score.ideal is None:
+        return
+    hint = (
+        "a run presses its creases (pressing.max_attempts in cell.yaml), which the prediction leaves out; check"
+        " thickness and bending_length of the fabric, or fold it less often"
+    )
+    for name, part in (("height_m", "it stands"), ("crease_height_m", "its creases stand")):
+        figure = score.figures[name]
+        if not figure.passed:
+            yield Reason(f"{part} {_mm(figure.value)} high (limit {_mm(figure.limit)})", hint)
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.0f} mm"

@@ -1,0 +1,99 @@
+"""The program files of Rerun's web viewer, so that the operator's page can serve them itself.
+
+Rerun's own server for these files answers on every network interface and reports to its makers, and its page loads
+fonts from elsewhere. The files are part of the installed package. Some wheels have them as `web_viewer.zip`. Other
+wheels have them inside the `rerun` program only. It then has to serve them once: on this machine only, with its
+reports turned off and without data. They are kept in the user's cache.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+import zipfile
+from importlib.metadata import version
+from pathlib import Path
+
+import rerun as rr
+
+from cell.support.files.paths import user_cache
+from cell.view.live import free_port
+from cell.view.viewing.viewer import find_viewer, silent_environment
+from robots.errors import StorageError
+
+__all__ = ["FILES", "web_viewer_files"]
+
+FILES = ("re_viewer.js", "re_viewer_bg.wasm")
+WAIT_S = 20.0
+"""Longest time until the program answers [s]. It takes less than one second on an idle computer."""
+HINT = "the 3-D view is not offered; `foldcell replay` opens the recording"
+
+
+def web_viewer_files(cache: Path | None = None) -> Path:
+    """Return the folder with FILES, in the user's cache. The first call for a version of Rerun creates it (1 s).
+
+    Raises StorageError if the files cannot be read or stored.
+    """
+    cache = user_cache() if cache is None else cache
+    folder = cache / f"rerun-web-viewer-{version('rerun-sdk')}"
+    if all((folder / name).is_file() for name in FILES):
+        return folder
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cache) as scratch:
+            new = Path(scratch) / "files"
+            new.mkdir()
+            archive = Path(rr.__file__).with_name("web_viewer.zip")
+            if archive.is_file():
+                with zipfile.ZipFile(archive) as packed:
+                    for name in FILES:
+                        packed.extract(name, new)
+            else:
+                _from_program(new, Path(scratch))
+            shutil.rmtree(folder, ignore_errors=True)
+            try:
+                new.rename(folder)
+            except OSError:  # another process was faster
+                if not folder.is_dir():
+                    raise
+    except (OSError, KeyError, zipfile.BadZipFile) as e:
+        raise StorageError(f"the files of Rerun's web viewer cannot be read: {e}", HINT) from e
+    return folder
+
+
+def _from_program(folder: Path, home: Path) -> None:
+    """Let the `rerun` program serve FILES on this machine, and store them in `folder`. Raises OSError."""
+    program = find_viewer()
+    if program is None:
+        raise FileNotFoundError("the program `rerun` is not installed")
+    port = free_port(0)
+    command = [
+        str(program), "--serve-web", "--bind", "127.0.0.1", "--port", str(free_port(0)),
+        "--web-viewer-port", str(port),
+    ]  # fmt: skip
+    with subprocess.Popen(
+        command, env=silent_environment() | {"HOME": str(home)}, start_new_session=True,
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    ) as process:  # fmt: skip
+        try:
+            for name in FILES:
+                (folder / name).write_bytes(_fetched(f"http://127.0.0.1:{port}/{name}", process))
+        finally:  # `rerun` may be a script that starts the program
+            os.killpg(process.pid, 9)
+
+
+def _fetched(address: str, process: subprocess.Popen[bytes]) -> bytes:
+    deadline = time.monotonic() + WAIT_S
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    while True:
+        try:
+            with opener.open(address, timeout=WAIT_S) as answer:
+                return bytes(answer.read())
+        except OSError:
+            if process.poll() is not None or time.monotonic() > deadline:
+                raise
+            time.sleep(0.05)

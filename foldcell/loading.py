@@ -1,0 +1,142 @@
+"""Read finished runs from their folder and the journal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cell.journal.journal import Intent
+    from cell.transcript.set_points import SetPoints
+
+__all__ = ["Run", "load_run"]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A run that has ended. Values named `..._s` are in seconds of the cell's clock, values named `..._m` in
+    metres.
+
+    status: result of the run ('folded', 'not_folded', 'fault', 'not_begun'; for a calibration 'done', 'not_done'),
+    or 'interrupted' if its process ended without ending the run. seed: None on hardware without a seed. started,
+    ended: wall time [s since 1970]; ended is None for an interrupted run. versions: package -> version.
+
+    result: everything that `fold --json` prints; empty for an interrupted run. folds: `steps` of the result, one
+    mapping per fold. stage_times_s: state -> time spent in it. events: every line of the journal in order
+    (sequence, cell_time [s], wall_time [s since 1970], state, kind: 'event', 'intent' or 'result', name, answers:
+    sequence number of the intent that a result answers, payload). effects: every effect in order (name, state,
+    fold: index into `folds`, attempt, begun_s, ended_s, event, failure, what); ended_s is None if the run ended
+    during the effect.
+    """
+
+    id: str
+    status: str
+    garment: str
+    seed: int | None
+    driver: str
+    started: float
+    ended: float | None
+    versions: Mapping[str, str]
+    settings_hash: str
+    folder: Path
+    result: Mapping[str, Any]
+    events: tuple[Mapping[str, Any], ...]
+    effects: tuple[Mapping[str, Any], ...]
+
+    @property
+    def folds(self) -> tuple[Mapping[str, Any], ...]:
+        return tuple(self.result.get("steps") or ())
+
+    @property
+    def stage_times_s(self) -> Mapping[str, float]:
+        return dict(self.result.get("stage_times_s") or {})
+
+    @property
+    def robot_time_s(self) -> float | None:
+        """Duration of the run without waiting for an operator; None for a run without a result."""
+        return self.result.get("robot_time_s")
+
+    def set_points(self) -> SetPoints | None:
+        """The set-points sent to the arms, read from the transcript; None for a run without a transcript.
+
+        `cell.transcript.set_points.SetPoints` documents the arrays' shapes and units. Raises
+        StorageError if the transcript is damaged or of another version.
+        """
+        from cell.transcript.set_points import read_set_points
+        from cell.transcript.transcript import TRANSCRIPT, Transcript
+
+        path = self.folder / TRANSCRIPT
+        return read_set_points(Transcript(path)) if path.is_file() else None
+
+    def joint_trajectory(self) -> dict[str, Any] | None:
+        """The set-points of the arms in the layout of a trajectory_msgs/JointTrajectory of ROS, with the joint
+        names of the run's robot; None for a run without set-points. Raises as `set_points`, and
+        ConfigurationError if the run's robot is no longer installed."""
+        from cell.config.cell_settings import load_settings
+        from cell.hardware.robot_model import load_robot
+        from cell.runs.request_file import SETTINGS
+        from skills.trajectory.export.ros_messages import joint_trajectory
+
+        sent = self.set_points()
+        if sent is None or not len(sent.t):
+            return None
+        names = load_robot(load_settings(self.folder / SETTINGS)).joint_names
+        return joint_trajectory(names, sent.t, sent.q, sent.qd)
+
+
+def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
+    """Read a finished run. run: its id, the beginning of its id, its folder, or 'last'. logs: folder of the
+    journal; None: the folder that holds the run's folder, else FOLDCELL_LOGS, else the default folder.
+
+    Raises ConfigurationError if the run does not exist or has not ended, StorageError if the journal cannot be
+    read.
+    """
+    from cell.journal.journal import Journal, performed
+    from cell.support.files.paths import journal_path, logs_directory
+    from robots.errors import ConfigurationError
+
+    named = None if logs is None else Path(logs)
+    folder = Path(run).absolute()
+    if named is None and folder.is_dir() and journal_path(folder.parent).is_file():
+        named = folder.parent
+    with Journal.open(journal_path(logs_directory(named)), readonly=True) as journal:
+        record = journal.run(str(run))
+        if record.status == "running":
+            raise ConfigurationError(
+                f"the run {record.id} has not ended (pid {record.pid})", "try again when it has"
+            )
+        entries = journal.entries(record.id)
+    return Run(
+        id=record.id,
+        status=record.status,
+        garment=record.garment,
+        seed=record.seed,
+        driver=record.driver,
+        started=record.started,
+        ended=record.ended,
+        versions=record.versions,
+        settings_hash=record.settings_hash,
+        folder=record.directory,
+        result=record.summary,
+        events=tuple(dataclasses.asdict(entry) for entry in entries),
+        effects=tuple(_effect(effect) for effect in performed(entries)),
+    )
+
+
+def _effect(effect: Intent) -> dict[str, Any]:
+    begun, ended = effect.begun, effect.result
+    came = ended.payload if ended else {}
+    return {
+        "name": begun.name,
+        "state": begun.state,
+        "fold": begun.payload.get("step"),
+        "attempt": begun.payload.get("attempt"),
+        "begun_s": begun.cell_time,
+        "ended_s": ended.cell_time if ended else None,
+        "event": came.get("event"),
+        "failure": came.get("kind"),
+        "what": came.get("what"),
+    }

@@ -1,0 +1,177 @@
+"""Plans where the hands grasp to repair a half-made fold: on the moved edge, where it lies now. They carry it back
+where it lay before the fold, or on to the target of the fold.
+
+The hands take the material that they held in the fold. Its present place and direction follow from the believed
+shapes before the fold and now, which have the same vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from skills.cloth.pinch import Patch
+from skills.fold_plan.folding import SheetMesh
+from skills.fold_plan.plan import RELEASE_CLEARANCE
+from skills.vocabulary import (
+    Array,
+    Failure,
+    FailureKind,
+    FoldLine,
+    FoldStep,
+    Grasp,
+    GraspId,
+    Outcome,
+    frozen,
+)
+
+__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair"]
+
+
+class RepairGoal(StrEnum):
+    """Where the moved cloth is carried."""
+
+    UNDO = "undo"  # back where it lay before the fold
+    COMPLETE = "complete"  # on to the target of the fold
+
+
+_DONE = {RepairGoal.UNDO: "undone", RepairGoal.COMPLETE: "completed"}
+
+MISPLACED: Mapping[RepairGoal, float] = {RepairGoal.UNDO: 0.030, RepairGoal.COMPLETE: 0.015}
+"""A hand takes part only if the material of its grasp lies at least this far from where it has to lie [m]. A
+garment that is folded anew may lie less exactly than one whose fold is completed."""
+REACH = 0.015
+"""Standard deviation of the weights with which the vertices near a grasp determine its present place [m]."""
+SMOOTH = 0.6
+"""Cloth whose grasped line appears shorter than this share from above is rumpled or stands on edge."""
+COVERED = 0.3
+"""Cloth counts as covered if the middle of a layer lies higher than its top by this share of a thickness. The
+middle of the next layer lies half a thickness higher."""
+OWN = (0.010, 0.040)
+"""Cloth that lay nearer to a grasp than half the way that the grasped cloth has come, within this range, is this
+cloth itself [m]. Cloth below it that stayed lay as far from the grasp as the grasped cloth has come."""
+
+
+@dataclass(frozen=True, eq=False)
+class RepairPlan:
+    """goal: where the moved cloth is carried. step: the repair as a fold step: grasps where this cloth lies now,
+    targets where it has to lie. headings: of the held line at the grasp and at the target [rad]; the hand turns
+    between them.
+
+    patches: the cloth that each hand is to take. A real hand counts the layers between its pads before it lifts
+    them, and opens if there are others. In a simulation, layers of the stack below may stand up between those of
+    the grasp (beside the crease of an earlier fold), and a single held point of them would drag the whole stack
+    along. So the hands of a prediction take the cloth of the patch alone."""
+
+    goal: RepairGoal
+    step: FoldStep
+    headings: Mapping[GraspId, tuple[float, float]]
+    patches: Mapping[GraspId, Patch]
+
+
+def plan_repair(
+    goal: RepairGoal, mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickness: float
+) -> Outcome[RepairPlan]:
+    """Plan the repair of a fold that is half made.
+
+    before, now: (n, 3) believed vertices before the fold and now, table frame [m]; a garment that was displaced as
+    a whole is displaced in both. step: the fold, displaced in the same way. thickness: of a layer [m]. Only the
+    hands whose cloth is MISPLACED take part.
+
+    Fails with HALF_FOLDED if no cloth of a grasp is misplaced, or if it lies under other cloth or is rumpled.
+    """
+    grasps: dict[GraspId, Grasp] = {}
+    targets: dict[GraspId, Array] = {}
+    headings: dict[GraspId, tuple[float, float]] = {}
+    patches: dict[GraspId, Patch] = {}
+    for grasp_id, grasp in step.grasps.items():
+        place, heading, smooth = locate_grasp(before, now, grasp)
+        target = _target(goal, step, grasp_id, thickness)
+        if float(np.linalg.norm(place[:2] - target[:2])) < MISPLACED[goal]:
+            continue
+        top = float(place[2]) + 0.5 * grasp.layers * thickness
+        name = f"the cloth of the {grasp_id.value} grasp"
+        if smooth < SMOOTH:
+            return Outcome(failure=_impossible(goal, step, f"{name} is rumpled"))
+        patch = _grasped_cloth(before, grasp.point, place[:2])
+        others = _other_layers(mesh, now, patch, place[:2])
+        if (others > top + COVERED * thickness).any():
+            return Outcome(failure=_impossible(goal, step, f"{name} lies under other cloth"))
+        # the tips press lofty cloth down to the layers below it
+        height = (len(others) + grasp.layers) * thickness
+        grasps[grasp_id] = replace(grasp, point=frozen(place[:2]), heading=heading, height=height)
+        targets[grasp_id] = target
+        headings[grasp_id] = heading, grasp.heading
+        patches[grasp_id] = patch
+    if not grasps:
+        return Outcome(failure=_impossible(goal, step, "the cloth of every grasp lies where it should"))
+    line = step.line if goal is RepairGoal.COMPLETE else FoldLine(step.line.point, frozen(-step.line.direction))
+    named = f"{goal.value} {step.name}"
+    return Outcome(
+        RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings, patches)
+    )
+
+
+def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: float) -> Array:
+    """Return where a hand releases its cloth (3,) [m]."""
+    if goal is RepairGoal.COMPLETE:
+        return step.targets[grasp_id]
+    grasp = step.grasps[grasp_id]
+    below = max(grasp.height - grasp.layers * thickness, 0.0)
+    return frozen(np.append(grasp.point, below + RELEASE_CLEARANCE))
+
+
+def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float, float]:
+    """Return the present place (3,) of the middle of a grasped line [m], its heading [rad], within a quarter turn
+    of the one before, and its length seen from above relative to the one before.
+
+    They are those of the affine map that fits the vertices near the grasp best, weighted by their distance.
+    before, now: (n, 3) vertices [m].
+    """
+    offset = before[:, :2] - grasp.point
+    squared = (offset**2).sum(axis=1)
+    # with vertices far apart, those of the nearest triangles decide
+    reach = max(REACH, float(np.sqrt(np.partition(squared, 5)[5])) if len(squared) > 5 else REACH)
+    weight = np.exp(-0.5 * squared / reach**2)
+    root = np.sqrt(weight)[:, None]
+    terms = np.column_stack([np.ones(len(offset)), offset])
+    affine, *_ = np.linalg.lstsq(root * terms, root * now, rcond=None)
+    direction = np.array([np.cos(grasp.heading), np.sin(grasp.heading)])
+    along = direction @ affine[1:, :2]
+    along = along if along @ direction >= 0.0 else -along
+    turn = float(np.arctan2(direction[0] * along[1] - direction[1] * along[0], direction @ along))
+    return affine[0], grasp.heading + turn, float(np.linalg.norm(along))
+
+
+def _grasped_cloth(before: Array, grasp: Array, place: Array) -> Patch:
+    """Return the cloth that lay near a grasp (2,) before the fold, and now lies at a place (2,) (OWN) [m]."""
+    reach = float(np.clip(0.5 * np.linalg.norm(place - grasp), *OWN))
+    return Patch(frozen(before[:, :2]), frozen(grasp), reach)
+
+
+def _other_layers(mesh: SheetMesh, now: Array, grasped: Patch, point: Array) -> Array:
+    """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,). The grasped
+    cloth itself may be lofty, for example beside the crease of an earlier fold."""
+    a, b, c = np.moveaxis(now[mesh.triangles][..., :2], 1, 0)
+    u, v, w = b - a, c - a, point - a
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    flat = np.abs(area) > 1e-12
+    area = np.where(flat, area, 1.0)
+    s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+    t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+    over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
+    weights, corners = np.column_stack([1.0 - s - t, s, t])[over], mesh.triangles[over]
+    heights = np.einsum("kc,kc->k", weights, now[corners][..., 2])
+    other = ~grasped.contains(corners, weights)
+    return np.unique(np.round(heights[other], 6))  # a point on an edge lies on two triangles of one layer
+
+
+def _impossible(goal: RepairGoal, step: FoldStep, why: str) -> Failure:
+    return Failure(
+        FailureKind.HALF_FOLDED,
+        f"fold {step.name} cannot be {_DONE[goal]}: {why}",
+        "lay the garment as it was before this fold (its outline is in the report), then retry",
+    )

@@ -1,0 +1,139 @@
+"""Pulls that spread a garment: which corners are taken, and where they are pulled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robots.errors import FailureKind
+from robots.ports import Array
+from skills.fold_plan.corner import Corner
+from skills.fold_plan.spreading import (
+    HEIGHT,
+    INSET,
+    LONGEST,
+    MARGIN,
+    Pull,
+    plan_pulls,
+    pulls_home,
+    spread_arcs,
+    spread_step,
+)
+from skills.perception.monitoring.flat_placement import convex_corners
+from skills.vocabulary import GraspId, Table
+
+TABLE = Table(-0.1, (0.20, 1.10), (-0.75, 0.75))
+FLAT = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])
+PLACES = convex_corners(FLAT)
+THICKNESS = 0.0025
+
+
+def corners(*points: tuple[float, float]) -> tuple[Corner, ...]:
+    """The convex corners of an outline, counter-clockwise."""
+    return convex_corners(np.array(points))
+
+
+def outline_of(found: tuple[Corner, ...]) -> Array:
+    return np.array([corner.point for corner in found])
+
+
+def anywhere(point: Array) -> bool:
+    return True
+
+
+def tips(pull: Pull, corner: tuple[float, float]) -> bool:
+    return bool(np.linalg.norm(pull.grasp - corner) < INSET + 0.002)
+
+
+def test_the_corner_that_left_its_place_is_pulled_back_there() -> None:
+    drawn_in = corners((0.40, -0.30), (0.80, -0.30), (0.72, 0.20), (0.40, 0.30))
+    (pull,) = plan_pulls(outline_of(drawn_in), drawn_in, PLACES, TABLE, anywhere).unwrap()
+    assert tips(pull, (0.72, 0.20))
+    assert np.linalg.norm(pull.target - FLAT[2]) < INSET + 0.002
+
+
+def test_two_corners_that_left_their_places_are_pulled_at_once_each_to_its_own() -> None:
+    rucked = corners((0.40, -0.30), (0.80, -0.30), (0.76, 0.18), (0.43, 0.20))
+    pulls = plan_pulls(outline_of(rucked), rucked, PLACES, TABLE, anywhere).unwrap()
+    assert sorted(int(np.linalg.norm(FLAT - p.target, axis=1).argmin()) for p in pulls) == [2, 3]
+    assert all(p.length < 0.15 for p in pulls)
+
+
+def test_no_corner_is_pulled_further_from_the_parts_that_lie_flat_than_the_cloth_is_long() -> None:
+    """(0.83, 0.36) is further from (0.40, -0.30) than any place of the towel: it is not its corner."""
+    wide = corners((0.40, -0.30), (0.80, -0.30), (0.86, 0.42), (0.40, 0.30))
+    outcome = plan_pulls(outline_of(wide), wide, PLACES, TABLE, anywhere)
+    assert outcome.failure is not None and "within reach" in outcome.failure.what
+
+
+@pytest.mark.parametrize(
+    ("outline", "takeable", "why"),
+    [
+        (FLAT, True, "every corner lies in its place"),
+        (np.vstack([FLAT[:2], [[0.80, 0.10], [0.55, 0.10], [0.40, 0.30]]]), False, "no hand can take"),
+        (np.array([[0.60, 0.0], [0.64, 0.0], [0.60, 0.04]]), True, "it would reach over the table's edge"),
+    ],
+)
+def test_a_heap_that_cannot_be_spread_says_why(outline: Array, takeable: bool, why: str) -> None:
+    found = convex_corners(outline)
+    places = (
+        tuple(Corner(c.point + np.array([0.45, 0.0]), c.inward) for c in PLACES)
+        if why.startswith("it would reach")
+        else PLACES
+    )
+    outcome = plan_pulls(outline, found, places, TABLE, lambda point: takeable)
+    assert outcome.failure is not None and outcome.failure.kind is FailureKind.HEAPED
+    assert why in outcome.failure.what and "lay the garment flat" in outcome.failure.hint
+
+
+offset = st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25))
+
+
+@settings(max_examples=60)
+@given(st.lists(offset, min_size=4, max_size=4), offset)
+def test_no_pull_leaves_the_table_or_is_longer_than_allowed(
+    moved: list[tuple[float, float]], shift: tuple[float, float]
+) -> None:
+    places = tuple(Corner(c.point + np.array(shift), c.inward) for c in PLACES)
+    found = convex_corners(FLAT + np.array(moved))
+    contour = FLAT + np.array(moved)
+    outcome = plan_pulls(contour, found, places, TABLE, anywhere)
+    if outcome.failure is not None:
+        return
+    pulls = outcome.unwrap()
+    assert 1 <= len(pulls) <= 2
+    for pull in pulls:
+        assert pull.length <= LONGEST + 2.0 * INSET
+        dragged = contour + (pull.target - pull.grasp)
+        for x, y in (pull.grasp, pull.target, *dragged, *(p.point for p in places)):
+            assert TABLE.x[0] + MARGIN <= x <= TABLE.x[1] - MARGIN
+            assert TABLE.y[0] + MARGIN <= y <= TABLE.y[1] - MARGIN
+    step = spread_step("half", 0, pulls, THICKNESS)
+    assert all(arc[:, 2].max() <= HEIGHT for arc in spread_arcs(step).values())
+
+
+def test_a_flat_garment_is_drawn_home_by_the_edge_that_leads() -> None:
+    moved = np.array([0.0, 0.10])
+    here = tuple(Corner(c.point + moved, c.inward) for c in PLACES)
+    pulls = pulls_home(here, PLACES, TABLE).unwrap()
+    assert {tuple(np.round(p.target - p.grasp, 3)) for p in pulls} == {(0.0, -0.1)}
+    assert all(p.grasp[1] < 0.0 for p in pulls), "the edge at the right leads to the right"
+    far = tuple(Corner(c.point + np.array([0.0, 2.0 * LONGEST]), c.inward) for c in PLACES)
+    assert pulls_home(far, PLACES, TABLE).failure is not None
+
+
+def test_a_pull_is_a_fold_step_of_whole_stacks_with_the_line_across() -> None:
+    pulls = (Pull(np.array([0.5, -0.2]), np.array([0.5, -0.3])), Pull(np.array([0.5, 0.2]), np.array([0.6, 0.2])))
+    step = spread_step("half", 0, pulls, THICKNESS)
+    assert step.name == "spread half" and step.grasps.keys() == {GraspId.LEFT, GraspId.RIGHT}
+    assert step.grasps[GraspId.LEFT].point == pytest.approx([0.5, 0.2]), "the left hand takes the left corner"
+    assert np.sin(step.grasps[GraspId.RIGHT].heading) == pytest.approx(0.0, abs=1e-9)
+    assert abs(np.sin(step.grasps[GraspId.LEFT].heading)) == pytest.approx(1.0)
+    assert all(grasp.whole_stack(THICKNESS) for grasp in step.grasps.values())
+    for grasp_id, arc in spread_arcs(step).items():
+        assert arc[0] == pytest.approx([*step.grasps[grasp_id].point, 0.0])
+        assert arc[-1] == pytest.approx(step.targets[grasp_id])
+    (alone,) = spread_step("half", 0, pulls[:1], THICKNESS).grasps
+    assert alone is GraspId.RIGHT
