@@ -1,4 +1,8 @@
-"""Serve a page on this machine only. Its address contains a secret that is made for it."""
+"""Serve pages on this machine only.
+
+Their address contains a secret that is made for them. They load nothing from elsewhere, and no other page can show
+them or learn their address.
+"""
 
 from __future__ import annotations
 
@@ -6,36 +10,58 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.routing import BaseRoute
+from starlette.routing import BaseRoute, Mount
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from robots.errors import StorageError
 
-__all__ = ["local_app", "new_secret", "open_listener", "origins", "served"]
+__all__ = ["content_policy", "open_listener", "origins", "served"]
 
 HOSTS = ["127.0.0.1", "localhost"]
 START_S = 10.0
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",  # the address contains the secret
+}
 
 
-def new_secret() -> str:
-    """Return a secret for the path of an address."""
-    return secrets.token_urlsafe(16)
+def content_policy(may: str) -> dict[str, str]:
+    """Return the header that states what a page may load and send. may: directives of Content-Security-Policy;
+    anything else is forbidden, except the page's own styles."""
+    own = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; frame-ancestors 'none'"
+    return {"Content-Security-Policy": f"{own}; {may}"}
 
 
-def origins(port: int, scheme: str = "http") -> list[str]:
-    """Return the origins of a page that this machine serves on a port."""
-    return [f"{scheme}://{host}:{port}" for host in HOSTS]
+def origins(listener: socket.socket, scheme: str = "http") -> list[str]:
+    """Return the origins of a page that is served at the listener's port."""
+    return [f"{scheme}://{host}:{listener.getsockname()[1]}" for host in HOSTS]
 
 
-def local_app(routes: list[BaseRoute]) -> Starlette:
-    """Return an application that answers only requests that name this machine as their host."""
-    return Starlette(routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS)])
+class _WithHeaders:
+    """Adds headers to every answer that does not state them itself."""
+
+    def __init__(self, app: ASGIApp, headers: Mapping[str, str]) -> None:
+        self._app, self._headers = app, headers
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def complete(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                stated = MutableHeaders(scope=message)
+                for name, value in self._headers.items():
+                    stated.setdefault(name, value)
+            await send(message)
+
+        await self._app(scope, receive, complete)
 
 
 def open_listener(port: int = 0) -> socket.socket:
@@ -56,13 +82,24 @@ def open_listener(port: int = 0) -> socket.socket:
 
 @contextmanager
 def served(
-    app: Starlette, listener: socket.socket, what: str, hint: str, largest_message: int = 2**16
-) -> Iterator[str]:
-    """Serve `app` for the duration of the context. Yields the address, as in http://127.0.0.1:8000.
+    routes: Sequence[BaseRoute], may: str, listener: socket.socket, what: str, hint: str,
+    largest_message: int = 2**16,
+) -> Iterator[str]:  # fmt: skip
+    """Serve `routes` for the duration of the context. Yields the address below which they are, as in
+    http://127.0.0.1:8000/SECRET/. Only requests that name this machine as their host are answered.
 
-    listener: from `open_listener`, closed at the end. what: names the pages in messages; hint: what to do if they
-    cannot be served. largest_message: of a WebSocket [bytes]. Raises StorageError if they cannot be served.
+    may: what the pages may load and send, see `content_policy`. listener: from `open_listener`, closed at the end.
+    what: names the pages in messages; hint: what to do if they cannot be served. largest_message: of a WebSocket
+    [bytes]. Raises StorageError if they cannot be served.
     """
+    secret = secrets.token_urlsafe(16)
+    app = Starlette(
+        routes=[Mount(f"/{secret}", routes=routes)],
+        middleware=[
+            Middleware(_WithHeaders, headers={**HEADERS, **content_policy(may)}),
+            Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS),
+        ],
+    )
     config = uvicorn.Config(
         app, log_level="critical", lifespan="off", timeout_graceful_shutdown=1, ws_max_size=largest_message
     )
@@ -76,7 +113,7 @@ def served(
             if not thread.is_alive() or time.monotonic() > deadline:
                 raise StorageError(f"{what} cannot be served", hint)
             time.sleep(0.01)
-        yield f"http://127.0.0.1:{port}"
+        yield f"http://127.0.0.1:{port}/{secret}/"
     finally:
         server.should_exit = True
         thread.join(3.0)

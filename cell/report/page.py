@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
@@ -32,7 +31,7 @@ from cell.report.pictures.outline_drawing import outline_drawing
 from cell.report.verdict import FoldEnd, verdict
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import State
-from cell.support.files.html_page import read_page
+from cell.support.files.html_page import page_template
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array
 
@@ -190,16 +189,13 @@ def write_report(path: Path, run: RunRecord) -> Path:
 
 def render(run: RunRecord) -> str:
     """Return the page as HTML text."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "data_uri": data_uri, "figure_name": figure_name, "figure_note": FIGURE_NOTES.get, "metres": length,
-        "quantity": quantity, "seconds": seconds, "words": words,
-    }  # fmt: skip
-    environment.globals |= {"silhouettes": silhouettes, "webp_uri": webp_uri}
-    template = environment.from_string(read_page(Path(__file__).with_name("page.html")))
+    template = page_template(
+        Path(__file__).with_name("page.html"), data_uri=data_uri, figure_name=figure_name,
+        figure_note=FIGURE_NOTES.get, metres=length, quantity=quantity, seconds=seconds, words=words,
+    )  # fmt: skip
     return template.render(
+        silhouettes=silhouettes,
+        webp_uri=webp_uri,
         run=run,
         verdict=RESULTS.get(run.result, words(run.result)),
         stages=stages(run),

@@ -1,7 +1,6 @@
 """Serve the history of a logs folder on this machine.
 
-Access requires the address, which contains a secret made for this server. The pages have no scripts and load
-nothing from elsewhere. Nothing in the folder is changed, so that a cell may run in it meanwhile.
+The pages have no scripts. Nothing in the folder is changed, so that a cell may run in it meanwhile.
 """
 
 from __future__ import annotations
@@ -9,13 +8,11 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
 
-import jinja2
-from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.routing import Route
@@ -26,32 +23,21 @@ from cell.campaigns.dashboard.figure_texts import figure_text, value_text
 from cell.campaigns.dashboard.history import History
 from cell.campaigns.dashboard.run_filter import RunFilter, page_of
 from cell.campaigns.dashboard.served_files import served_file
-from cell.operator.local_server import local_app, new_secret, served
-from cell.support.files.html_page import read_page
+from cell.operator.local_server import served
+from cell.support.files.html_page import page_template
 
 __all__ = ["served_history"]
 
-HEADERS = {
-    "Cache-Control": "no-store",
-    "X-Frame-Options": "DENY",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",  # the address contains the secret
-    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:;"
-    " media-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
-}
+MAY_LOAD = "img-src 'self' data:; media-src 'self' data:; form-action 'self'"
 REPORT, LAST_PICTURE = "report.html", "last.jpg"
 
 
-@contextmanager
-def served_history(logs: Path, listener: socket.socket) -> Iterator[str]:
-    """Serve the pages for the duration of the context. Yields their address.
+def served_history(logs: Path, listener: socket.socket) -> AbstractContextManager[str]:
+    """Serve the pages for the duration of the context, which yields their address.
 
     listener: from `open_listener`, closed at the end. Raises StorageError if the pages cannot be served.
     """
-    secret = new_secret()
-    hint = "choose another --port, or 0"
-    with served(_Pages(logs).app(secret), listener, "the dashboard", hint) as address:
-        yield f"{address}/{secret}/"
+    return served(_Pages(logs).routes(), MAY_LOAD, listener, "the dashboard", "choose another --port, or 0")
 
 
 class _Pages:
@@ -60,21 +46,11 @@ class _Pages:
     def __init__(self, logs: Path) -> None:
         self._logs = logs
         self._history = History(logs)
-        self._templates = jinja2.Environment(
-            loader=jinja2.FunctionLoader(lambda name: read_page(Path(__file__).with_name(name))), autoescape=True,
-            undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        )  # fmt: skip
-        self._templates.filters |= {
-            "path": quote, "words": lambda text: text.replace("_", " "), "when": _when, "figure": figure_text,
-            "value": value_text,
-        }  # fmt: skip
 
-    def app(self, secret: str) -> Starlette:
-        return local_app([
-            Route(f"/{secret}/", self.runs),
-            Route(f"/{secret}/compare", self.compare),
-            Route(f"/{secret}/files/{{path:path}}", self.file),
-        ])  # fmt: skip
+    def routes(self) -> list[Route]:
+        return [
+            Route("/", self.runs), Route("/compare", self.compare), Route("/files/{path:path}", self.file),
+        ]  # fmt: skip
 
     # Starlette runs these functions in its worker threads, because they are not coroutines.
 
@@ -107,14 +83,18 @@ class _Pages:
     def file(self, request: Request) -> Response:
         found = served_file(self._logs, request.path_params["path"])
         if found is None:
-            return Response("there is no such file, or it is not handed out\n", 404, HEADERS, "text/plain")
-        return FileResponse(found, headers=HEADERS)
+            return Response("there is no such file, or it is not handed out\n", 404, media_type="text/plain")
+        return FileResponse(found)
 
     def _has(self, run: RunEntry, name: str) -> bool:
         return (run.folder / name).is_file()
 
     def _page(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
-        return HTMLResponse(self._templates.get_template(template).render(values), status, HEADERS)
+        page = page_template(
+            Path(__file__).with_name(template), path=quote, words=lambda text: text.replace("_", " "), when=_when,
+            figure=figure_text, value=value_text,
+        )  # fmt: skip
+        return HTMLResponse(page.render(values), status)
 
 
 def _several(names: Iterator[str]) -> list[str]:

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import jinja2
-
 from cell.campaigns.faults.fault_table import DueEnd, FaultTable
 from cell.campaigns.faults.fault_trials import faults_of
 from cell.campaigns.faults.judge import Verdict, due_ends, judge
 from cell.campaigns.statistics.proportions import wilson_interval
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
-from cell.support.files.html_page import read_page
+from cell.support.files.html_page import page_template
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 
@@ -40,10 +38,6 @@ class Group:
     interval: tuple[float, float]
     not_struck: int
     not_performed: int
-
-    @property
-    def all_due(self) -> bool:
-        return self.due == self.runs and not self.not_struck and not self.not_performed
 
 
 def fault_results(table: FaultTable, trials: Sequence[Trial]) -> dict[str, Any]:
@@ -126,14 +120,10 @@ def write_fault_results(table: FaultTable, folder: CampaignFolder, trials: list[
 
 
 def _page(table: FaultTable, folder: CampaignFolder, results: Mapping[str, Any]) -> str:
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "percent": lambda share: f"{100.0 * share:.0f} %",
-        "words": lambda s: s.replace("_", " "),
-    }
-    template = environment.from_string(read_page(Path(__file__).with_name(PAGE)))
+    template = page_template(
+        Path(__file__).with_name(PAGE), percent=lambda share: f"{100.0 * share:.0f} %",
+        words=lambda text: text.replace("_", " "),
+    )  # fmt: skip
     runs = [{**run, "report": _report(folder, run)} for run in results["runs"]]
     return template.render(
         name=folder.path.name,

@@ -16,14 +16,13 @@ from typing import Any
 from urllib.parse import quote
 
 import cv2
-import jinja2
 
 from cell.campaigns.page.charts import rate_chart, strip_chart
 from cell.campaigns.statistics.comparison import Comparison, compare_trials
 from cell.campaigns.statistics.summary import ALL, Claims, Row, claims, part_claims, summarise
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
-from cell.support.files.html_page import read_page
+from cell.support.files.html_page import page_template
 
 __all__ = ["PAGE", "campaign_page"]
 
@@ -83,11 +82,9 @@ def campaign_page(folder: CampaignFolder, trials: Sequence[Trial]) -> str:
         for part in parts for row in part.rows
     }  # fmt: skip
     failures = [t for t in performed if not t.success]
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    template = page_template(
+        Path(__file__).with_name(PAGE), percent=_percent, number=_number, mm=_mm, signed=_signed
     )
-    environment.filters |= {"percent": _percent, "number": _number, "mm": _mm, "signed": _signed}
-    template = environment.from_string(read_page(Path(__file__).with_name(PAGE)))
     return template.render(
         name=folder.path.name,
         about=campaign.about,

@@ -2,8 +2,7 @@
 
 The page has one WebSocket. Over it, the page receives a snapshot of the run's status after each change and
 keep-alive messages in between, and sends commands. A command is put into the run's queue like any other command. A
-stop triggers the stop circuit directly. Access requires the page's address, which contains a secret made for this
-run. Requests from pages of other sites are refused because of their origin.
+stop triggers the stop circuit directly. Links from pages of other sites are refused because of their origin.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
@@ -31,7 +29,7 @@ from cell.operator.console.live_view import LiveView
 from cell.operator.console.messages import ControlMessage, EditMessage, StopMessage, read_message
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.viewer_routes import ViewerSource, viewer_routes
-from cell.operator.local_server import local_app, new_secret, origins, served
+from cell.operator.local_server import origins, served
 from cell.states.commands import ANSWERS, CommandQueue
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import Event
@@ -44,13 +42,7 @@ __all__ = ["operators_page"]
 PAGE = Path(__file__).with_name("page.html")
 VIEWER = "viewer/"
 """Path of the 3-D view, relative to the page."""
-HEADERS = {
-    "Cache-Control": "no-store",
-    "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",  # the address contains the secret
-    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
-    " img-src 'self' data:; connect-src 'self' {sockets}; base-uri 'none'; form-action 'none'",
-}
+MAY_LOAD = "script-src 'unsafe-inline'; img-src 'self' data:; connect-src 'self' {sockets}; form-action 'none'"
 LOOK_S, ALIVE_S = 0.05, 0.3
 """LOOK_S: period at which the status is checked for changes. ALIVE_S: longest time between two messages [s]."""
 LAST_WORD_S = 0.5
@@ -75,14 +67,16 @@ def operators_page(
     viewer: folder with the program files of Rerun's web viewer, and the recording that it shows; None: no 3-D
     view. listener: from `open_listener`, closed at the end. Raises StorageError if the page cannot be served.
     """
-    secret = new_secret()
     ended = threading.Event()
     source = ViewerSource(*viewer, ended.is_set) if viewer else None
-    page = _Page(run_status, live_view, commands, stop, source, listener.getsockname()[1])
-    hint = "use --no-page and keys at the terminal"
-    with served(page.app(secret), listener, "the operator's page", hint, LONGEST) as address:
+    page = _Page(run_status, live_view, commands, stop, source, origins(listener))
+    may, hint = (
+        MAY_LOAD.format(sockets=" ".join(origins(listener, "ws"))),
+        "use --no-page and keys at the terminal",
+    )
+    with served(page.routes(), may, listener, "the operator's page", hint, LONGEST) as address:
         try:
-            yield f"{address}/{secret}/"
+            yield address
             ended.set()
             time.sleep(LAST_WORD_S)
         finally:
@@ -99,39 +93,29 @@ class _Page:
         commands: CommandQueue,
         stop: Stop,
         viewer: ViewerSource | None,
-        port: int,
+        own_origins: list[str],
     ) -> None:
         self._run_status, self._live_view, self._commands, self._stop = run_status, live_view, commands, stop
-        self._viewer = viewer
+        self._viewer, self._origins = viewer, own_origins
         self._in_control: str | None = None
         self._links: Counter[str] = Counter()
-        self._origins = origins(port)
-        policy = HEADERS["Content-Security-Policy"]
-        sockets = " ".join(origins(port, "ws"))
-        self._headers = {**HEADERS, "Content-Security-Policy": policy.format(sockets=sockets)}
 
-    def app(self, secret: str) -> Starlette:
-        routes: list[BaseRoute] = [
-            Route(f"/{secret}/", self.page),
-            Route(f"/{secret}/picture.jpg", self.picture),
-            WebSocketRoute(f"/{secret}/link", self.link),
-        ]
-        if self._viewer:
-            routes += viewer_routes(f"/{secret}/{VIEWER}", self._viewer)
-        return local_app(routes)
+    def routes(self) -> list[BaseRoute]:
+        own = [Route("/", self.page), Route("/picture.jpg", self.picture), WebSocketRoute("/link", self.link)]
+        return [*own, *(viewer_routes(f"/{VIEWER}", self._viewer) if self._viewer else ())]
 
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(VIEWER if self._viewer else None)
         page = read_page(PAGE).replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
-        return HTMLResponse(page, headers=self._headers)
+        return HTMLResponse(page)
 
     async def picture(self, request: Request) -> Response:
         """Return the operator's picture of this moment."""
         drawn = await run_in_threadpool(self._live_view.jpeg)
         if drawn is None:
-            return Response(status_code=404, headers=self._headers)
+            return Response(status_code=404)
         number, content = drawn
-        return Response(content, media_type="image/jpeg", headers={**self._headers, "X-Picture": str(number)})
+        return Response(content, media_type="image/jpeg", headers={"X-Picture": str(number)})
 
     async def link(self, link: WebSocket) -> None:
         """Serve the WebSocket of one open page. The socket is closed if sending or receiving fails, so that the

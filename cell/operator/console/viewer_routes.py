@@ -15,17 +15,15 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from cell.operator.local_server import content_policy
+
 __all__ = ["ViewerSource", "viewer_routes"]
 
 PAGE = Path(__file__).with_name("viewer.html")
-HEADERS = {
-    "Cache-Control": "no-store",
-    "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",  # the address contains the secret
-    "Content-Security-Policy": "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval';"
-    " style-src 'unsafe-inline'; connect-src 'self'; img-src 'self' data: blob:; worker-src 'self' blob:;"
-    " base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-}
+HEADERS = content_policy(
+    "script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; connect-src 'self'; img-src 'self' data: blob:;"
+    " worker-src 'self' blob:; form-action 'none'"
+)
 SCRIPT, PROGRAM = "re_viewer.js", "re_viewer_bg.wasm"
 CHUNK = 2**18
 """The recording is sent in pieces of at most this size [bytes]."""

@@ -1,8 +1,5 @@
-"""Serve the page on which a person places key points, on this machine only.
-
-Like the operator's page, it is reached by an address with a secret, refuses requests from pages of other sites,
-and loads nothing from elsewhere.
-"""
+"""Serve the page on which a person places key points, on this machine only. Messages from pages of other sites are
+refused."""
 
 from __future__ import annotations
 
@@ -18,7 +15,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from starlette.applications import Starlette
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -26,7 +22,7 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from cell.operator.key_points.editing import KeyPointEdit
-from cell.operator.local_server import local_app, new_secret, origins, served
+from cell.operator.local_server import origins, served
 from cell.report.camera_pictures.projected_drawing import jpeg_file
 from cell.support.files.html_page import read_page
 from cell.support.json_values import to_json
@@ -36,14 +32,7 @@ from robots.ports import Array
 __all__ = ["edit_key_points"]
 
 PAGE = Path(__file__).with_name("page.html")
-HEADERS = {
-    "Cache-Control": "no-store",
-    "X-Frame-Options": "DENY",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",  # the address contains the secret
-    "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
-    " img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-}
+MAY_LOAD = "script-src 'unsafe-inline'; img-src 'self' data:; connect-src 'self'; form-action 'none'"
 QUALITY = 96
 """Quality of the picture as a JPEG. It is high because the page magnifies the picture."""
 LONGEST = 2**16
@@ -89,10 +78,9 @@ def edit_key_points(
     Raises StorageError if the page cannot be served.
     """
     tasks: queue.Queue[_Task] = queue.Queue()
-    secret = new_secret()
-    app = _Page(edit, tasks, listener.getsockname()[1]).app(secret)
-    with served(app, listener, "the page of the key points", "choose another --page-port") as address:
-        announce(f"{address}/{secret}/")
+    routes = _Page(edit, tasks, origins(listener)).routes()
+    with served(routes, MAY_LOAD, listener, "the page of the key points", "choose another --page-port") as address:
+        announce(address)
         while True:
             task, written = tasks.get(), None
             try:
@@ -111,27 +99,26 @@ def edit_key_points(
 class _Page:
     """Answers on the routes of the page: the page itself, the picture, what is edited, and the page's messages."""
 
-    def __init__(self, edit: KeyPointEdit, tasks: queue.Queue[_Task], port: int) -> None:
-        self._edit, self._tasks = edit, tasks
-        self._origins = origins(port)
+    def __init__(self, edit: KeyPointEdit, tasks: queue.Queue[_Task], own_origins: list[str]) -> None:
+        self._edit, self._tasks, self._origins = edit, tasks, own_origins
         self._latest = edit.start
         """Of the last message, so that a page that is loaded again shows them."""
 
-    def app(self, secret: str) -> Starlette:
-        return local_app([
-            Route(f"/{secret}/", self.page),
-            Route(f"/{secret}/picture.jpg", self.picture),
-            Route(f"/{secret}/edit", self.edited),
-            Route(f"/{secret}/points", self.points, methods=["POST"]),
-        ])  # fmt: skip
+    def routes(self) -> list[Route]:
+        return [
+            Route("/", self.page),
+            Route("/picture.jpg", self.picture),
+            Route("/edit", self.edited),
+            Route("/points", self.points, methods=["POST"]),
+        ]
 
     # Starlette runs functions that are not coroutines in its worker threads.
 
     def page(self, request: Request) -> Response:
-        return HTMLResponse(read_page(PAGE), headers=HEADERS)
+        return HTMLResponse(read_page(PAGE))
 
     def picture(self, request: Request) -> Response:
-        return Response(jpeg_file(self._edit.rgb, QUALITY), media_type="image/jpeg", headers=HEADERS)
+        return Response(jpeg_file(self._edit.rgb, QUALITY), media_type="image/jpeg")
 
     def edited(self, request: Request) -> Response:
         edit = self._edit
@@ -163,4 +150,4 @@ class _Page:
 
 
 def _json(value: Mapping[str, Any], status: int = 200, then: BackgroundTask | None = None) -> Response:
-    return JSONResponse(to_json(value), status, HEADERS, background=then)
+    return JSONResponse(to_json(value), status, background=then)

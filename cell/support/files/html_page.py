@@ -6,9 +6,13 @@ in itself. The colour `mark` is for charts of good and bad runs, also for reader
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-__all__ = ["PLACE", "read_page"]
+import jinja2
+
+__all__ = ["PLACE", "page_template", "read_page"]
 
 PLACE = "/* palette */\n"
 PALETTE = Path(__file__).with_name("palette.css")
@@ -17,3 +21,16 @@ PALETTE = Path(__file__).with_name("palette.css")
 def read_page(path: Path) -> str:
     """Return the text of a page or template with its colours."""
     return path.read_text(encoding="utf-8").replace(PLACE, PALETTE.read_text(encoding="utf-8"))
+
+
+def page_template(path: Path, /, **filters: Callable[..., Any]) -> jinja2.Template:
+    """Return the template of a page with its colours. Other templates that it names are read from its folder.
+
+    Inserted texts are escaped. A name that the page uses and that has no value is an error.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: read_page(path.with_name(name))), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters.update(filters)
+    return environment.get_template(path.name)
