@@ -33,9 +33,9 @@ from cell.states.run_context import Result, RunContext
 from cell.states.run_end import RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import journal_path
-from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers, asked_in_words
+from cell.transcript.channels import Channel
+from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
 from cell.transcript.transcript import TRANSCRIPT, Transcript
-from cell.transcript.transcript_codec import Channel
 from cell.view import Recorder
 from robots.errors import ConfigurationError, FailureKind, StorageError
 
@@ -128,9 +128,9 @@ def decide_again(
         broken_off=broken_off,
         cell_time_s=deviation.cell_time_s if deviation else answers.cell_time,
         effects=sum(1 for e in compared if e.kind == "result"),
-        set_points=answers.asked.get(Channel.SET_POINT, 0),
-        pictures=answers.asked.get(Channel.CAPTURE, 0) + answers.asked.get(Channel.GLIMPSE, 0),
-        exchanges=answers.count,
+        set_points=answers.asked[Channel.SET_POINT],
+        pictures=answers.asked[Channel.CAPTURE] + answers.asked[Channel.GLIMPSE],
+        exchanges=answers.asked.total(),
         wall_time_s=time.monotonic() - began,
     )
 
@@ -261,10 +261,10 @@ def _why_incomplete(
         return None, "the transcript breaks off here"
     if beyond_journal:  # the journal of the recorded run lacks its last lines
         return None, "the journal of the run breaks off here"
-    then, now = asked_in_words(recorded), f"the end of the run: {replay.state}"
+    then, now = recorded.in_words(), f"the end of the run: {replay.state}"
     if replay.halt is not None:
         then, now = replay.halt.then, replay.halt.now
-    place = f"exchange {answers.count + 1} of the transcript"
+    place = f"exchange {answers.asked.total() + 1} of the transcript"
     return Deviation(answers.cell_time, place, replay.state, replay.effect, then, now), None
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.transcript.channels import Channel
 from cell.transcript.transcript import Transcript
-from cell.transcript.transcript_codec import Channel, unpack
-from robots.errors import StorageError
+from cell.transcript.transcript_codec import unpack
 from robots.ports import Array, JointSetpoint, frozen
 
 __all__ = ["SetPoints", "read_set_points"]
@@ -40,26 +40,17 @@ def read_set_points(transcript: Transcript) -> SetPoints:
     StorageError for a damaged transcript."""
     now = 0.0
     arms: list[tuple[float, Array, Array, bool]] = []
-    grippers: dict[str, list[tuple[float, ...]]] = {side.value: [] for side, _ in transcript.constants.max_opening}
+    grippers: dict[str, list[tuple[float, ...]]] = {side: [] for side in transcript.constants.max_opening}
     head: list[tuple[float, ...]] = []
     for exchange in transcript:
-        try:
-            if exchange.channel is Channel.NOW:
-                answer = unpack(exchange.answer)
-                now = answer if isinstance(answer, float) else now
-            elif exchange.channel is Channel.SLEEP:
-                now = max(now, *map(float, unpack(exchange.question)))
-            elif exchange.channel is Channel.SET_POINT:
-                sent = unpack(exchange.answer)
-                if isinstance(sent, JointSetpoint):
-                    arms.append((now, *unpack(exchange.question), bool(sent.clipped)))
-            elif exchange.channel is Channel.GRIP and unpack(exchange.answer) is None:
-                side, opening, force = unpack(exchange.question)
-                grippers[side.value].append((now, opening, force))
-            elif exchange.channel is Channel.HEAD and unpack(exchange.answer) is None:
-                head.append((now, *unpack(exchange.question)))
-        except (ValueError, KeyError, TypeError) as e:
-            raise StorageError(f"the transcript {transcript.path} is damaged: {e}", "read another run") from None
+        channel, answer, now = exchange.channel, exchange.answer, exchange.time_after(now)
+        if channel is Channel.SET_POINT and isinstance(answer, JointSetpoint):
+            arms.append((now, *unpack(exchange.question), answer.clipped))
+        elif channel is Channel.GRIP and answer is None:
+            side, opening, force = unpack(exchange.question)
+            grippers[side].append((now, opening, force))
+        elif channel is Channel.HEAD and answer is None:
+            head.append((now, *unpack(exchange.question)))
     return SetPoints(
         t=frozen(np.array([row[0] for row in arms], float)),
         q=frozen(np.array([row[1] for row in arms], float).reshape(len(arms), -1 if arms else 0)),

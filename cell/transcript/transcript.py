@@ -1,63 +1,49 @@
-"""The transcript: all exchanges between the executive and its cell in a run, in order, in one file.
+"""The transcript: all exchanges between the executive and its cell in a run, in order, in one gzip file.
 
-    foldcell transcript 1       the schema, one line
-    {"cell": ...}               the head, one line of JSON: constants of the cell, names of channels and fields
-    size crc data               chunks until the end of the file: size and crc (4 bytes each), then data (zlib);
-                                the data are whole exchanges, each with channel (1 byte), lengths of question and
-                                answer (4 bytes each), question, answer
+The first line is JSON with the schema, the constants of the cell, and the names of all questions and fields. Each
+other line is an exchange: name of its channel, question and answer (transcript_codec.py), separated by tabs.
 
-A separate thread writes the file every 0.2 s. Therefore neither disk nor compression delays the arms, and a killed
-process loses only the last exchanges. A write error ends the transcript, not the run. Pictures are in the frame
-store beside the transcript (cell/journal/frame_store.py), and the transcript contains their names.
+A separate thread writes the file every 0.2 s, each time as a complete gzip member with its checksum. Therefore
+neither disk nor compression delays the arms, and a killed process loses only the last exchanges. A write error
+ends the transcript, not the run. Pictures are in the frame store beside the transcript
+(cell/journal/frame_store.py), and the transcript contains their names.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import json
 import os
-import struct
 import threading
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from cell.journal.frame_store import FRAMES, FrameStore
-from cell.transcript.transcript_codec import ENUMS, RECORDS, Channel, Exchange, Picture, pack
+from cell.transcript.channels import CellConstants, Channel
+from cell.transcript.transcript_codec import RECORDS, Exchange, Picture, pack, unpack
 from robots.errors import StorageError
-from robots.ports import CameraFrame, Ports, Side
+from robots.ports import CameraFrame, Side
 
-__all__ = ["TRANSCRIPT", "CellConstants", "Transcript", "TranscriptWriter"]
+__all__ = ["LAYOUT", "TRANSCRIPT", "Transcript", "TranscriptWriter"]
 
 TRANSCRIPT = "run.transcript"
-SCHEMA = "foldcell transcript 1"
+LAYOUT: dict[str, Any] = {
+    "schema": "foldcell transcript 2",
+    "questions": {channel.name: channel.call for channel in Channel},
+    "records": {name: [f.name for f in dataclasses.fields(kind)] for name, kind in RECORDS.items()},
+}
+"""A transcript with another layout belongs to another version of foldcell."""
 EVERY_S = 0.2
 """Period of writing [s]."""
 PENDING = 256 << 20
 """Largest amount of data that may wait to be written [bytes]. If more data waits, the transcript ends."""
 CLOSE_S = 60.0
-LARGEST_CHUNK = 1 << 30
-
-_CHUNK = struct.Struct("<II")
-_EXCHANGE = struct.Struct("<BII")
-
-
-@dataclass(frozen=True)
-class CellConstants:
-    """Constants of a cell's ports. command_timeout [s]; max_opening of each gripper [m]."""
-
-    driver: str
-    simulated: bool
-    command_timeout: float
-    max_opening: tuple[tuple[Side, float], ...]
-
-    @classmethod
-    def of(cls, ports: Ports) -> CellConstants:
-        openings = tuple((side, float(gripper.max_opening)) for side, gripper in ports.grippers.items())
-        return cls(ports.driver, ports.simulated, float(ports.arms.command_timeout), openings)
+BLOCK = 1 << 16
+"""The file is read in blocks of this size [bytes]."""
 
 
 class TranscriptWriter:
@@ -67,7 +53,7 @@ class TranscriptWriter:
         """Create the file in the run's folder. Raises StorageError."""
         self._frames = FrameStore(folder / FRAMES)
         self._file = _create(folder / TRANSCRIPT, constants)
-        self._pending: list[tuple[Channel, bytes, bytes | CameraFrame]] = []
+        self._pending: list[tuple[Channel, str, str | CameraFrame]] = []
         self._size = 0
         self._mutex = threading.Lock()
         self._closing = threading.Event()
@@ -76,7 +62,7 @@ class TranscriptWriter:
         self._thread = threading.Thread(target=self._work, name="transcript", daemon=True)
         self._thread.start()
 
-    def note(self, channel: Channel, question: bytes, answer: bytes | CameraFrame) -> None:
+    def note(self, channel: Channel, question: str, answer: str | CameraFrame) -> None:
         """Record one exchange. The writing thread stores a picture later. Never raises."""
         if self.trouble is not None:
             return
@@ -118,17 +104,17 @@ class TranscriptWriter:
             with suppress(OSError):
                 os.fsync(file.fileno())
 
-    def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, bytes, bytes | CameraFrame]]) -> None:
+    def _write(self, file: BinaryIO, exchanges: list[tuple[Channel, str, str | CameraFrame]]) -> None:
         """Write exchanges. If a picture cannot be stored, only the exchanges before it are written."""
-        written = []
+        lines = []
         try:
             for channel, question, answer in exchanges:
                 if isinstance(answer, CameraFrame):
                     answer = pack(Picture(self._frames.put(answer)))
-                written.append(Exchange(channel, question, answer))
+                lines.append(f"{channel.name}\t{question}\t{answer}")
         finally:
-            if written:
-                _write_all(file, _chunk(written))
+            if lines:
+                _write_member(file, lines)
 
 
 class Transcript:
@@ -140,82 +126,55 @@ class Transcript:
         self.path = path
         try:
             with path.open("rb") as file:
-                head = self._head(file)
-                self._begin = file.tell()
+                head = json.loads(next(_members(file)))
+            cell = head.pop("cell")
+            if head != LAYOUT:
+                raise ValueError("its layout is another one")
+            openings = {Side(side): opening for side, opening in cell.pop("max_opening").items()}
+            self.constants = CellConstants(**cell, max_opening=openings)
         except OSError as e:
             raise StorageError(
                 f"the run {path.parent.name} has no transcript {path}: {e.strerror}",
                 "runs of older versions and runs without a recording have none: start a new run",
             ) from None
-        try:
-            self.constants = _constants_from(head["cell"])
-            self._channels = [Channel(name) for name in head["channels"]]
-            if head["records"] != _fields() or head["enums"] != [kind.__name__ for kind in ENUMS]:
-                raise ValueError("its records have other fields")
-        except (ValueError, KeyError, TypeError) as e:
-            raise self._of_other_version(str(e)) from None
+        except (ValueError, KeyError, TypeError, AttributeError, StopIteration, zlib.error) as e:
+            raise StorageError(
+                f"{path} is no transcript of this version of foldcell: {e}",
+                "decide the run with the version that recorded it (see foldcell runs --json)",
+            ) from None
 
     def __iter__(self) -> Iterator[Exchange]:
         """Yield the exchanges. If the file is truncated, iteration ends there. Raises StorageError if the file is
         damaged."""
         count = 0
         with self.path.open("rb") as file:
-            file.seek(self._begin)
-            while len(head := file.read(_CHUNK.size)) == _CHUNK.size:
-                size, crc = _CHUNK.unpack(head)
-                data = file.read(size) if size <= LARGEST_CHUNK else b""
-                if len(data) < size <= LARGEST_CHUNK:
-                    return
+            members = _members(file)
+            next(members)
+            while True:
                 try:
-                    if len(data) < size or zlib.crc32(data) != crc:
-                        raise ValueError("its checksum differs")
-                    exchanges = list(self._exchanges(zlib.decompress(data)))
-                except (ValueError, LookupError, struct.error, zlib.error) as e:
+                    exchanges = [_exchange(line) for line in next(members, b"").decode("ascii").splitlines()]
+                except (ValueError, LookupError, zlib.error) as e:
                     raise StorageError(
                         f"the transcript {self.path} is damaged after {count} exchanges: {e}",
                         "use a copy from a backup, or another run",
                     ) from None
+                if not exchanges:
+                    return
                 count += len(exchanges)
                 yield from exchanges
 
-    def _head(self, file: BinaryIO) -> dict[str, Any]:
-        if file.readline(200).decode("ascii", "replace").rstrip("\n") != SCHEMA:
-            raise self._of_other_version("its first line is another one")
-        try:
-            return dict(json.loads(file.readline(100_000)))
-        except (ValueError, TypeError):
-            raise self._of_other_version("its head cannot be read") from None
 
-    def _of_other_version(self, why: str) -> StorageError:
-        return StorageError(
-            f"{self.path} is no transcript of this version of foldcell: {why}",
-            "decide the run with the version that recorded it (see foldcell runs --json)",
-        )
-
-    def _exchanges(self, data: bytes) -> Iterator[Exchange]:
-        at = 0
-        while at < len(data):
-            channel, question_size, answer_size = _EXCHANGE.unpack_from(data, at)
-            at += _EXCHANGE.size
-            middle, end = at + question_size, at + question_size + answer_size
-            if end > len(data):
-                raise ValueError("an exchange is truncated")
-            yield Exchange(self._channels[channel], data[at:middle], data[middle:end])
-            at = end
+def _exchange(line: str) -> Exchange:
+    name, question, answer = line.split("\t")
+    return Exchange(Channel[name], question, unpack(answer))
 
 
 def _create(path: Path, constants: CellConstants) -> BinaryIO:
     """Create the file and write its head. The file is unbuffered, so that a killed process loses no finished
     write."""
-    head = {
-        "cell": dataclasses.asdict(constants),
-        "channels": [channel.value for channel in Channel],
-        "records": _fields(),
-        "enums": [kind.__name__ for kind in ENUMS],
-    }
     try:
         file = path.open("wb", buffering=0)
-        _write_all(file, f"{SCHEMA}\n{json.dumps(head)}\n".encode())
+        _write_member(file, [json.dumps(LAYOUT | {"cell": dataclasses.asdict(constants)})])
     except OSError as e:
         raise StorageError(
             f"{path} cannot be written: {e.strerror}", "free some disk space", path=str(path)
@@ -223,28 +182,23 @@ def _create(path: Path, constants: CellConstants) -> BinaryIO:
     return file
 
 
-def _write_all(file: BinaryIO, data: bytes) -> None:
-    """Write in a loop, because a full disk first accepts a part and raises OSError only at the next write."""
-    left = memoryview(data)
+def _write_member(file: BinaryIO, lines: list[str]) -> None:
+    """Write lines as a gzip member. Write in a loop, because a full disk first accepts a part and raises OSError
+    only at the next write."""
+    left = memoryview(gzip.compress("".join(f"{line}\n" for line in lines).encode("ascii"), 1))
     while left:
         left = left[file.write(left) :]
 
 
-def _chunk(exchanges: list[Exchange]) -> bytes:
-    parts = []
-    for e in exchanges:
-        parts += [_EXCHANGE.pack(_NUMBERS[e.channel], len(e.question), len(e.answer)), e.question, e.answer]
-    data = zlib.compress(b"".join(parts), 1)
-    return _CHUNK.pack(len(data), zlib.crc32(data)) + data
-
-
-_NUMBERS = {channel: number for number, channel in enumerate(Channel)}
-
-
-def _fields() -> dict[str, list[str]]:
-    return {kind.__name__: [f.name for f in dataclasses.fields(kind)] for kind in RECORDS}
-
-
-def _constants_from(cell: dict[str, Any]) -> CellConstants:
-    openings = tuple((Side(side), float(opening)) for side, opening in cell["max_opening"])
-    return CellConstants(str(cell["driver"]), bool(cell["simulated"]), float(cell["command_timeout"]), openings)
+def _members(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the data of the complete gzip members of a file. Raises zlib.error for a damaged member."""
+    block = b""
+    while True:
+        member, parts = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS), []
+        while not member.eof:
+            block = block or file.read(BLOCK)
+            if not block:
+                return
+            parts.append(member.decompress(block))
+            block = member.unused_data
+        yield b"".join(parts)

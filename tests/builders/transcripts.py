@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from cell.transcript.transcript import TRANSCRIPT, CellConstants, TranscriptWriter
-from cell.transcript.transcript_codec import Exchange
+from cell.transcript.channels import CellConstants
+from cell.transcript.transcript import TRANSCRIPT, TranscriptWriter
+from cell.transcript.transcript_codec import Exchange, pack
 
 __all__ = ["write_transcript"]
 
@@ -15,6 +16,6 @@ def write_transcript(folder: Path, constants: CellConstants, exchanges: Iterable
     """Write a transcript into the run's folder and return its path."""
     writer = TranscriptWriter(folder, constants)
     for exchange in exchanges:
-        writer.note(exchange.channel, exchange.question, exchange.answer)
+        writer.note(exchange.channel, exchange.question, pack(exchange.answer))
     assert writer.close() is None
     return folder / TRANSCRIPT

@@ -24,9 +24,10 @@ from cell.runs.fold_run import fold_once
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event
+from cell.transcript.channels import Channel
 from cell.transcript.replay_ports import NoRecordedAnswer
 from cell.transcript.transcript import TRANSCRIPT, Transcript
-from cell.transcript.transcript_codec import Channel, Exchange, Picture, pack, unpack
+from cell.transcript.transcript_codec import Exchange, Picture, unpack
 from robots.errors import ConfigurationError, StorageError
 from robots.ports import Clock, Ports, frozen
 from tests.builders.transcripts import write_transcript
@@ -51,7 +52,7 @@ def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -
 
 def answered(exchanges: list[Exchange], at: int, value: Any) -> list[Exchange]:
     """The exchanges with one answer replaced."""
-    return [*exchanges[:at], replace(exchanges[at], answer=pack(value)), *exchanges[at + 1 :]]
+    return [*exchanges[:at], replace(exchanges[at], answer=value), *exchanges[at + 1 :]]
 
 
 def places(exchanges: list[Exchange], channel: Channel) -> list[int]:
@@ -133,7 +134,7 @@ def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Pat
     assert result.failure is not None and result.failure["kind"] == "aborted"
     transcript = Transcript(Path(result.run_dir) / TRANSCRIPT)
     assert not transcript.constants.simulated
-    times = [unpack(e.answer) for e in transcript if e.channel is Channel.NOW]
+    times = [e.answer for e in transcript if e.channel is Channel.NOW]
     assert len({t % 1e-3 for t in times}) > 30
     verdict = decided_again(request.logs)
     assert verdict.same and verdict.broken_off is None and verdict.set_points > 100
@@ -149,7 +150,7 @@ def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any
     def turn(exchanges: list[Exchange]) -> list[Exchange]:
         pictures.append(places(exchanges, Channel.CAPTURE)[0])
         at = max(k for k in places(exchanges, Channel.ARMS) if k < pictures[0])
-        return answered(exchanges, at, replace(unpack(exchanges[at].answer), head_pan=0.5))
+        return answered(exchanges, at, replace(exchanges[at].answer, head_pan=0.5))
 
     altered(copied, turn)
     verdict = decided(seen, copied)
@@ -167,7 +168,7 @@ def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copie
     def erase(exchanges: list[Exchange]) -> list[Exchange]:
         store = FrameStore(copied.directory / FRAMES)
         empty, look = places(exchanges, Channel.CAPTURE)[:2]
-        table, garment = (store.get(unpack(exchanges[i].answer).name) for i in (empty, look))
+        table, garment = (store.get(exchanges[i].answer.name) for i in (empty, look))
         rgb, depth = np.array(table.rgb), np.array(table.depth)
         rgb[0, 0] ^= 1  # identical colours or depths would count as an old picture
         depth[0, 0] = 0.5
@@ -193,7 +194,7 @@ def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: Run
         set_points = places(exchanges, Channel.SET_POINT)
         moving = [i for i in set_points if np.abs(unpack(exchanges[i].question)[1]).max() > 0.1]
         at.append(next(i for i in places(exchanges, Channel.ARMS) if i > moving[20]))
-        state = unpack(exchanges[at[0]].answer)
+        state = exchanges[at[0]].answer
         return answered(exchanges, at[0], replace(state, q=frozen(state.q + 0.5)))
 
     altered(copied, stray)

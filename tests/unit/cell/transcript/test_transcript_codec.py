@@ -1,4 +1,4 @@
-"""The codec of exchanges: bit-exact values, and foreign bytes are refused without being executed."""
+"""The codec of exchanges: bit-exact values, and foreign texts are refused without being executed."""
 
 from __future__ import annotations
 
@@ -12,40 +12,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cell.states.transition_table import Event
-from cell.transcript.transcript_codec import Picture, Raised, pack, pack_raised, unpack
+from cell.transcript.transcript_codec import Picture, pack, unpack
 from robots.errors import DriverError, FailureKind
-from robots.ports import (
-    BoardPlace,
-    GripperState,
-    JointSetpoint,
-    JointState,
-    Side,
-    StopState,
-    TactileReading,
-)
+from robots.ports import GripperState, JointSetpoint, JointState, Side, StopState, TactileReading
 
 J = np.linspace(-1.0, 1.0, 14)
 VALUES: list[Any] = [
-    None, True, False, 3, -(2**40), 0.1, -0.0, math.inf, "Zürich", (), (1.5, ("a", None)), Side.LEFT,
-    BoardPlace.SHOWN, Event.PAUSE, Picture("0f" * 32),
+    None, True, 3, -(2**40), 0.1, -0.0, math.inf, "Zürich", [], [1.5, ["a", None]], Picture("0f" * 32),
     GripperState(1.0, Side.RIGHT, 0.02, 3.5, True, False),
-    StopState(2.0, True, "the button"),
+    StopState(2.0, True, "the\tbutton\n"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
 def test_a_value_is_unpacked_as_packed(value: Any) -> None:
-    back = unpack(pack(value))
-    assert back == value and type(back) is type(value)
-    assert pack(back) == pack(value)
+    text = pack(value)
+    back = unpack(text)
+    assert back == value and type(back) is type(value) and pack(back) == text
+    assert text.isascii() and not {"\t", "\n"} & set(text), "these characters separate the parts of the file"
 
 
 @pytest.mark.parametrize(
     "value",
     [
         JointState(1.0, J, 2 * J, -J, 0.1),
-        JointSetpoint(1.0, J, np.zeros(14), True),
-        TactileReading(0.5, Side.LEFT, np.random.default_rng(1).normal(size=(2, 4, 3)), np.array([0.0, np.nan])),
+        JointSetpoint(1.0, J.astype(np.float32), np.zeros(14, int), True),
+        TactileReading(0.5, Side.LEFT, np.random.default_rng(1).normal(size=(2, 4, 3)), np.array([0.0, -np.nan])),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -57,49 +49,48 @@ def test_readings_are_unpacked_bit_for_bit_and_read_only(value: Any) -> None:
             assert there.tobytes() == field.tobytes() and there.shape == field.shape and there.dtype == field.dtype
             assert not there.flags.writeable
         else:
-            assert there == field
+            assert there == field and type(there) is type(field)
 
 
-def test_numpy_scalars_are_packed_as_python_numbers() -> None:
+def test_scalars_and_enums_are_packed_as_plain_values() -> None:
     assert unpack(pack(np.float64(0.1))) == 0.1 and pack(np.float64(0.1)) == pack(0.1)
     assert pack(np.bool_(True)) == pack(True) and pack(np.int64(3)) == pack(3)
+    assert pack(Side.LEFT) == pack("left") and unpack(pack(Event.PAUSE)) == Event.PAUSE
 
 
-def test_equal_bytes_mean_equal_values() -> None:
+def test_equal_texts_mean_equal_values() -> None:
     assert pack(0.0) != pack(-0.0) and pack(1) != pack(1.0) and pack(np.zeros(2)) != pack(np.zeros((2, 1)))
     assert pack((J, J)) == pack((J.copy(), J[::-1][::-1]))
 
 
 def test_a_packed_exception_is_restored() -> None:
     error = DriverError(FailureKind.CAMERA_FAULT, "no picture", "look at the cable", tries=3)
-    raised = unpack(pack_raised(error))
-    assert isinstance(raised, Raised) and isinstance(raised.error, DriverError)
-    assert raised.error.failure() == error.failure()
-    crash = unpack(pack_raised(KeyError("a bug in a driver"))).error
+    raised = unpack(pack(error))
+    assert isinstance(raised, DriverError)
+    assert raised.failure() == error.failure()
+    crash = unpack(pack(KeyError("a bug in a driver")))
     assert f"{type(crash).__name__}: {crash}" == "KeyError: 'a bug in a driver'"
 
 
 def test_types_that_no_port_returns_are_refused() -> None:
-    for value in (object(), {"a": 1}, [1], b"x"):
+    for value in (object(), b"x", np.array([object()])):
         with pytest.raises(TypeError, match="transcript"):
             pack(value)
 
 
-@given(st.binary(max_size=200))
-def test_any_bytes_are_unpacked_or_refused(data: bytes) -> None:
-    with suppress(ValueError):
-        unpack(data)
-
-
 @given(st.sampled_from([*VALUES, JointState(1.0, J, J, J, 0.0)]), st.data())
 def test_a_damaged_value_is_unpacked_or_refused(value: Any, data: Any) -> None:
-    packed = bytearray(pack(value))
-    packed[data.draw(st.integers(0, len(packed) - 1))] = data.draw(st.integers(0, 255))
+    packed = bytearray(pack(value).encode())
+    packed[data.draw(st.integers(0, len(packed) - 1))] = data.draw(st.integers(0, 127))
     with suppress(ValueError):
-        unpack(bytes(packed[: data.draw(st.integers(0, len(packed)))]))
+        unpack(packed[: data.draw(st.integers(0, len(packed)))].decode())
 
 
-def test_arbitrary_objects_are_never_unpickled() -> None:
-    packed = pack(np.arange(2.0)).replace(b"<f8", b"|O8")
-    with pytest.raises(ValueError, match=r"object|array"):
-        unpack(packed)
+@pytest.mark.parametrize(
+    "text",
+    ['{"array": ["|O8", [1], "00"]}', '{"array": 3}', '{"record": "Path"}', '{"record": "StopState", "oven": 1}',
+     '{"refused": ["no kind", "", "", {}]}', '{"crashed": [1, 2]}', "[" * 100_000, "é", ""],
+)  # fmt: skip
+def test_foreign_texts_are_refused(text: str) -> None:
+    with pytest.raises(ValueError):
+        unpack(text)
