@@ -1,16 +1,18 @@
-"""The recovery table: (failure kind, number of failures so far) -> what to try next.
+"""The recovery table: what the cell does after a failure.
 
-Every failure kind has a row. Its recoveries are tried in order, counted per fold step and failure kind (per fold
-step alone for the verdicts of an inspection). CARRY_ON comes before all others and has no limit: a fold that is
-good enough once is good enough again. SPREAD has no limit of its own in a row either: it comes at its place among
-the others, as long as a pull may spread the garment further (`recovery.pulls`). The last entry of a row asks the
-operator, or gives up if there is no operator; it states why the cell does not go on by itself.
+Every failure kind has rows. The first row that answers in the situation after the failure (situation.py) decides:
+its conditions hold, and the kind has not failed more often in this fold than the row allows (`until`). The
+verdicts of inspections count together. The last row of a kind has no condition: it asks the operator, and states
+why the cell does not go on by itself.
+
+Then `SUBSTITUTES` applies to all kinds, in order: the limits on the number of tries, recoveries that cannot begin
+where they usually do, and the operator who is not there.
 
 A verdict that would end a fold or a run is never taken from one look: rows of seeing and judging look again first,
 after a dwell. Together the dwells of a row outlast a disturbance of 3 s.
 
-Before a recovery is chosen, the cell lays down the cloth that the hands still hold (LAYING) and moves the hands
-away, twice if need be (CLEARING_DWELL_S).
+Before a recovery is chosen, the cell lays down the cloth that the hands still hold (`LAYING`) and moves the hands
+away. `python -m cell.states.recovery_page` writes the table into docs/safety.md.
 """
 
 from __future__ import annotations
@@ -20,39 +22,57 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from cell.states.situation import (
+    Condition,
+    Situation,
+    another_variant,
+    carried,
+    cloth_taken,
+    edits_impossible,
+    fold_tries_used_up,
+    good_enough,
+    lies_as_before,
+    no_trajectory,
+    not_planned,
+    not_recognised,
+    repairable,
+    repairing,
+    run_tries_used_up,
+    spreadable,
+    table_unseen,
+    too_many_layers,
+    unattended,
+)
 from cell.states.transition_table import Event
 from robots.errors import FailureKind
 from robots.ports import Side
 
 __all__ = [
     "CLEARING_DWELL_S",
-    "GOOD_ENOUGH_M",
     "LAYING",
     "LAYING_DWELL_S",
     "LAYING_TRIES",
     "PREPARING_DWELLS_S",
     "RECOVERIES",
+    "SUBSTITUTES",
     "VERDICTS",
+    "WITHOUT_EDITS",
     "Adjustment",
     "Laying",
     "LayingRule",
     "Recovery",
+    "Substitute",
     "choose_laying",
     "choose_recovery",
     "transient",
 ]
-
-GOOD_ENOUGH_M = 0.030
-"""Largest deviation of the outline from the prediction, and largest length of cloth that was left behind, on which
-the next fold may build [m]. Later folds do not bring an edge back: what is off now is off at the end. The score
-allows 30 mm between edges that belong together, so a run with more cannot pass, whatever follows."""
 
 
 class Adjustment(StrEnum):
     """How the next attempt differs from the failed one."""
 
     NONE = "none"
-    LOWER = "lower"  # press the tips deeper into the garment
+    LOWER = "lower"  # push the tips deeper into the garment
     HIGHER = "higher"  # leave more of the layers below: a hand held too many
     INWARD = "inward"  # grasp further inside the edge
     STRONGER = "stronger"  # grip with more force
@@ -60,66 +80,82 @@ class Adjustment(StrEnum):
     PLAIN_ARC = "plain_arc"  # use the paper's initial arc, without optimisation
     OTHER_SEARCH = "other_search"  # another random seed for the motion planner, other hand postures
     OTHER_VARIANT = "other_variant"  # the next fold variant in the garment file, without adjustments
+    NO_EDITS = "without the operator's edits"
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """One recovery. event: the event that leaves RECOVERING; adjust: the change to the next attempt; dwell_s: cell
-    time to wait before the event [s].
+    """One row. event: the event that leaves RECOVERING; when: conditions that all must hold; until: number of
+    failures of the kind in the fold up to which the row answers.
 
-    between_folds: the recovery is allowed only if another fold follows. It is not allowed after the last fold,
-    because the result of the last fold is the result of the run. min_overlap: smallest IoU of
-    observed and predicted shape for which the recovery is allowed; max_deviation: largest deviation of the outline
-    or length of cloth left behind for which it is allowed [m]. reason: why the operator is asked, as the operator
-    reads it (ASK only).
+    adjust: the change to the next attempt; dwell_s: cell time to wait before the event [s]. not_made: whether the
+    fold counts as not made from now on. reason: why the operator is asked, as the operator reads it (ASK only).
+    limit: setting that `reason` names, GROUP.NAME.
     """
 
     event: Event
     adjust: Adjustment = Adjustment.NONE
     dwell_s: float = 0.0
-    between_folds: bool = False
-    min_overlap: float = 0.0
-    max_deviation: float = math.inf
+    until: float = math.inf
+    when: tuple[Condition, ...] = ()
+    not_made: bool = False
     reason: str = ""
+    limit: str = ""
+
+    def answers(self, s: Situation) -> bool:
+        """Return whether the row answers in this situation."""
+        return s.attempt <= self.until and all(holds(s) for holds in self.when)
 
 
 K, A = FailureKind, Adjustment
 
-_LOOK_TWICE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
-_WAIT_AND_LOOK = (*_LOOK_TWICE, Recovery(Event.LOOK_AGAIN, dwell_s=5.0))
-_LOOK_ONCE_MORE = (Recovery(Event.LOOK_AGAIN, dwell_s=1.0),)
-_GRASP_AGAIN = (
-    Recovery(Event.GRASP_AGAIN, A.LOWER),
-    Recovery(Event.GRASP_AGAIN, A.INWARD),
-    Recovery(Event.LOOK_AGAIN),
-)
-_MOVE_AGAIN = (Recovery(Event.GRASP_AGAIN, dwell_s=0.5),)
-_MOVE_TWICE = (*_MOVE_AGAIN, Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
-_OTHER_WAY = (
-    Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH),
-    Recovery(Event.GRASP_AGAIN, A.INWARD),
-    Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT),
-)
-_HOLD_BETTER = (Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
-_GOOD_ENOUGH = (
-    Recovery(Event.CARRY_ON, between_folds=True, min_overlap=0.85, max_deviation=GOOD_ENOUGH_M),
-    Recovery(Event.LOOK_AGAIN, dwell_s=1.0),
-)
 
-
-def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
-    """Complete the fold from where its edge lies, or undo it and make it anew with this change: twice at most."""
-    return Recovery(Event.REPAIR, adjust), Recovery(Event.REPAIR, adjust)
-
-
-_SPREAD = (Recovery(Event.SPREAD),)
-"""Pull the heap apart. For the rows of recognition it is allowed only after a pull, when the garment is still not
-flat."""
-_REFUSED = (_LOOK_TWICE[0], *_SPREAD, _LOOK_TWICE[1])
+def _in_turn(*recoveries: Recovery) -> tuple[Recovery, ...]:
+    """Return rows of which each answers once: the first row after the first failure, and so on."""
+    return tuple(replace(row, until=count) for count, row in enumerate(recoveries, 1))
 
 
 def _ask(reason: str) -> tuple[Recovery]:
     return (Recovery(Event.ASK, reason=reason),)
+
+
+_LOOK_TWICE = _in_turn(Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
+_WAIT_AND_LOOK = (*_LOOK_TWICE, Recovery(Event.LOOK_AGAIN, dwell_s=5.0, until=3))
+_LOOK_ONCE_MORE = _LOOK_TWICE[:1]
+_GRASP_AGAIN = _in_turn(
+    Recovery(Event.GRASP_AGAIN, A.LOWER),
+    Recovery(Event.GRASP_AGAIN, A.INWARD),
+    Recovery(Event.LOOK_AGAIN),
+)
+_MOVE_TWICE = _in_turn(Recovery(Event.GRASP_AGAIN, dwell_s=0.5), Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
+_MOVE_AGAIN = _MOVE_TWICE[:1]
+_FEEL_AGAIN = _in_turn(Recovery(Event.GRASP_AGAIN, dwell_s=1.0), Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
+_OTHER_WAY = _in_turn(
+    Recovery(Event.GRASP_AGAIN, A.OTHER_SEARCH),
+    Recovery(Event.GRASP_AGAIN, A.INWARD),
+    Recovery(Event.PLAN_AGAIN, A.OTHER_VARIANT, when=(another_variant,)),
+)
+_HOLD_BETTER = _in_turn(Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
+_CARRY_ON = Recovery(Event.CARRY_ON, when=(good_enough,))
+_GOOD_ENOUGH = (_CARRY_ON, *_LOOK_ONCE_MORE)
+_SPREAD = Recovery(Event.SPREAD, when=(spreadable,))
+"""Pull the heap apart. After a failure of recognition this is possible only if the garment was pulled before and
+is still not flat: otherwise a person may have laid another garment."""
+_REFUSED = (_LOOK_TWICE[0], _SPREAD, _LOOK_TWICE[1])
+
+
+def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
+    """Return the rows that, twice at most, complete the fold from where its edge lies, or undo it and make it anew
+    with this change."""
+    return (
+        Recovery(Event.LOOK_AGAIN, adjust, until=3, when=(repairable, lies_as_before), not_made=True),
+        Recovery(Event.REPAIR, adjust, until=3, when=(repairable,)),
+    )
+
+
+def _held_too_many(rows: tuple[Recovery, ...]) -> tuple[Recovery, ...]:
+    """Return the rows for a hand that held too many layers, before the same rows for all others."""
+    return (*(replace(r, adjust=A.HIGHER, when=(too_many_layers, *r.when)) for r in rows), *rows)
 
 
 _TABLE = _ask("only a person can change what lies on the table, or name another garment")
@@ -141,12 +177,14 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.NOT_FLAT: (*_REFUSED, *_TABLE),
     K.LOW_CONFIDENCE: (*_REFUSED, *_TABLE),
     K.CAMERA_FAULT: (*_LOOK_TWICE, *_CAMERA),
-    K.GARMENT_MOVED: (*((Recovery(Event.LOOK_AGAIN, dwell_s=1.0),) * 3), *_ask("something keeps moving it")),
+    K.GARMENT_MOVED: (Recovery(Event.LOOK_AGAIN, dwell_s=1.0, until=3), *_ask("something keeps moving it")),
     # planning
-    K.OPTIMISER_FAILED: (Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC), *_ask("no arc for this fold was found")),
+    K.OPTIMISER_FAILED: (
+        Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC, until=1),
+        *_ask("no arc for this fold was found"),
+    ),
     K.PREDICTION_POOR: (
-        Recovery(Event.OPTIMISE_AGAIN, A.OPTIMISE),
-        Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC),
+        *_in_turn(Recovery(Event.OPTIMISE_AGAIN, A.OPTIMISE), Recovery(Event.OPTIMISE_AGAIN, A.PLAIN_ARC)),
         *_ask("every arc is predicted to fold the garment badly"),
     ),
     K.UNREACHABLE: (*_OTHER_WAY, *_WAY),
@@ -158,31 +196,27 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.STALE_STATE: (*_MOVE_TWICE, *_ARMS),
     # gripping
     K.NO_CONTACT: (*_GRASP_AGAIN, *_GRIP),
-    K.MISSED_GRASP: (*_GRASP_AGAIN, *_GRIP),
+    K.MISSED_GRASP: (*_held_too_many(_GRASP_AGAIN), *_GRIP),
     K.SLIPPED: (*_HOLD_BETTER, *_GRIP),
-    K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN), *_ask("only a person can free the finger")),
-    K.TACTILE_FAULT: (
-        Recovery(Event.GRASP_AGAIN, dwell_s=1.0),
-        Recovery(Event.GRASP_AGAIN, dwell_s=3.0),
-        *_ask("without its pads a hand feels neither the table nor the cloth"),
-    ),
-    K.GRIPPER_FAULT: (
-        Recovery(Event.GRASP_AGAIN, dwell_s=1.0),
-        Recovery(Event.GRASP_AGAIN, dwell_s=3.0),
-        *_ask("the gripper does not do as it is told"),
-    ),
-    # the fold itself
-    K.DRIFT: (Recovery(Event.CARRY_ON), *_SHAPE),  # the shape is right but displaced: the plan is moved to it
+    K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN, until=1), *_ask("only a person can free the finger")),
+    K.TACTILE_FAULT: (*_FEEL_AGAIN, *_ask("without its pads a hand feels neither the table nor the cloth")),
+    K.GRIPPER_FAULT: (*_FEEL_AGAIN, *_ask("the gripper does not do as it is told")),
+    # the fold itself; if it is only displaced, the plan is moved to it
+    K.DRIFT: (Recovery(Event.CARRY_ON, when=(carried,)), *_SHAPE),
     K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), *_SHAPE),
     K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     # the last fold stands higher than its fabric explains, and pressing has not helped: it is folded anew
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), *_SHAPE),
-    K.MISSED_LAYER: (*_GOOD_ENOUGH, *_repair(A.LOWER), *_SHAPE),
+    K.MISSED_LAYER: (
+        _CARRY_ON,
+        *_held_too_many((*_LOOK_ONCE_MORE, *_repair(A.LOWER))),
+        *_SHAPE,
+    ),
     # the garment lies neither as before nor as after the fold: the estimate must be the same twice
-    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), *_SPREAD, *_LIES),
-    K.HEAPED: (*_LOOK_ONCE_MORE, *_SPREAD, *_LIES),
+    K.HALF_FOLDED: (*_LOOK_ONCE_MORE, *_repair(A.NONE), _SPREAD, *_LIES),
+    K.HEAPED: (*_LOOK_ONCE_MORE, _SPREAD, *_LIES),
     # the cell itself
     K.STOPPED: _ask(_PERSON),
     K.ABORTED: _ask(_PERSON),
@@ -190,10 +224,70 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.SKILL_CRASHED: _ask("the program has a bug, and doing the same again would end in the same way"),
     K.UNRECORDED: _ask("nothing may move that the journal cannot record"),
 }
+WITHOUT_EDITS = Recovery(Event.PLAN_AGAIN, A.NO_EDITS, when=(edits_impossible,))
+"""Comes before the rows of all kinds and has no substitute: the fold is planned as before the operator's
+edits."""
 
 VERDICTS = frozenset({K.OFF_TARGET, K.PILING, K.TOO_HIGH, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER})
 """Kinds with which an inspection refuses a fold. A second look may name another of them, so they are counted
 together."""
+
+
+@dataclass(frozen=True)
+class Substitute:
+    """A recovery that takes the place of others. of: the events of those; adjusts: their changes; when: the
+    condition; event: what happens instead. reason, limit: see `Recovery`; with a reason, nothing else of the first
+    recovery is kept."""
+
+    of: frozenset[Event]
+    when: Condition
+    event: Event
+    adjusts: frozenset[Adjustment] = frozenset(A)
+    reason: str = ""
+    limit: str = ""
+
+    def answers(self, recovery: Recovery, s: Situation) -> bool:
+        """Return whether this takes the recovery's place in this situation."""
+        return recovery.event in self.of and recovery.adjust in self.adjusts and self.when(s)
+
+
+_TRIES = frozenset(
+    {Event.LOOK_AGAIN, Event.GRASP_AGAIN, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN, Event.REPAIR, Event.SPREAD}
+)
+"""Recoveries that repeat something, and are therefore limited."""
+_USED_UP = "it has tried {tries} times, as often as {limit} allows"
+_MADE_ANEW = frozenset({Event.REPAIR, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN})
+
+SUBSTITUTES = (
+    Substitute(_TRIES, run_tries_used_up, Event.ASK, reason=_USED_UP, limit="recovery.attempts_per_run"),
+    Substitute(_TRIES, fold_tries_used_up, Event.ASK, reason=_USED_UP, limit="recovery.attempts_per_step"),
+    Substitute(_MADE_ANEW, repairing, Event.LOOK_AGAIN),
+    Substitute(
+        frozenset({Event.GRASP_AGAIN}), repairing, Event.LOOK_AGAIN, frozenset({A.LOWER, A.HIGHER, A.INWARD})
+    ),
+    Substitute(frozenset({Event.GRASP_AGAIN, Event.PLAN_AGAIN}), cloth_taken, Event.LOOK_AGAIN),
+    Substitute(frozenset({Event.GRASP_AGAIN}), no_trajectory, Event.LOOK_AGAIN),
+    Substitute(frozenset({Event.OPTIMISE_AGAIN}), not_planned, Event.LOOK_AGAIN),
+    Substitute(frozenset({Event.PLAN_AGAIN}), not_recognised, Event.LOOK_AGAIN),
+    Substitute(frozenset({Event.LOOK_AGAIN}), table_unseen, Event.START_OVER),
+    Substitute(frozenset({Event.LOOK_AGAIN}), carried, Event.LOOK_AFTER),
+    Substitute(frozenset({Event.ASK}), unattended, Event.GIVE_UP),
+)
+"""What takes the place of a recovery, in order; each applies to the outcome of those before it."""
+
+
+def choose_recovery(s: Situation) -> Recovery:
+    """Return the recovery in this situation."""
+    if WITHOUT_EDITS.answers(s):
+        return WITHOUT_EDITS
+    recovery = next(row for row in RECOVERIES[s.kind] if row.answers(s))
+    if recovery.not_made:
+        s = replace(s, carried=False)
+    for other in SUBSTITUTES:
+        if other.answers(recovery, s):
+            kept = Recovery(Event.ASK, reason=other.reason, limit=other.limit) if other.reason else recovery
+            recovery = replace(kept, event=other.event)
+    return recovery
 
 
 CLEARING_DWELL_S = 2.0
@@ -257,48 +351,3 @@ def choose_laying(kind: FailureKind, progress: float, held: Collection[Side], ho
     rule = LAYING.get(kind, LayingRule())
     onward_from = rule.all_hold if set(holding) == set(held) else rule.some_hold
     return Laying.ONWARD if progress >= onward_from else Laying.BACK
-
-
-def choose_recovery(
-    kind: FailureKind,
-    attempt: int,
-    attended: bool,
-    last_fold: bool = False,
-    overlap: float = 1.0,
-    other_variant: bool = True,
-    deviation: float = 0.0,
-    carried: bool = True,
-    repairable: bool = False,
-    spreadable: bool = False,
-) -> Recovery:
-    """Return the recovery after failure number `attempt` (from 1) of this kind in this step.
-
-    overlap: IoU of observed and predicted shape, and deviation: the larger of the outline's deviation and the
-    length of cloth left behind [m], if an inspection failed. other_variant: whether the garment file has a variant
-    of this step that was not tried. carried: whether the hands completed the fold; otherwise it cannot be carried
-    on from. repairable: whether it is known well enough how the garment lies to repair the fold. spreadable:
-    whether a pull may spread the garment.
-    """
-
-    def allowed(recovery: Recovery) -> bool:
-        good_enough = overlap >= recovery.min_overlap and deviation <= recovery.max_deviation
-        in_place = not (last_fold and recovery.between_folds)
-        return (
-            good_enough
-            and in_place
-            and (carried or recovery.event is not Event.CARRY_ON)
-            and (other_variant or recovery.adjust is not Adjustment.OTHER_VARIANT)
-        )
-
-    *recoveries, ask = RECOVERIES[kind]
-    for recovery in recoveries:
-        if recovery.event is Event.CARRY_ON and allowed(recovery):
-            return recovery
-    possible = {Event.REPAIR: repairable, Event.SPREAD: spreadable, Event.CARRY_ON: False}
-    tries = [r for r in recoveries if possible.get(r.event, True)]
-    for place, recovery in enumerate(tries):
-        if recovery.event is Event.SPREAD and attempt > place:
-            return recovery
-    if attempt <= len(tries) and allowed(tries[attempt - 1]):
-        return tries[attempt - 1]
-    return ask if attended else replace(ask, event=Event.GIVE_UP)

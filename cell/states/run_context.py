@@ -113,6 +113,11 @@ class RunContext:
     def with_attempt(self, attempt: Attempt) -> RunContext:
         return replace(self, fold=replace(self.fold, attempt=attempt))
 
+    def counted_anew(self) -> RunContext:
+        """Return the context with the failures of the present fold forgotten."""
+        others = {key: count for key, count in self.attempts.items() if key[0] != self.fold.index}
+        return replace(self, attempts=others)
+
     def with_failure(self, failure: Failure) -> RunContext:
         """Return the context with this failure, which is also counted in `attempts`."""
         key = (self.fold.index, failure.kind.value)

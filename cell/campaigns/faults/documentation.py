@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from cell.campaigns.faults.fault_table import FaultEntry, FaultTable, read_fault_table
 from cell.simulation import TRAITS
-from cell.support.files.paths import repository_root
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
+from cell.support.files.page_section import write_section
 
-__all__ = ["markdown_table", "with_table"]
+__all__ = ["SECTION", "markdown_table"]
 
-BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
+SECTION = "faults"
 UNITS = {"m": " m", "s": " s", "N": " N", "ratio": " times", "share": ""}
 
 
@@ -33,14 +31,6 @@ def markdown_table(table: FaultTable) -> str:
     return "\n".join(rows) + "\n"
 
 
-def with_table(page: str, table: FaultTable) -> str:
-    """Return the page with the present table between its marks. Raises ConfigurationError if it has no marks."""
-    if BEGIN not in page or END not in page:
-        raise ConfigurationError(f"the page has no marks {BEGIN} and {END}", "add them where the table belongs")
-    before, rest = page.split(BEGIN, 1)
-    return f"{before}{BEGIN}\n{markdown_table(table)}{END}{rest.split(END, 1)[1]}"
-
-
 def _size(entry: FaultEntry) -> str:
     traits = TRAITS[entry.kind]
     size = traits.size if entry.size is None else entry.size
@@ -55,13 +45,5 @@ def _duration(entry: FaultEntry) -> str:
     return "at once" if default is None else "for good" if default == float("inf") else f"{default:g} s"
 
 
-def main() -> None:
-    root = repository_root()
-    if root is None:
-        raise ConfigurationError("the documentation is not installed", "run this in a checkout of the program")
-    page = root / "docs" / "safety.md"
-    write_whole(page, with_table(page.read_text(encoding="utf-8"), read_fault_table()))
-
-
 if __name__ == "__main__":
-    main()
+    write_section(SECTION, markdown_table(read_fault_table()))

@@ -12,13 +12,11 @@ from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit, with_edit
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
-from robots.errors import FailureKind
 from robots.ports import frozen
 from skills.fold_plan.folding import silhouette
 from skills.vocabulary import FoldStep, GarmentState
 
 __all__ = [
-    "PLANNING_FAILURES",
     "edited_state",
     "edited_step",
     "edited_variant",
@@ -33,17 +31,6 @@ FARTHEST = 0.10
 """A key point is moved by at most this distance [m]. If it lies farther off, the garment was not recognised."""
 EDGE = 0.01
 """A grasp may lie at most so far outside the garment's outline [m], which is seen with an error."""
-PLANNING_FAILURES = frozenset(
-    {
-        FailureKind.LOW_CONFIDENCE,
-        FailureKind.OPTIMISER_FAILED,
-        FailureKind.PREDICTION_POOR,
-        FailureKind.UNREACHABLE,
-        FailureKind.IN_COLLISION,
-        FailureKind.LIMIT_EXCEEDED,
-    }
-)
-"""Failures with which the planning of an edited fold shows that it cannot be made."""
 
 
 def refusal(edit: PlanEdit, context: RunContext) -> str | None:

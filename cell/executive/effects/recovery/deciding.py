@@ -9,15 +9,16 @@ from cell.config.deciding_setting import deciding_setting, setting_in_words
 from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
-from cell.executive.effects.editing import PLANNING_FAILURES, refusal, with_plan_edit, without_edits
+from cell.executive.effects.editing import refusal, with_plan_edit, without_edits
 from cell.executive.effects.recovery.estimating import SURE
 from cell.executive.effects.recovery.spreading import spreadable
 from cell.hardware.workcell import Workcell
 from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
-from cell.states.recovery_table import VERDICTS, Adjustment, Recovery, choose_recovery
+from cell.states.recovery_table import VERDICTS, WITHOUT_EDITS, Adjustment, choose_recovery
 from cell.states.run_context import Result, RunContext
+from cell.states.situation import Situation
 from cell.states.stages import Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -30,76 +31,71 @@ DWELL_PARTS = 20
 
 
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
-    """Choose the recovery from the table. If the settings' limits of attempts are reached, ask the operator or
-    give up."""
-    kind, fold = failed.kind, context.fold
-    if fold.edits and fold.grasps == 0 and kind in PLANNING_FAILURES:
+    """Carry out the recovery that the table chooses: wait, note it, and adjust the next attempt."""
+    situation = assess(cell, context, failed)
+    recovery = choose_recovery(situation)
+    event, adjust = recovery.event, recovery.adjust
+    chosen = {"recovery": event.value, "change": adjust.value}
+    if recovery is WITHOUT_EDITS:
         cell.tell(f"the changed plan is not possible, and the plan before it is made again: {failed.what}")
-        undone = {"kind": kind.value, "recovery": Event.PLAN_AGAIN.value, "change": "without the operator's edits"}
-        return Result(Event.PLAN_AGAIN, without_edits(context, failed.what), undone)
-    attempt = _attempt(context, kind)
-    bounds = cell.settings.recovery
-    last_fold = bool(context.steps) and fold.index == len(context.steps) - 1
-    recovery = choose_recovery(
-        kind, attempt, cell.attended, last_fold, _value(failed, "iou_aligned", 1.0), _other_variant(context),
-        max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)), fold.carried,
-        _repairable(fold, _value(failed, "iou_aligned", 0.0)), spreadable(cell, context, kind),
-    )  # fmt: skip
-    if _value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf):
-        recovery = replace(recovery, adjust=Adjustment.HIGHER)
-    used_up = (
-        context.recoveries_in_step >= bounds.attempts_per_step or len(context.retries) >= bounds.attempts_per_run
-    )
-    if used_up and recovery.event not in {Event.CARRY_ON, Event.ASK, Event.GIVE_UP}:
-        run = len(context.retries) >= bounds.attempts_per_run
-        limit = setting_in_words(f"recovery.attempts_per_{'run' if run else 'step'}", cell.settings)
-        reason = f"it has tried {len(context.retries)} times, as often as {limit} allows"
-        recovery = Recovery(Event.ASK if cell.attended else Event.GIVE_UP, reason=reason)
-    dwell = max(recovery.dwell_s, bounds.dwell)
+        return Result(event, without_edits(context, failed.what), {"kind": failed.kind.value, **chosen})
+    record = {"kind": failed.kind.value, "attempt": situation.attempt, **chosen}
+    dwell = max(recovery.dwell_s, cell.settings.recovery.dwell)
     if dwell > 0:
-        if kind is FailureKind.VIEW_OBSTRUCTED:
+        if failed.kind is FailureKind.VIEW_OBSTRUCTED:
             cell.tell(f"{failed.what}: the cell looks again in {dwell:.0f} s ({failed.hint})")
         failure = _dwell(cell, dwell)
         if failure:
             return Result(Event.FAILED, context.with_failure(failure))
-    record = {
-        "kind": kind.value,
-        "attempt": attempt,
-        "recovery": recovery.event.value,
-        "change": recovery.adjust.value,
-    }
-    if recovery.event in {Event.ASK, Event.GIVE_UP}:
-        asking = replace(context, asking=recovery.reason, setting=deciding_setting(kind, cell.settings))
-        return Result(recovery.event, asking, {**record, "reason": recovery.reason})
-    event: Event = recovery.event
-    if event is Event.REPAIR and _lies_as_before(fold):
-        event, context = Event.LOOK_AGAIN, _not_carried(context)
-    if fold.repair is not None and (
-        event in {Event.REPAIR, Event.PLAN_AGAIN, Event.OPTIMISE_AGAIN} or recovery.adjust in _OTHER_GRASPS
-    ):
-        event = Event.LOOK_AGAIN  # the repair is planned anew, from what the next picture shows
-    on_cloth = event in {Event.GRASP_AGAIN, Event.PLAN_AGAIN} and (fold.carried or fold.held)
-    if event is Event.LOOK_AGAIN or on_cloth or not _planned_for(context, event):
-        event = _look_event(cell, context)  # a released garment may lie anywhere
-    record["recovery"] = event.value
-    note = f"{kind.value} -> {event.value}" + (
-        f" ({recovery.adjust.value})" if recovery.adjust is not Adjustment.NONE else ""
+    if recovery.reason:
+        limit = setting_in_words(recovery.limit, cell.settings) if recovery.limit else ""
+        reason = recovery.reason.format(tries=len(context.retries), limit=limit)
+        asking = replace(context, asking=reason, setting=deciding_setting(failed.kind, cell.settings))
+        return Result(event, asking, {**record, "reason": reason})
+    if recovery.not_made and context.fold.attempt is not None:
+        context = context.with_attempt(replace(context.fold.attempt, carried=False))
+    note = f"{failed.kind.value} -> {event.value}"
+    if adjust is not Adjustment.NONE:
+        note += f" ({adjust.value})"
+    recoveries = (*context.recoveries, (context.fold.index, note))
+    if adjust is Adjustment.OTHER_VARIANT:
+        context = context.counted_anew()
+    fold = replace(_adjusted(context.fold, adjust), held={})
+    return Result(event, replace(context, recoveries=recoveries, fold=fold), record)
+
+
+def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
+    """Return the situation after the failure."""
+    fold, plan, bounds = context.fold, context.plan, cell.settings.recovery
+    return Situation(
+        kind=failed.kind,
+        attempt=_attempt(context, failed.kind),
+        attended=cell.attended,
+        fold_tries_left=context.recoveries_in_step < bounds.attempts_per_step,
+        run_tries_left=len(context.retries) < bounds.attempts_per_run,
+        last_fold=bool(context.steps) and fold.index == len(context.steps) - 1,
+        edited=bool(fold.edits) and fold.grasps == 0,
+        other_variant=_other_variant(context),
+        carried=fold.carried,
+        held=bool(fold.held),
+        repairing=fold.repair is not None,
+        overlap=_value(failed, "iou_aligned", 1.0),
+        deviation_m=max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)),
+        too_many_layers=_value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf),
+        repairable=_repairable(fold, _value(failed, "iou_aligned", 0.0)),
+        lies_as_before=fold.estimate is not None and fold.estimate.state is FoldState.BEFORE,
+        spreadable=spreadable(cell, context, failed.kind),
+        table_seen=not _reference_missing(cell, context),
+        recognised=context.recognition is not None,
+        planned=plan is not None,
+        trajectory=plan is not None and fold.trajectory is not None,
     )
-    recoveries = (*context.recoveries, (fold.index, note))
-    again = replace(_adjusted(context.fold, recovery.adjust), held={})
-    attempts = context.attempts
-    if recovery.adjust is Adjustment.OTHER_VARIANT:  # another fold, whose failures are counted anew
-        attempts = {key: count for key, count in attempts.items() if key[0] != fold.index}
-    return Result(event, replace(context, recoveries=recoveries, fold=again, attempts=attempts), record)
 
 
 def _attempt(context: RunContext, kind: FailureKind) -> int:
     """Return the number of failures of this kind in the present fold. Verdicts of inspections count together."""
     kinds = VERDICTS if kind in VERDICTS else {kind}
     return sum(context.attempts.get((context.fold.index, k.value), 0) for k in kinds)
-
-
-_OTHER_GRASPS = frozenset({Adjustment.LOWER, Adjustment.HIGHER, Adjustment.INWARD})
 
 
 IN_SHAPE = 0.85
@@ -121,16 +117,6 @@ def _repairable(fold: FoldContext, overlap: float) -> bool:
     return sure or overlap >= IN_SHAPE
 
 
-def _lies_as_before(fold: FoldContext) -> bool:
-    """Whether the estimate says that the garment lies as before the fold, so that nothing is to be repaired."""
-    return fold.estimate is not None and fold.estimate.state is FoldState.BEFORE
-
-
-def _not_carried(context: RunContext) -> RunContext:
-    attempt = context.fold.attempt
-    return context if attempt is None else context.with_attempt(replace(attempt, carried=False))
-
-
 def _value(failed: Failure, name: str, otherwise: float) -> float:
     return float(failed.values.get(name, otherwise))
 
@@ -147,16 +133,6 @@ def _dwell(cell: Workcell, seconds: float) -> Failure | None:
         if clock.now() >= until:
             return None
     return failure
-
-
-def _planned_for(context: RunContext, event: Event) -> bool:
-    """Whether the context has what the state after this event begins with. A failure of a driver may come before
-    the garment was recognised."""
-    plan, recognition = context.plan is not None, context.recognition is not None
-    trajectory = plan and context.fold.trajectory is not None
-    return {
-        Event.GRASP_AGAIN: trajectory, Event.OPTIMISE_AGAIN: plan, Event.PLAN_AGAIN: recognition
-    }.get(event, True)  # fmt: skip
 
 
 def _other_variant(context: RunContext) -> bool:
@@ -176,14 +152,6 @@ def _adjusted(fold: FoldContext, adjust: Adjustment) -> FoldContext:
         return replace(fold, adjustments=(*fold.adjustments, adjust))
     variant_changes = tuple(a for a in fold.adjustments if a is Adjustment.OTHER_VARIANT)
     return replace(fold, adjustments=(*variant_changes, adjust), avoided=())
-
-
-def _look_event(cell: Workcell, context: RunContext) -> Event:
-    """Return the event that leads to the next picture: of the empty table, of the garment, or of a completed
-    fold."""
-    if _reference_missing(cell, context):
-        return Event.START_OVER
-    return Event.LOOK_AFTER if context.fold.carried else Event.LOOK_AGAIN
 
 
 def _reference_missing(cell: Workcell, context: RunContext) -> bool:
@@ -228,16 +196,12 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
         return answer
     event = Event.START_OVER if _reference_missing(cell, context) else Event.RETRY
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
-    fold = replace(answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False,
-        pulls=0, covered=(), spread=True,
+    fold = replace(
+        answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False, pulls=0,
+        covered=(), spread=True,
     )  # fmt: skip
-    return replace(answer, event=event, context=replace(_counted_anew(answer.context), fold=fold))
-
-
-def _counted_anew(context: RunContext) -> RunContext:
-    """Return the context with the failures of the present fold forgotten: a person has changed something."""
-    others = {key: count for key, count in context.attempts.items() if key[0] != context.fold.index}
-    return replace(context, attempts=others, forgiven=len(context.recoveries))
+    context = replace(answer.context.counted_anew(), fold=fold, forgiven=len(context.recoveries))
+    return replace(answer, event=event, context=context)
 
 
 def pause(cell: Workcell, context: RunContext) -> Result:

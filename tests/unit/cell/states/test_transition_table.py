@@ -1,16 +1,14 @@
-"""Invariants of the transition table and the recovery table."""
+"""Invariants of the transition table."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cell.executive.machine import Executive, complete_table
-from cell.states.recovery_table import RECOVERIES, Laying, choose_laying, choose_recovery
 from cell.states.transition_table import (
     HANDS_CARRY_CLOTH,
     HANDS_ON_CLOTH,
@@ -20,8 +18,7 @@ from cell.states.transition_table import (
     Event,
     State,
 )
-from robots.errors import FailureKind, InternalError
-from robots.ports import Side
+from robots.errors import InternalError
 
 ROWS = complete_table()
 WORKING = [s for s in State if s not in TERMINAL and s is not State.IDLE]
@@ -72,7 +69,7 @@ def test_every_state_accepts_stop_and_crash(state: State) -> None:
 
 @pytest.mark.parametrize("state", WORKING)
 def test_every_state_accepts_a_failure(state: State) -> None:
-    """Every effect may fail. A kind then chooses the recovery (`RECOVERIES` has a row for each)."""
+    """Every effect may fail. A kind then chooses the recovery (`RECOVERIES` has rows for each)."""
     to = {r.event: r.target for r in ROWS if r.state is state}
     assert to[Event.FAILED] in {
         State.RECOVERING, State.CLEARING, State.CLEARING_AGAIN, State.LAYING_BACK, State.MAKING_SAFE, State.FAULT
@@ -215,118 +212,3 @@ def test_any_sequence_of_allowed_events_follows_the_table(events: list[Event]) -
         else:
             with pytest.raises(InternalError):
                 machine.handle(e)
-
-
-@pytest.mark.parametrize("kind", list(FailureKind))
-@pytest.mark.parametrize("attended", [True, False])
-def test_recoveries_are_bounded_and_have_a_transition(kind: FailureKind, attended: bool) -> None:
-    known = {r.event for r in ROWS if r.state is State.RECOVERING}
-    tried = [choose_recovery(kind, n, attended).event for n in range(1, 10)]
-    assert set(tried) <= known
-    accepted = Event.CARRY_ON in tried  # the run continues after the fold
-    assert tried[-1] is (Event.CARRY_ON if accepted else Event.ASK if attended else Event.GIVE_UP)
-    assert not accepted or set(tried) == {Event.CARRY_ON}
-
-
-@pytest.mark.parametrize("kind", [FailureKind.STOPPED, FailureKind.HARDWARE_FAULT, FailureKind.ABORTED])
-def test_stops_hardware_faults_and_aborts_are_never_recovered_automatically(kind: FailureKind) -> None:
-    for attempt in range(1, 6):
-        assert choose_recovery(kind, attempt, attended=False).event is Event.GIVE_UP
-        assert choose_recovery(kind, attempt, attended=True).event is Event.ASK
-
-
-@pytest.mark.parametrize(
-    ("kind", "dwells"),
-    [
-        (FailureKind.TRACKING_ERROR, [0.5]),
-        (FailureKind.LIMIT_EXCEEDED, [0.5]),
-        (FailureKind.STALE_STATE, [0.5, 3.0]),
-    ],
-)
-def test_a_motion_of_strayed_arms_is_repeated_once_and_of_silent_arms_twice(
-    kind: FailureKind, dwells: list[float]
-) -> None:
-    """docs/safety.md states the same."""
-    *repeated, last = (choose_recovery(kind, n, attended=False) for n in range(1, len(dwells) + 2))
-    assert all(r.event is Event.GRASP_AGAIN for r in repeated) and [r.dwell_s for r in repeated] == dwells
-    assert last.event is Event.GIVE_UP
-
-
-@pytest.mark.parametrize(
-    "kind", [FailureKind.SLIPPED, FailureKind.NO_CONTACT, FailureKind.MISSED_GRASP, FailureKind.IN_COLLISION]
-)
-def test_a_failed_grasp_is_retried_two_or_three_times_with_different_adjustments(kind: FailureKind) -> None:
-    tried = [choose_recovery(kind, n, attended=False) for n in range(1, 6)]
-    made = [(r.event, r.adjust) for r in tried if r.event is not Event.GIVE_UP]
-    assert 2 <= len(made) <= 3 and len(set(made)) == len(made)
-    assert all(r.event is Event.GIVE_UP for r in tried[len(made) :])
-
-
-@pytest.mark.parametrize(
-    ("overlap", "deviation", "good_enough"),
-    [(0.84, 0.0, False), (0.86, 0.0, True), (0.86, 0.029, True), (0.86, 0.031, False), (0.99, 0.079, False)],
-)
-def test_a_fold_that_is_too_far_from_its_prediction_is_never_good_enough(
-    overlap: float, deviation: float, good_enough: bool
-) -> None:
-    seen = {"attended": True, "overlap": overlap, "deviation": deviation}
-    for attempt, refused in ((1, Event.LOOK_AGAIN), (2, Event.ASK), (3, Event.ASK)):
-        chosen = choose_recovery(FailureKind.OFF_TARGET, attempt, **seen)
-        assert chosen.event is (Event.CARRY_ON if good_enough else refused)
-        assert choose_recovery(FailureKind.OFF_TARGET, attempt, last_fold=True, **seen).event is refused
-
-
-@pytest.mark.parametrize("kind", list(FailureKind))
-def test_every_kind_of_failure_has_a_row_that_ends_with_a_reason_to_ask(kind: FailureKind) -> None:
-    *recoveries, ask = RECOVERIES[kind]
-    assert ask.event is Event.ASK and len(ask.reason.split()) >= 4
-    assert all(r.event is not Event.ASK and not r.reason for r in recoveries)
-    assert choose_recovery(kind, 99, attended=True, carried=False).reason == ask.reason
-
-
-FINAL = {
-    FailureKind.STOPPED, FailureKind.ABORTED, FailureKind.HARDWARE_FAULT, FailureKind.SKILL_CRASHED,
-    FailureKind.UNRECORDED,
-}  # fmt: skip
-"""Kinds that end in a person's hands at once. All others get a second opinion."""
-
-
-@pytest.mark.parametrize("kind", sorted(set(FailureKind) - FINAL - {FailureKind.DRIFT}))
-def test_no_other_failure_ends_a_run_at_the_first_word(kind: FailureKind) -> None:
-    """Also after the last fold, with the worst figures and without another variant."""
-    first = choose_recovery(
-        kind, 1, attended=False, last_fold=True, overlap=0.0, other_variant=False, deviation=1.0, carried=True
-    )
-    assert first.event not in {Event.ASK, Event.GIVE_UP, Event.CARRY_ON}
-
-
-SENSES = (
-    FailureKind.CAMERA_FAULT, FailureKind.VIEW_OBSTRUCTED, FailureKind.OUT_OF_VIEW, FailureKind.CATEGORY_MISMATCH,
-    FailureKind.UNKNOWN_GARMENT, FailureKind.NO_GARMENT, FailureKind.STALE_STATE, FailureKind.TACTILE_FAULT,
-    FailureKind.GRIPPER_FAULT,
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", SENSES)
-def test_the_dwells_of_a_sense_outlast_a_disturbance_of_three_seconds(kind: FailureKind) -> None:
-    assert sum(r.dwell_s for r in RECOVERIES[kind]) > 3.0
-
-
-@pytest.mark.parametrize("kind", list(FailureKind))
-def test_cloth_is_laid_at_one_end_of_its_path_and_never_dropped_by_a_hand_that_holds_it(kind: FailureKind) -> None:
-    """It goes back from the beginning, on to the target from the end at the earliest, and turns round once."""
-    both = tuple(Side)
-    for holding in (both, both[:1]):
-        chosen = [choose_laying(kind, share, both, holding) for share in (0.0, 0.2, 0.49, 0.7, 0.85, 1.0)]
-        assert chosen[:3] == [Laying.BACK] * 3 and Laying.RELEASE not in chosen
-        turns = [a is not b for a, b in pairwise(chosen)]
-        assert sum(turns) <= 1
-    assert choose_laying(kind, 0.5, both, ()) is Laying.RELEASE
-
-
-def test_a_lost_corner_makes_the_way_back_the_better_one_for_longer() -> None:
-    both = tuple(Side)
-    assert choose_laying(FailureKind.STALE_STATE, 0.6, both, both) is Laying.ONWARD
-    assert choose_laying(FailureKind.SLIPPED, 0.6, both, both[:1]) is Laying.BACK
-    assert choose_laying(FailureKind.SLIPPED, 0.9, both, both[:1]) is Laying.ONWARD
-    assert choose_laying(FailureKind.TRACKING_ERROR, 0.8, both, both) is Laying.BACK, "something may be in the way"

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.faults.documentation import with_table
+from cell.campaigns.faults.documentation import SECTION, markdown_table
 from cell.campaigns.faults.fault_table import SHIPPED, DueEnd, read_fault_table
 from cell.simulation import TRAITS, FaultKind
+from cell.support.files.page_section import with_section
 from robots.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[5]
@@ -49,7 +50,8 @@ def test_a_short_loss_is_recovered_and_a_stop_is_not() -> None:
 
 def test_the_safety_page_shows_the_shipped_table() -> None:
     page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-    assert with_table(page, read_fault_table()) == page, "run python -m cell.campaigns.faults.documentation"
+    table = markdown_table(read_fault_table())
+    assert with_section(page, SECTION, table) == page, "run python -m cell.campaigns.faults.documentation"
 
 
 def test_every_row_of_the_page_names_a_due_end() -> None:

@@ -1,0 +1,174 @@
+"""The situation after a failure, and the named conditions by which the recovery table tells situations apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robots.errors import FailureKind
+
+__all__ = [
+    "PLANNING_FAILURES",
+    "Condition",
+    "Situation",
+    "another_variant",
+    "carried",
+    "cloth_taken",
+    "edits_impossible",
+    "fold_tries_used_up",
+    "good_enough",
+    "lies_as_before",
+    "no_trajectory",
+    "not_planned",
+    "not_recognised",
+    "repairable",
+    "repairing",
+    "run_tries_used_up",
+    "spreadable",
+    "table_unseen",
+    "too_many_layers",
+    "unattended",
+]
+
+GOOD_ENOUGH_M = 0.030
+"""Largest deviation of the outline from the prediction, and largest length of cloth that was left behind, on which
+the next fold may build [m]. Later folds do not bring an edge back: what is off now is off at the end. The score
+allows 30 mm between edges that belong together, so a run with more cannot pass, whatever follows."""
+GOOD_ENOUGH_IOU = 0.85
+"""Smallest IoU of observed and predicted shape on which the next fold may build."""
+PLANNING_FAILURES = frozenset(
+    {
+        FailureKind.LOW_CONFIDENCE,
+        FailureKind.OPTIMISER_FAILED,
+        FailureKind.PREDICTION_POOR,
+        FailureKind.UNREACHABLE,
+        FailureKind.IN_COLLISION,
+        FailureKind.LIMIT_EXCEEDED,
+    }
+)
+"""Failures with which the planning of an edited fold shows that it cannot be made."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What is known after a failure. The defaults are those of a planned fold, before the hands take cloth.
+
+    attempt: number of failures of this kind in the present fold, this one included; the verdicts of inspections
+    count together. edited: whether the operator has changed the plan of the fold, and the hands have not
+    approached yet. held: whether a hand holds cloth. If an inspection failed, overlap: IoU of observed and
+    predicted shape; deviation_m: the larger of the outline's deviation and the length of cloth left behind [m].
+    The conditions below explain the other values.
+    """
+
+    kind: FailureKind
+    attempt: int = 1
+    attended: bool = False
+    fold_tries_left: bool = True
+    run_tries_left: bool = True
+    last_fold: bool = False
+    edited: bool = False
+    other_variant: bool = False
+    carried: bool = False
+    held: bool = False
+    repairing: bool = False
+    overlap: float = 1.0
+    deviation_m: float = 0.0
+    too_many_layers: bool = False
+    repairable: bool = False
+    lies_as_before: bool = False
+    spreadable: bool = False
+    table_seen: bool = True
+    recognised: bool = True
+    planned: bool = True
+    trajectory: bool = True
+
+
+Condition = Callable[[Situation], bool]
+
+
+def edits_impossible(s: Situation) -> bool:
+    """the fold cannot be planned as the operator has changed it"""
+    return s.edited and s.kind in PLANNING_FAILURES
+
+
+def carried(s: Situation) -> bool:
+    """the hands completed the fold"""
+    return s.carried
+
+
+def good_enough(s: Situation) -> bool:
+    """the hands completed the fold, another fold follows, and this one is near enough to its prediction for it: an
+    IoU of at least 0.85, and edges at most 30 mm off"""
+    near = s.overlap >= GOOD_ENOUGH_IOU and s.deviation_m <= GOOD_ENOUGH_M
+    return s.carried and not s.last_fold and near
+
+
+def too_many_layers(s: Situation) -> bool:
+    """a hand held more layers than planned"""
+    return s.too_many_layers
+
+
+def repairable(s: Situation) -> bool:
+    """it is known well enough how the garment lies to complete or to undo the fold"""
+    return s.repairable
+
+
+def lies_as_before(s: Situation) -> bool:
+    """the garment is estimated to lie as before the fold, so that there is nothing to repair"""
+    return s.lies_as_before
+
+
+def spreadable(s: Situation) -> bool:
+    """a pull may spread the garment: it is the first fold, the garment was seen flat, `recovery.pulls` are left,
+    and the last pull helped"""
+    return s.spreadable
+
+
+def another_variant(s: Situation) -> bool:
+    """the garment file has a variant of this fold that was not tried"""
+    return s.other_variant
+
+
+def run_tries_used_up(s: Situation) -> bool:
+    """the run was tried again as often as `recovery.attempts_per_run` allows"""
+    return not s.run_tries_left
+
+
+def fold_tries_used_up(s: Situation) -> bool:
+    """the fold was tried again as often as `recovery.attempts_per_step` allows"""
+    return not s.fold_tries_left
+
+
+def repairing(s: Situation) -> bool:
+    """a repair or a pull is in progress: the next one is planned from the next picture"""
+    return s.repairing
+
+
+def cloth_taken(s: Situation) -> bool:
+    """the hands completed the fold or hold cloth: released cloth may lie anywhere"""
+    return s.carried or s.held
+
+
+def not_recognised(s: Situation) -> bool:
+    """the garment was not recognised yet"""
+    return not s.recognised
+
+
+def not_planned(s: Situation) -> bool:
+    """the folds were not planned yet"""
+    return not s.planned
+
+
+def no_trajectory(s: Situation) -> bool:
+    """the arcs of the fold were not chosen yet"""
+    return not s.trajectory
+
+
+def table_unseen(s: Situation) -> bool:
+    """the empty table must be photographed before the garment is laid on it"""
+    return not s.table_seen
+
+
+def unattended(s: Situation) -> bool:
+    """no operator is there"""
+    return not s.attended
