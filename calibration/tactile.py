@@ -15,7 +15,10 @@ import numpy as np
 from calibration.effects import Procedure, TouchReadings, listen, note, touch
 from calibration.table import contact_height, on_table
 from robots.ports import Array, Side, TactileReading
+from skills.grasping.confirm import CONFIRM_READINGS
+from skills.grasping.descend import CONTACT_READINGS
 from skills.grasping.settings import GraspSettings
+from skills.grasping.tare import TARE_READINGS
 from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
@@ -128,7 +131,7 @@ def calibrate_tactile(
         touched = yield from touch(side, x, y)
         if touched.failure:
             return Outcome(failure=touched.failure)
-        detected = _detection(touched.unwrap(), contact, grasp.contact_readings, settings)
+        detected = _detection(touched.unwrap(), contact, CONTACT_READINGS, settings)
         if detected.failure:
             return Outcome(failure=detected.failure)
         stiffness[side], noticed[side] = detected.unwrap()
@@ -189,8 +192,8 @@ def thresholds(
         for name in ("pad_noise", "tip_noise", "pad_drift", "tip_drift")
     }
     k = settings.reserve * settings.sigmas
-    contact = k * worst["tip_noise"] * np.sqrt(1.0 + 1.0 / grasp.tare_readings) + worst["tip_drift"]
-    mean_noise = worst["pad_noise"] * np.sqrt(1.0 / grasp.confirm_readings + 1.0 / grasp.tare_readings)
+    contact = k * worst["tip_noise"] * np.sqrt(1.0 + 1.0 / TARE_READINGS) + worst["tip_drift"]
+    mean_noise = worst["pad_noise"] * np.sqrt(1.0 / CONFIRM_READINGS + 1.0 / TARE_READINGS)
     held = k * mean_noise + settings.reserve * worst["pad_drift"]
     for name, level, highest in (
         ("contact", contact, settings.max_contact),
@@ -261,11 +264,9 @@ def false_contacts(
     span = readings[-1].stamp - readings[0].stamp
     n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0
     for start in range(0, len(tips) - n, n // 2):
-        over = (tips[start : start + n] - tips[start : start + grasp.tare_readings].mean(axis=0)).max(
-            axis=1
-        ) >= contact
-        runs = np.convolve(over, np.ones(grasp.contact_readings), "valid")
-        false += int(runs.max() >= grasp.contact_readings)
+        over = (tips[start : start + n] - tips[start : start + TARE_READINGS].mean(axis=0)).max(axis=1) >= contact
+        runs = np.convolve(over, np.ones(CONTACT_READINGS), "valid")
+        false += int(runs.max() >= CONTACT_READINGS)
         zeros += 1
     return false, zeros
 

@@ -20,12 +20,14 @@ from typing import Any
 
 import numpy as np
 
+from cell.config.cell_settings import load_settings
+from cell.hardware.robot_model import load_robot
 from cell.simulation.noise import load_noise
 from cell.simulation.robot.tactile import SimulatedTactile
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side
 from skills.garments.garment import Garment
-from skills.grasping.confirm import Expectation, Held, LayerCount, confirm, start_confirm
+from skills.grasping.confirm import CONFIRM_READINGS, Expectation, Held, LayerCount, confirm, start_confirm
 from skills.grasping.hand_reading import HandReading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip
@@ -48,7 +50,7 @@ DOUBTS = (1e-4, 1e-3, 0.01, 0.05, 0.2, 0.5, 0.9)
 HELD_FORCES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.0)
 FRACTIONS = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 """DOUBTS, HELD_FORCES, FRACTIONS: detection thresholds for the receiver operating characteristics of "double",
-"missed" and "slipped". The thresholds of a run are the defaults of `GraspSettings`."""
+"missed" and "slipped". The thresholds of a run are those of `cell.yaml`."""
 
 
 class _Hand:
@@ -91,7 +93,8 @@ class _Trial:
 
 def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: int) -> dict[str, Any]:
     """Measure rates and characteristics with `count` seeded trials, at each scale of the sensors' noise."""
-    settings = GraspSettings()
+    shipped = load_settings()
+    settings = shipped.grasp.settings(load_robot(shipped).contact_effort, shipped.gripper.closed_opening)
     figures: dict[str, Any] = {"grasps": count}
     rates: dict[tuple[str, float], tuple[float, float]] = {}
     for scale in SCALES:
@@ -171,7 +174,7 @@ def _recorded(seed: int, scale: float, garments: list[Garment], settings: GraspS
     readings = {}
     for name, (opening, force) in held.items():
         hand.opening, hand.pads = opening, force
-        readings[name] = [hand.read() for _ in range(settings.confirm_readings)]
+        readings[name] = [hand.read() for _ in range(CONFIRM_READINGS)]
     return _Record(trial, pads, readings)
 
 

@@ -19,6 +19,7 @@ from robots.errors import Failure, FailureKind
 from robots.ports import JointState, Side
 from skills.grasping.descend import Contact, DescentGoal, start_descent
 from skills.grasping.hand_reading import GripCommand, HandReading
+from skills.grasping.release import RELEASE_FORCE
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics import ik
@@ -45,7 +46,7 @@ HEADINGS = np.deg2rad([0.0, 90.0, -90.0, 45.0, -45.0, 180.0])
 def touch_table(cell: Workcell, effect: Touch) -> Outcome[TouchReadings]:
     """Move over the point, touch the table, press slowly and rise to the start height. The hand also rises after a
     failure, except after a stop."""
-    cell.hands.command(effect.side, GripCommand(0.0, cell.grasp.release_force))
+    cell.hands.command(effect.side, GripCommand(0.0, RELEASE_FORCE))
     failure = wait(cell.loop, CLOSING_S, cell.hands.recording())
     failure = failure or park_other(cell, effect.side)
     if failure:

@@ -254,14 +254,17 @@ class GraspConfig(_Group):
         description="a tactile calibration file, relative to this file: its thresholds replace those of this group"
     )
 
-    def settings(self) -> GraspSettings:
-        """The skill's settings. Thresholds without a key keep the skill's defaults."""
+    def calibrated(self) -> Self:
+        """The group with the thresholds of its calibration file, if it names one."""
+        return self.model_copy(update=load_tactile_thresholds(self.calibration) if self.calibration else None)
+
+    def settings(self, contact_effort: float, empty_opening: float) -> GraspSettings:
+        """The skill's settings. contact_effort: of the robot's model [Nm]. empty_opening: of its closed, empty
+        gripper [m]."""
         from skills.grasping.settings import GraspSettings, without_tactile
 
-        values = self.model_dump(exclude={"lift_height", "calibration", "tactile"})
-        if self.calibration is not None:
-            values |= load_tactile_thresholds(self.calibration)
-        settings = GraspSettings(**values)
+        values = self.calibrated().model_dump(exclude={"lift_height", "calibration", "tactile"})
+        settings = GraspSettings(**values, contact_effort=contact_effort, empty_opening=empty_opening)
         return settings if self.tactile else without_tactile(settings)
 
 

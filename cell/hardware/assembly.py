@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -72,11 +71,7 @@ def assemble(
         execution=_execution(settings),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
-        grasp=replace(
-            settings.grasp.settings(),
-            contact_effort=robot.contact_effort,
-            empty_opening=settings.gripper.closed_opening,
-        ),
+        grasp=settings.grasp.settings(robot.contact_effort, settings.gripper.closed_opening),
         perception=settings.perception.settings(),
         inspection=settings.inspection.settings(settings.perception),
         library=library.current,

@@ -106,7 +106,7 @@ def _gripper(settings: CellSettings) -> Iterator[Finding]:
     yield Finding("pads", gripper.closed_opening < gripper.opening <= largest, found, "gripper.opening")
     if not settings.grasp.tactile:
         return
-    forces, file = settings.grasp.settings(), settings.grasp.calibration
+    forces, file = settings.grasp.calibrated(), settings.grasp.calibration
     source = "" if file is None else f" ({file.name})"
     for name, limit in (("contact_force", "press_force"), ("held_force", "grip_force")):
         reached, largest = getattr(forces, name), getattr(forces, limit)

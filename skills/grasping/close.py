@@ -13,6 +13,17 @@ from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["CloseState", "Closed", "close", "speed_of", "start_close"]
 
+STILL_WINDOW = 0.12
+"""Time over which the speed of the pads is measured [s]."""
+STILL_SPEED = 0.008
+"""Pads whose opening changes more slowly than this over `STILL_WINDOW` are at rest [m/s]."""
+CLOSE_TIMEOUT = 2.0
+"""Maximum duration of the closing [s]."""
+CLOSE_READINGS = 3
+"""Number of successive readings of the force that end the closing, so that one wrong reading does not."""
+CLOSE_TRAVEL = 0.003
+"""Pads at rest that have moved less than this have not started to close [m]."""
+
 MIN_SAMPLES = 4
 """Minimum number of readings for a speed estimate."""
 
@@ -45,20 +56,20 @@ def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseSt
     """Process the reading of one tick and command the pads to close. `confirm` decides later whether they hold
     cloth.
 
-    Failures: GRIPPER_FAULT when, within `close_timeout`, the pads neither feel force nor come to rest after a
+    Failures: GRIPPER_FAULT when, within `CLOSE_TIMEOUT`, the pads neither feel force nor come to rest after a
     movement; those of `validate_reading`.
     """
     s = state.settings
     command = GripCommand(0.0, s.grip_force)
-    invalid = validate_reading(reading, s)
+    invalid = validate_reading(reading)
     if invalid:
         return command, Outcome(failure=invalid)
     state = _update(reading, state)
     seconds = reading.stamp - state.started
-    if state.pressed_count >= s.close_readings or _at_rest(state):
+    if state.pressed_count >= CLOSE_READINGS or _at_rest(state):
         force = float(state.bias.pads(reading).min())
         return command, Outcome(Closed(reading.gripper.opening, force, seconds))
-    if seconds > s.close_timeout:
+    if seconds > CLOSE_TIMEOUT:
         return command, Outcome(failure=_timeout_failure(reading, state, seconds))
     return command, state
 
@@ -83,7 +94,7 @@ def _update(reading: HandReading, state: CloseState) -> CloseState:
     stamp = reading.gripper.stamp
     if not state.openings or stamp > state.openings[-1][0]:
         openings = (*state.openings, (stamp, reading.gripper.opening))
-        kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
+        kept = tuple(p for p in openings if p[0] > stamp - STILL_WINDOW)
         # The window may contain too few reports of a slow gripper. Then the last MIN_SAMPLES reports are used.
         state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
     return state
@@ -94,12 +105,11 @@ def _pads(reading: HandReading, state: CloseState) -> Array:
 
 
 def _at_rest(state: CloseState) -> bool:
-    s = state.settings
     speed = speed_of(state.openings)
-    if speed is None or state.openings[-1][0] - state.openings[0][0] < 0.7 * s.still_window:
+    if speed is None or state.openings[-1][0] - state.openings[0][0] < 0.7 * STILL_WINDOW:
         return False
     moved = state.start_opening - state.openings[-1][1]
-    return abs(speed) < s.still_speed and moved >= min(s.close_travel, 0.5 * state.start_opening)
+    return abs(speed) < STILL_SPEED and moved >= min(CLOSE_TRAVEL, 0.5 * state.start_opening)
 
 
 def _timeout_failure(reading: HandReading, state: CloseState, seconds: float) -> Failure:

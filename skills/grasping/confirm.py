@@ -19,6 +19,11 @@ from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Confirmation", "Expectation", "Held", "LayerCount", "confirm", "count_layers", "start_confirm"]
 
+CONFIRM_READINGS = 15
+"""Number of readings that are averaged to confirm a grasp, or that a lifted grasp still holds."""
+OPENING_NOISE = 0.0003
+"""Minimum assumed standard deviation of one reading of the opening [m]: twice the usual value."""
+
 MAX_LAYERS = 12
 
 
@@ -90,12 +95,12 @@ def start_confirm(settings: GraspSettings, bias: TactileBias, expected: Expectat
 
 
 def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome[Held]:
-    """Process the reading of one tick. The result follows after `confirm_readings` readings.
+    """Process the reading of one tick. The result follows after `CONFIRM_READINGS` readings.
 
     Failures: MISSED_GRASP (nothing held, or clearly fewer layers than planned), MISSED_LAYER (clearly more layers
     than planned), TACTILE_FAULT (a pad's readings are constant), those of `validate_reading`.
     """
-    invalid = validate_reading(reading, state.settings)
+    invalid = validate_reading(reading)
     if invalid:
         return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
@@ -106,7 +111,7 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
         pads=(*state.pads, state.bias.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
-    if len(state.pads) < state.settings.confirm_readings:
+    if len(state.pads) < CONFIRM_READINGS:
         return state
     dead = dead_pad(reading.tactile.side, np.array(state.pads), state.settings)
     return Outcome(failure=dead) if dead else _evaluate(reading, state)
@@ -129,7 +134,7 @@ def _evaluate(reading: HandReading, state: Confirmation) -> Outcome[Held]:
     s = state.settings
     force = float(np.mean(state.pads, axis=0).min())
     opening = float(np.mean(state.openings))
-    noise = max(s.opening_noise, float(np.std(state.openings, ddof=1)))
+    noise = max(OPENING_NOISE, float(np.std(state.openings, ddof=1)))
     count = count_layers(opening, noise / np.sqrt(len(state.openings)), state.expected.thickness, s)
     values = {
         "force_n": force,

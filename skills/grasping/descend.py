@@ -16,7 +16,37 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
-__all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent"]
+__all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent", "yielding"]
+
+ARM_STIFFNESS = 1500.0
+"""Stiffness of an arm at the hand, along z [N/m]. What it gives way, the hand's own height does not show."""
+TIP_STIFFNESS = 2500.0
+"""Stiffness of a tip's rubber [N/m]."""
+CONTACT_READINGS = 3
+"""Number of successive readings that a contact at the tips needs."""
+
+DESCENT_ACCELERATION = 0.15
+"""Acceleration of the commanded height [m/s2]."""
+PRESS_STIFFNESS = 400.0
+"""Increase of the contact force per height of cloth that the tips have to press flat [N/m]. Terry is assumed
+to need 250."""
+EFFORT_READINGS = 4
+"""Number of successive readings that a contact in the joints needs."""
+EFFORT_TIME = 1.0
+"""Time constant of the effort's running mean [s]. The mean follows slow changes of gravity, but not a
+contact."""
+STALL_LAG = 0.006
+"""If the hand is further than this above its commanded height, the arm may be blocked [m]. With a stiffness
+of 1500 N/m this distance corresponds to a force of 9 N."""
+STALL_WINDOW = 0.10
+"""Time over which the speed of a lagging arm is measured [s]."""
+STALL_SPEED = 0.006
+"""A lagging arm that moves down more slowly than this is blocked [m/s]. An arm that is only late continues to
+move down and catches up."""
+LARGEST_LEAD = 0.010
+"""Maximum distance of the commanded height below the measured one [m]."""
+BOTTOM_WAIT = 1.0
+"""Maximum time for the arm to reach a commanded height that is no longer lowered [s]."""
 
 Track = tuple[tuple[float, float], ...]
 MAX_TIME_STEP = 0.05
@@ -103,7 +133,7 @@ def descend(reading: HandReading, state: DescentState) -> tuple[DescentCommand, 
     Failures: NO_CONTACT at the lower bound, IN_COLLISION on a touch far above the garment, TRACKING_ERROR when the
     arm does not follow, those of `validate_reading`.
     """
-    invalid = validate_reading(reading, state.settings)
+    invalid = validate_reading(reading)
     if invalid:
         return _hold(reading), Outcome(failure=invalid)
     dt = float(np.clip(reading.stamp - state.stamp, 0.0, MAX_TIME_STEP))
@@ -130,13 +160,13 @@ def _update_contacts(reading: HandReading, state: DescentState, dt: float) -> De
     """Count the successive readings with a contact, and update the running mean of the efforts while they show no
     contact."""
     s = state.settings
-    tip_contact = _tip_force(reading, state) >= s.contact_force + s.press_stiffness * state.goal.through
+    tip_contact = _tip_force(reading, state) >= s.contact_force + PRESS_STIFFNESS * state.goal.through
     mean_effort = reading.effort if state.effort is None else state.effort
     effort_contact = bool(np.abs(reading.effort - mean_effort).max() >= s.contact_effort)
     guarded = state.speed <= 1.01 * s.guarded_speed
-    track = _extend_track(state.track, reading, s.stall_window)
-    stalled = guarded and _is_still(track, s) and reading.height - state.target >= s.stall_lag
-    gain = 0.0 if effort_contact else 1.0 - np.exp(-dt / s.effort_time)
+    track = _extend_track(state.track, reading, STALL_WINDOW)
+    stalled = guarded and _is_still(track) and reading.height - state.target >= STALL_LAG
+    gain = 0.0 if effort_contact else 1.0 - np.exp(-dt / EFFORT_TIME)
     return replace(
         state,
         tactile_stamp=reading.tactile.stamp,
@@ -155,20 +185,20 @@ def _extend_track(track: Track, reading: HandReading, window: float) -> Track:
     return track[first:]
 
 
-def _is_still(track: Track, settings: GraspSettings) -> bool:
+def _is_still(track: Track) -> bool:
     """Whether the hand has hardly moved down over the whole window."""
     (begun, top), (now, height) = track[0], track[-1]
-    if now - begun < settings.stall_window:
+    if now - begun < STALL_WINDOW:
         return False
-    return top - height < settings.stall_speed * (now - begun)
+    return top - height < STALL_SPEED * (now - begun)
 
 
 def _check_contact(reading: HandReading, state: DescentState) -> Outcome[Contact] | None:
     s = state.settings
     counts = {
-        "tip": state.tip_count >= s.contact_readings,
-        "effort": state.effort_count >= s.effort_readings,
-        "stall": state.stall_count >= s.effort_readings,
+        "tip": state.tip_count >= CONTACT_READINGS,
+        "effort": state.effort_count >= EFFORT_READINGS,
+        "stall": state.stall_count >= EFFORT_READINGS,
     }
     by = next((name for name, reached in counts.items() if reached), None)
     if by is None:
@@ -192,9 +222,9 @@ def _check_end(reading: HandReading, state: DescentState) -> Outcome[Contact] | 
     if goal.stop is not None and reading.height <= goal.stop:
         return Outcome(Contact(reading.height, "height", _tip_force(reading, state)))
     waited = reading.stamp - state.lowered
-    if reading.height > goal.bottom + BOTTOM_TOLERANCE and waited < state.settings.bottom_wait:
+    if reading.height > goal.bottom + BOTTOM_TOLERANCE and waited < BOTTOM_WAIT:
         return None
-    if reading.height > goal.bottom + state.settings.lead:
+    if reading.height > goal.bottom + LARGEST_LEAD:
         return Outcome(
             failure=Failure(
                 FailureKind.TRACKING_ERROR,
@@ -220,7 +250,15 @@ def _lower_target(reading: HandReading, state: DescentState, dt: float) -> Desce
     end_height = goal.contact if goal.stop is None else max(goal.contact, goal.stop)
     far_above = min(state.target, reading.height) > end_height + s.slow_above
     goal_speed = s.approach_speed if far_above else s.guarded_speed
-    speed = state.speed + float(np.clip(goal_speed - state.speed, -s.acceleration * dt, s.acceleration * dt))
-    target = max(min(state.target, max(state.target - speed * dt, reading.height - s.lead)), goal.bottom)
+    speed = state.speed + float(
+        np.clip(goal_speed - state.speed, -DESCENT_ACCELERATION * dt, DESCENT_ACCELERATION * dt)
+    )
+    target = max(min(state.target, max(state.target - speed * dt, reading.height - LARGEST_LEAD)), goal.bottom)
     lowered = reading.stamp if target < state.target or state.lowered == np.inf else state.lowered
     return replace(state, target=target, lowered=lowered, speed=speed)
+
+
+def yielding(force: float, tips: int) -> float:
+    """Return how far a hand reads too low while the table pushes on one or both of its tips [m]. force: on a tip
+    [N]."""
+    return force * (tips / ARM_STIFFNESS + 1.0 / TIP_STIFFNESS)

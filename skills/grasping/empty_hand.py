@@ -12,8 +12,9 @@ from enum import Enum, auto
 
 import numpy as np
 
-from skills.grasping.close import speed_of
+from skills.grasping.close import CLOSE_TIMEOUT, STILL_SPEED, STILL_WINDOW, speed_of
 from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
+from skills.grasping.release import RELEASE_FORCE, RELEASE_TIMEOUT
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Failure, FailureKind, Outcome
@@ -89,7 +90,7 @@ def check_empty(
     """Process the reading of one tick, while the open hand rises or rests above `EmptyCheck.above`. No command is
     given before the hand is there.
 
-    Pads that neither meet each other nor feel cloth open again after `close_timeout`, or as soon as they rest.
+    Pads that neither meet each other nor feel cloth open again after `CLOSE_TIMEOUT`, or as soon as they rest.
     Readings that cannot be used are passed over. Failure: STUCK_ON_FINGER, with the cloth between the closed pads.
     """
     if state.phase is _Phase.RISING:
@@ -100,14 +101,14 @@ def check_empty(
         after = _closing(reading, state)
         if isinstance(after, Outcome) or after.phase is _Phase.CLOSING:
             low = not reading.height >= state.above + CLEAR
-            return GripCommand(NARROW if low else 0.0, state.settings.release_force), after
+            return GripCommand(NARROW if low else 0.0, RELEASE_FORCE), after
         state = after
     return _opening(reading, state)
 
 
 def _closing(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[Emptied]:
     s = state.settings
-    if validate_reading(reading, s) is None:
+    if validate_reading(reading) is None:
         state = _with(reading, state)
         latest = [opening for _, opening in state.openings[-MET_READINGS:]]
         apart = float(np.mean(latest)) - s.empty_opening
@@ -117,15 +118,14 @@ def _closing(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[Em
             return Outcome(failure=_held(reading, apart))
         if state.pressed == 0 and _at_rest(state):
             return replace(state, phase=_Phase.OPENING, since=reading.stamp)
-    late = reading.stamp - state.since > s.close_timeout
+    late = reading.stamp - state.since > CLOSE_TIMEOUT
     return replace(state, phase=_Phase.OPENING, since=reading.stamp) if late else state
 
 
 def _opening(reading: HandReading, state: EmptyCheck) -> tuple[GripCommand, EmptyCheck | Outcome[Emptied]]:
-    s = state.settings
-    command = GripCommand(state.opening, s.release_force)
-    opened = validate_reading(reading, s) is None and reading.gripper.opening >= OPENED
-    if opened or reading.stamp - state.since > s.release_timeout:
+    command = GripCommand(state.opening, RELEASE_FORCE)
+    opened = validate_reading(reading) is None and reading.gripper.opening >= OPENED
+    if opened or reading.stamp - state.since > RELEASE_TIMEOUT:
         return command, Outcome(Emptied(state.met))
     return command, state
 
@@ -138,18 +138,17 @@ def _with(reading: HandReading, state: EmptyCheck) -> EmptyCheck:
     stamp = reading.gripper.stamp
     if not state.openings or stamp > state.openings[-1][0]:
         openings = (*state.openings, (stamp, reading.gripper.opening))
-        kept = tuple(p for p in openings if p[0] > stamp - s.still_window)
+        kept = tuple(p for p in openings if p[0] > stamp - STILL_WINDOW)
         state = replace(state, openings=kept if len(kept) >= MET_READINGS else openings[-MET_READINGS:])
     return state
 
 
 def _at_rest(state: EmptyCheck) -> bool:
     """Whether the pads have come to rest after they had time to begin to close."""
-    s = state.settings
     speed = speed_of(state.openings)
-    if speed is None or state.openings[-1][0] - state.since < 2.0 * s.still_window:
+    if speed is None or state.openings[-1][0] - state.since < 2.0 * STILL_WINDOW:
         return False
-    return state.openings[-1][0] - state.openings[0][0] >= 0.7 * s.still_window and abs(speed) < s.still_speed
+    return state.openings[-1][0] - state.openings[0][0] >= 0.7 * STILL_WINDOW and abs(speed) < STILL_SPEED
 
 
 def _held(reading: HandReading, apart: float) -> Failure:

@@ -6,10 +6,15 @@ import math
 from dataclasses import dataclass
 
 from robots.ports import GripperState, TactileReading
-from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Array, Failure, FailureKind
 
 __all__ = ["GripCommand", "HandReading", "validate_reading"]
+
+GRIPPER_STALE = 0.50
+"""Maximum age of a gripper state [s]. Electric grippers report at 20 Hz."""
+
+TACTILE_STALE = 0.10
+"""Maximum age of a tactile reading [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +40,12 @@ class GripCommand:
     force: float
 
 
-def validate_reading(reading: HandReading, settings: GraspSettings) -> Failure | None:
+def validate_reading(reading: HandReading) -> Failure | None:
     """Return a failure for an unusable reading: STALE_STATE when a sensor's value is too old; when one is not
     finite, TACTILE_FAULT, GRIPPER_FAULT, or STALE_STATE for the arm's own state. Return None otherwise."""
     for name, stamp, limit in (
-        ("tactile cells", reading.tactile.stamp, settings.tactile_stale),
-        ("gripper", reading.gripper.stamp, settings.gripper_stale),
+        ("tactile cells", reading.tactile.stamp, TACTILE_STALE),
+        ("gripper", reading.gripper.stamp, GRIPPER_STALE),
     ):
         age = reading.stamp - stamp
         if not age <= limit:

@@ -6,13 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skills.grasping.confirm import Held
+from skills.grasping.confirm import CONFIRM_READINGS, Held
 from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["LiftCheck", "check_lift", "start_lift_check"]
+
+KEPT_OPENING = 0.6
+"""Fraction of the confirmed opening that a lifted grasp must keep."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
     Failures: MISSED_GRASP when force or opening has dropped, those of `validate_reading`.
     """
     s = state.settings
-    invalid = validate_reading(reading, s)
+    invalid = validate_reading(reading)
     if invalid:
         return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
@@ -47,12 +50,12 @@ def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[He
         pads=(*state.pads, state.bias.pads(reading)),
         openings=(*state.openings, reading.gripper.opening),
     )
-    if len(state.pads) < s.confirm_readings:
+    if len(state.pads) < CONFIRM_READINGS:
         return state
     force, opening = float(np.mean(state.pads, axis=0).min()), float(np.mean(state.openings))
     force_ratio = force / state.held.grip
     opening_ratio = (opening - s.empty_opening) / (state.held.opening - s.empty_opening)
-    if force_ratio >= s.kept_force and opening_ratio >= s.kept_opening:
+    if force_ratio >= s.kept_force and opening_ratio >= KEPT_OPENING:
         return Outcome(replace(state.held, stamp=reading.stamp, grip=force, opening=opening))
     return Outcome(
         failure=Failure(

@@ -16,6 +16,9 @@ from skills.vocabulary import Array, Failure, FailureKind
 
 __all__ = ["ConstantPads", "dead_pad", "watch_pads"]
 
+LIVE_READINGS = 10
+"""Number of readings by which a pad that became constant during a fold is found."""
+
 _NAMES = ("first", "second")
 
 
@@ -44,14 +47,14 @@ class ConstantPads:
 
 def watch_pads(side: Side, forces: Array, state: ConstantPads, settings: GraspSettings) -> ConstantPads | Failure:
     """Process the forces (2,) of one reading on both pads [N]. Returns TACTILE_FAULT once a pad has given the same
-    force in `settings.live_readings` readings."""
+    force in `LIVE_READINGS` readings."""
     now = tuple(forces.tolist())
     if not state.forces:
         return replace(state, forces=now)
     pairs = zip(now, state.forces, state.counts, strict=True)
     counts = tuple(count + 1 if abs(a - b) < settings.live_noise else 0 for a, b, count in pairs)
     worst = max(counts)
-    if worst >= settings.live_readings:
+    if worst >= LIVE_READINGS:
         dead = counts.index(worst)
         return _failure(side, dead, "pad", now[dead], worst, settings)
     return ConstantPads(now, counts)

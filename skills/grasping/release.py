@@ -5,10 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
-from skills.grasping.settings import GraspSettings
 from skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["ReleaseState", "Released", "release", "start_release"]
+
+RELEASE_FORCE = 10.0
+"""Force with which the pads open [N]."""
+RELEASE_TOLERANCE = 0.002
+"""Pads that open to within this of the command have opened [m]."""
+RELEASE_TIMEOUT = 2.0
+"""Maximum duration of the opening [s]."""
 
 
 @dataclass(frozen=True)
@@ -21,14 +27,13 @@ class Released:
 
 @dataclass(frozen=True, eq=False)
 class ReleaseState:
-    settings: GraspSettings
     opening: float
     started: float
 
 
-def start_release(settings: GraspSettings, opening: float, reading: HandReading) -> ReleaseState:
+def start_release(opening: float, reading: HandReading) -> ReleaseState:
     """Start a release. opening: target [m]; narrow, so that the pads do not push the neighbouring cloth away."""
-    return ReleaseState(settings, opening, reading.stamp)
+    return ReleaseState(opening, reading.stamp)
 
 
 def release(reading: HandReading, state: ReleaseState) -> tuple[GripCommand, ReleaseState | Outcome[Released]]:
@@ -36,16 +41,15 @@ def release(reading: HandReading, state: ReleaseState) -> tuple[GripCommand, Rel
 
     Failures: GRIPPER_FAULT when the pads do not open in time, those of `validate_reading`.
     """
-    s = state.settings
-    command = GripCommand(state.opening, s.release_force)
-    invalid = validate_reading(reading, s)
+    command = GripCommand(state.opening, RELEASE_FORCE)
+    invalid = validate_reading(reading)
     if invalid:
         return command, Outcome(failure=invalid)
     seconds = reading.stamp - state.started
     opening = reading.gripper.opening
-    if opening >= state.opening - s.release_tolerance and reading.gripper.stamp > state.started:
+    if opening >= state.opening - RELEASE_TOLERANCE and reading.gripper.stamp > state.started:
         return command, Outcome(Released(opening, seconds))
-    if seconds <= s.release_timeout:
+    if seconds <= RELEASE_TIMEOUT:
         return command, state
     failure = Failure(
         FailureKind.GRIPPER_FAULT,

@@ -14,10 +14,19 @@ import numpy as np
 
 from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias
+from skills.grasping.tare import TARE_READINGS, TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
 __all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check", "watch_drag"]
+
+STUCK_READINGS = 20
+"""Number of readings that are averaged for the check."""
+STUCK_SIGMAS = 4.5
+"""A force that exceeds its expected error by this factor counts as cloth on the finger, in standard deviations."""
+DRIFT_RATIO = 2.0
+"""Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
+DRIFT_TIME = 120.0
+"""Shortest assumed period of a cell's slow drift [s]."""
 
 
 QUICK = 5
@@ -51,12 +60,11 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
 
     Failures: STUCK_ON_FINGER, those of `validate_reading`.
     """
-    s = state.settings
-    invalid = validate_reading(reading, s)
+    invalid = validate_reading(reading)
     if invalid:
         return Outcome(failure=invalid)
     state = _with(reading, state)
-    if len(state.pads) < s.stuck_readings:
+    if len(state.pads) < STUCK_READINGS:
         return state
     return _judged(reading, state, np.array(state.pads))
 
@@ -76,19 +84,18 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
     Returns STUCK_ON_FINGER if the force on a pad rises: cloth on the finger drags the garment along. Readings that
     cannot be used are passed over.
     """
-    s = state.check.settings
-    if validate_reading(reading, s) is not None:
+    if validate_reading(reading) is not None:
         return state
     check = _with(reading, state.check)
-    if len(check.pads) < s.stuck_readings:
+    if len(check.pads) < STUCK_READINGS:
         return DragWatch(check, state.first)
     if state.first is None:
         bias = replace(check.bias, stamp=reading.stamp)
         return DragWatch(replace(check, bias=bias, pads=()), np.mean(check.pads, axis=0))
-    if len(check.pads) > s.stuck_readings:
-        check = replace(check, pads=check.pads[-s.stuck_readings :])
+    if len(check.pads) > STUCK_READINGS:
+        check = replace(check, pads=check.pads[-STUCK_READINGS:])
     forces = np.array(check.pads)
-    for readings in (QUICK, s.stuck_readings):  # a strong pull at once, a light one after more readings
+    for readings in (QUICK, STUCK_READINGS):  # a strong pull at once, a light one after more readings
         latest = forces[-readings:]
         failure = _judged(reading, check, latest, state.first).failure
         if failure is not None and _lasting(latest - state.first):
@@ -137,9 +144,8 @@ def residual_bound(bias: TactileBias, now: float, settings: GraspSettings, readi
     T has changed by 2 sigma sin(pi t / T) after a time t (root mean square over its phases), and by at most 2
     sigma.
     """
-    s = settings
     cells = bias.cells[0].size
-    phase = min(max((now - bias.stamp) / s.drift_time, 0.0), 0.5)
-    drift = 2.0 * s.drift_ratio * bias.cell_noise * np.sin(np.pi * phase)
-    noise = bias.cell_noise * math.sqrt(1.0 / readings + 1.0 / s.tare_readings)
-    return max(s.stuck_force, s.stuck_sigmas * float(math.sqrt(cells) * np.hypot(drift, noise)))
+    phase = min(max((now - bias.stamp) / DRIFT_TIME, 0.0), 0.5)
+    drift = 2.0 * DRIFT_RATIO * bias.cell_noise * np.sin(np.pi * phase)
+    noise = bias.cell_noise * math.sqrt(1.0 / readings + 1.0 / TARE_READINGS)
+    return max(settings.stuck_force, STUCK_SIGMAS * float(math.sqrt(cells) * np.hypot(drift, noise)))

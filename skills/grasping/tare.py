@@ -19,6 +19,9 @@ from skills.vocabulary import Array, Outcome, frozen
 
 __all__ = ["TactileBias", "TareState", "start_tare", "tare"]
 
+TARE_READINGS = 12
+"""Number of tactile readings averaged into the bias."""
+
 OUTLIER_SIGMAS = 20.0
 """A reading that differs from its cell's median by more than this is an outlier, in standard deviations of the
 noise of all cells together. The limit is high because the noise of single cells differs by factors of up to 5."""
@@ -68,17 +71,17 @@ def start_tare(settings: GraspSettings) -> TareState:
 def tare(reading: HandReading, state: TareState) -> TareState | Outcome[TactileBias]:
     """Process the reading of one tick, with the pads open and unloaded.
 
-    Further readings replace rejected outliers, at most `tare_readings` of them.
+    Further readings replace rejected outliers, at most `TARE_READINGS` of them.
 
     Failures: TACTILE_FAULT for a pad or a fingertip whose readings are constant, those of `validate_reading`.
     """
-    invalid = validate_reading(reading, state.settings)
+    invalid = validate_reading(reading)
     if invalid:
         return Outcome(failure=invalid)
     if reading.tactile.stamp <= state.stamp:
         return state
     cells, tips = (*state.cells, reading.tactile.cells), (*state.tips, reading.tactile.tip)
-    required = state.settings.tare_readings
+    required = TARE_READINGS
     if len(cells) < required:
         return replace(state, stamp=reading.tactile.stamp, cells=cells, tips=tips)
     stack, side = np.array(cells), reading.tactile.side

@@ -10,7 +10,6 @@ from cell.control.motions.hands import Hands
 from robots.errors import Failure
 from robots.ports import JointState, Side
 from skills.grasping.hand_reading import validate_reading
-from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 
 __all__ = ["FingertipForceMonitor"]
@@ -23,8 +22,8 @@ class FingertipForceMonitor:
     strongest: largest force on a tip in all readings so far [N].
     """
 
-    def __init__(self, hands: Hands, settings: GraspSettings, biases: Mapping[Side, TactileBias]) -> None:
-        self._hands, self._settings, self._biases = hands, settings, biases
+    def __init__(self, hands: Hands, biases: Mapping[Side, TactileBias]) -> None:
+        self._hands, self._biases = hands, biases
         self.now = dict.fromkeys(biases, 0.0)
         self.strongest = 0.0
 
@@ -32,7 +31,7 @@ class FingertipForceMonitor:
         """Read the tip forces of all hands. Returns a failure if a force cannot be measured."""
         for side, bias in self._biases.items():
             reading = self._hands.read(side, state)
-            failure = validate_reading(reading, self._settings)
+            failure = validate_reading(reading)
             if failure:
                 return failure
             self.now[side] = float(np.max(reading.tactile.tip - bias.tip))

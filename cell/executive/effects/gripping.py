@@ -27,7 +27,7 @@ from robots.ports import Array, CameraFrame, JointState, Side
 from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
-from skills.grasping.descend import Contact, DescentGoal, start_descent
+from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
@@ -83,7 +83,7 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     contacts = _descend(cell, attempt, fold, settings, lowering, stated)
     if contacts.failure:
         return Result(Event.FAILED, context.with_failure(contacts.failure))
-    monitor = FingertipForceMonitor(cell.hands, cell.grasp, fold.biases)
+    monitor = FingertipForceMonitor(cell.hands, fold.biases)
     # tips that press into the upper layers would take the layers below them, too
     to_table = all(attempt.grasp_of(s).whole_stack(stated) for s in fold.biases)
     depth = PRESS + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
@@ -168,7 +168,7 @@ def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Re
     """Open the pads just wide enough to release the garment."""
     context, hands = context.with_attempt(replace(attempt, carried=True)), cell.hands
     state = cell.ports.arms.state()
-    states = {s: start_release(cell.grasp, RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
+    states = {s: start_release(RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
     opened = each_hand(cell.loop, hands, states, commanding(hands, release))
     if opened.failure:
         return Result(Event.FAILED, context.with_failure(opened.failure))
@@ -231,7 +231,7 @@ def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
     """Return where the table is by the hand's own height [m], from a contact with it. A leaning hand touches it
     with one tip."""
     lower_tip = _lower_tip(cell, posture)
-    return contact.height - lower_tip + cell.grasp.yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
+    return contact.height - lower_tip + yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
 
 
 def _press(

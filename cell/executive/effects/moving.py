@@ -18,6 +18,7 @@ from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from skills.grasping.hand_reading import GripCommand
+from skills.grasping.release import RELEASE_FORCE
 
 __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepare", "reenter", "retreat"]
 
@@ -86,7 +87,7 @@ def _persistent(cell: Workcell, work: Callable[[], Failure | None]) -> Failure |
 def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Move above the grasps. The grasping hands open as wide as in the prediction."""
     for side in attempt.motion.postures:
-        cell.hands.command(side, GripCommand(cell.settings.gripper.opening, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(cell.settings.gripper.opening, RELEASE_FORCE))
     cell.hand_record.forget()
     control = pausable(cell)
     failure = move(cell, attempt.motion.approach, control=control)

@@ -22,6 +22,7 @@ from robots.ports import Array, Side
 from skills.fold_plan.folding import layers_at, outline_of, target_vertices
 from skills.fold_plan.pressing import OPENING, Dab, crease_dabs, press_paths, within_reach
 from skills.grasping.hand_reading import GripCommand
+from skills.grasping.release import RELEASE_FORCE
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
@@ -70,7 +71,7 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
     motion, attempt = plan.motion, replace(attempt, press_tries=attempt.press_tries + 1, claim=None)
     context = context.with_attempt(attempt)
     for side in motion.postures:
-        cell.hands.command(side, GripCommand(OPENING, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(OPENING, RELEASE_FORCE))
     control = pausable(cell)
     failure = move(cell, motion.approach, control=control)
     if failure:
@@ -173,7 +174,7 @@ class _Guard:
     """
 
     def __init__(self, cell: Workcell, biases: Mapping[Side, TactileBias]) -> None:
-        self.monitor = FingertipForceMonitor(cell.hands, cell.grasp, biases)
+        self.monitor = FingertipForceMonitor(cell.hands, biases)
         self.hard_push: Failure | None = None
         self._max_force = cell.settings.pressing.force
 

@@ -18,12 +18,13 @@ from calibration.tactile import (
 )
 from robots.errors import FailureKind
 from robots.ports import Side, TactileReading
-from skills.grasping.settings import GraspSettings
+from skills.grasping.confirm import CONFIRM_READINGS
+from skills.grasping.tare import TARE_READINGS
 from skills.vocabulary import Outcome, Table
+from tests.builders.shipped_settings import GRASP
 from tests.unit.calibration.conftest import run
 from tests.unit.calibration.test_table_calibration import TABLE, press
 
-GRASP = GraspSettings()
 CELL, TIP = 0.01, 0.03
 
 
@@ -88,8 +89,8 @@ def figures(tip_noise: float = TIP, pad_drift: float = 0.0, pad_noise: float = 0
 
 def test_thresholds_are_ten_standard_deviations_of_the_compared_signal() -> None:
     contact, held = thresholds({Side.LEFT: figures()}, GRASP).unwrap()
-    assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / GRASP.tare_readings), abs=1e-3)
-    mean = np.sqrt(1 / GRASP.confirm_readings + 1 / GRASP.tare_readings)
+    assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / TARE_READINGS), abs=1e-3)
+    mean = np.sqrt(1 / CONFIRM_READINGS + 1 / TARE_READINGS)
     assert held == pytest.approx(10 * 0.035 * mean, abs=1e-3)
 
 

@@ -20,6 +20,7 @@ from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side
 from skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
 from skills.grasping.hand_reading import GripCommand, HandReading
+from skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
 from skills.grasping.stuck_on_finger import (
     Clear,
     DragWatch,
@@ -217,11 +218,11 @@ def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
 def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
     """Close the hands and open them as far as at the release, with the force of a release. A hand that was closing
     when the other one felt cloth opens, too."""
-    narrow = RELEASE_OPENING - cell.grasp.release_tolerance
+    narrow = RELEASE_OPENING - RELEASE_TOLERANCE
     others = tuple(s for s in Side if s not in sides and cell.ports.grippers[s].state().opening < narrow)
     for opening, hands in ((0.0, sides), (RELEASE_OPENING, (*sides, *others))):
         for side in hands:
-            cell.hands.command(side, GripCommand(opening, cell.grasp.release_force))
+            cell.hands.command(side, GripCommand(opening, RELEASE_FORCE))
         failure = wait(cell.loop, OPENING_S, cell.hands.recording())
         if failure:
             return failure

@@ -22,6 +22,7 @@ from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side
 from skills.grasping.hand_reading import GripCommand
+from skills.grasping.release import RELEASE_FORCE
 from skills.grasping.settings import GraspSettings
 from skills.motion.moves.retrace import plan_along, share_done
 from skills.vocabulary import Outcome
@@ -126,7 +127,7 @@ def _plan(cell: Workcell, path: Array, tool_speed: float) -> Outcome[ArmTrajecto
 def _release_and_rise(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
     """Open the hands just wide enough to release the cloth, and lift them straight up."""
     for side in sides:
-        cell.hands.command(side, GripCommand(RELEASE_OPENING, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(RELEASE_OPENING, RELEASE_FORCE))
     failure = wait(cell.loop, OPENING_S, cell.hands.recording()) or still_closed(cell)
     if failure:
         return failure

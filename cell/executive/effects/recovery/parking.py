@@ -15,7 +15,8 @@ from cell.executive.effects.checked_motion import move
 from cell.hardware.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Side
-from skills.grasping.hand_reading import GripCommand
+from skills.grasping.hand_reading import GRIPPER_STALE, GripCommand
+from skills.grasping.release import RELEASE_FORCE
 from skills.motion.moves.free_motion import plan_free_motion
 from skills.motion.moves.retrace import plan_along, without_loops
 from skills.motion.moves.retreat import Retreat, plan_retreat
@@ -53,7 +54,7 @@ Way = tuple[tuple[ArmTrajectory, bool], ...]
 def open_hands(cell: Workcell, sides: Collection[Side] = tuple(Side)) -> None:
     for side in sides:
         gripper = cell.ports.grippers[side]
-        cell.hands.command(side, GripCommand(gripper.max_opening, cell.grasp.release_force))
+        cell.hands.command(side, GripCommand(gripper.max_opening, RELEASE_FORCE))
 
 
 def let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPENING_S) -> Failure | None:
@@ -127,7 +128,7 @@ def still_closed(cell: Workcell) -> Failure | None:
     for side, gripper in cell.ports.grippers.items():
         state = gripper.state()
         opening, age = state.opening, cell.ports.clock.now() - state.stamp
-        if not (age <= cell.grasp.gripper_stale and np.isfinite(opening)):
+        if not (age <= GRIPPER_STALE and np.isfinite(opening)):
             return Failure(
                 FailureKind.GRIPPER_FAULT,
                 f"the {side.value} gripper has sent no state for {age:.1f} s: it may hold the garment",

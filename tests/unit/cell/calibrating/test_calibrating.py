@@ -254,7 +254,7 @@ def test_a_camera_file_follows_the_table_to_its_new_height(tmp_path: Path) -> No
 def test_tactile_thresholds_replace_those_of_the_settings(tmp_path: Path) -> None:
     (tmp_path / "tactile.yaml").write_text(tactile_text({"contact_force": 0.41, "held_force": 0.52}))
     (tmp_path / "cell.yaml").write_text("grasp: {calibration: tactile.yaml, grip_force: 12.0}\n")
-    grasp = load_settings(tmp_path / "cell.yaml").grasp.settings()
+    grasp = load_settings(tmp_path / "cell.yaml").grasp.calibrated()
     assert (grasp.contact_force, grasp.held_force, grasp.grip_force) == (0.41, 0.52, 12.0)
 
 

@@ -16,7 +16,6 @@ from cell.hardware.camera import camera_calibration
 from robots.errors import ConfigurationError
 from robots.ros.settings import CameraTopics, RosSettings
 from skills.cloth.pinch import PadGeometry
-from skills.grasping.settings import GraspSettings
 from skills.perception.inspection.inspect import InspectionSettings
 from skills.perception.settings import PerceptionSettings
 
@@ -300,9 +299,7 @@ def test_the_shipped_thresholds_are_those_that_the_skills_were_tested_with() -> 
     settings = load_settings()
     assert settings.perception.settings() == PerceptionSettings()
     assert settings.inspection.settings(settings.perception) == InspectionSettings()
-    assert settings.grasp.settings() == GraspSettings()
     assert settings.gripper.pads == PadGeometry()
-    assert settings.gripper.closed_opening == GraspSettings().empty_opening
     assert settings.ros.settings() == RosSettings()
 
 

@@ -30,15 +30,15 @@ from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array, JointSetpoint, JointState, Ports, Side, arm_slice
 from skills.grasping.descend import DescentGoal, start_descent
 from skills.grasping.hand_reading import validate_reading
-from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
 from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.fakes import FakeCell
 
 K = FailureKind
-LIMITS, GRASP, ONE = ExecutionLimits(), GraspSettings(), np.ones(14)
+LIMITS, ONE = ExecutionLimits(), np.ones(14)
 JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 KINDS = ("trajectory", "hold", "hands", "descent", "press")
 AT = 0.2
@@ -82,7 +82,7 @@ class Bench:
         hands = OverTable(self.ports, robot, table, Recorded())
 
         def watch(tick: Tick) -> Failure | None:
-            return validate_reading(hands.read(Side.LEFT, tick.state), GRASP)
+            return validate_reading(hands.read(Side.LEFT, tick.state))
 
         if kind == "trajectory":
             return stream(self.loop, sweep(), watch, PathControl(commands, JOINTS, JOINTS))
@@ -93,7 +93,7 @@ class Bench:
             return each_hand(self.loop, hands, {Side.LEFT: 0}, counted)
         if kind == "press":
             lowering = {Side.LEFT: Lowering(WAY, TOP, JerkLimiter(0.01))}
-            pushes = FingertipForceMonitor(hands, GRASP, {Side.LEFT: AIR})
+            pushes = FingertipForceMonitor(hands, {Side.LEFT: AIR})
             strokes = {Side.LEFT: (0.01, 0.02)}
             return self.loop.run(
                 lambda start: push_down(hands, self.loop.last_command, start, lowering, strokes, pushes, 25.0)
@@ -109,7 +109,7 @@ class Bench:
 
 def counted(side: Side, reading: Any, ticks: int) -> int | Outcome[int]:
     """A hand controller that works for 0.6 s."""
-    bad = validate_reading(reading, GRASP)
+    bad = validate_reading(reading)
     if bad:
         return Outcome(failure=bad)
     return ticks + 1 if ticks < 60 else Outcome(ticks)

@@ -84,7 +84,8 @@ def test_replay_uses_the_calibrations_of_the_run(tmp_path: Path, since: str) -> 
         (tmp_path / "own" / "fingers.yaml").write_text(tactile_text({"contact_force": 2.0, "held_force": 3.0}))
     settings = restored(tmp_path, folder).settings
     assert settings.table.height == -0.123
-    assert (settings.grasp.settings().contact_force, settings.grasp.settings().held_force) == (0.7, 1.3)
+    grasp = settings.grasp.calibrated()
+    assert (grasp.contact_force, grasp.held_force) == (0.7, 1.3)
 
 
 def test_restored_settings_without_calibrations_are_equal(tmp_path: Path) -> None:

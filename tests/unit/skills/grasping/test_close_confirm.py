@@ -11,12 +11,12 @@ from robots.errors import FailureKind
 from skills.grasping.close import Closed, CloseState, close, speed_of, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, count_layers, start_confirm
 from skills.grasping.lift import check_lift, start_lift_check
-from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 NOMINAL = 0.0025
 N = 200
 

@@ -9,13 +9,21 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.grasping.descend import Contact, DescentGoal, DescentState, descend, start_descent
-from skills.grasping.settings import GraspSettings
+from skills.grasping.descend import (
+    DESCENT_ACCELERATION,
+    LARGEST_LEAD,
+    Contact,
+    DescentGoal,
+    DescentState,
+    descend,
+    start_descent,
+)
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import DescendingHand, SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 TOP = 0.0025
 GOAL = DescentGoal(contact=0.0, bottom=-0.008, through=TOP)
 SEEDS = range(60)
@@ -157,7 +165,7 @@ def test_a_descent_is_fast_in_the_air_and_slow_over_the_cloth() -> None:
     near = np.array(heights[:-2]) < 0.005
     assert speed.max() == pytest.approx(SETTINGS.approach_speed)
     assert speed[near].max() <= SETTINGS.guarded_speed + 1e-9
-    assert np.abs(np.diff(speed)).max() <= SETTINGS.acceleration * 0.01 + 1e-9
+    assert np.abs(np.diff(speed)).max() <= DESCENT_ACCELERATION * 0.01 + 1e-9
 
 
 def test_the_command_stays_near_an_arm_that_does_not_follow() -> None:
@@ -171,7 +179,7 @@ def test_the_command_stays_near_an_arm_that_does_not_follow() -> None:
             if isinstance(state, Outcome):
                 break
             command, state = descend(hand.read(), state)
-            assert command.height >= hand.height - SETTINGS.lead - 1e-12
+            assert command.height >= hand.height - LARGEST_LEAD - 1e-12
         assert isinstance(state, Outcome) and state.failure is not None
         assert state.failure.kind is kind
 

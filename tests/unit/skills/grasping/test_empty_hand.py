@@ -10,12 +10,12 @@ import pytest
 from robots.errors import FailureKind
 from skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
 from skills.grasping.hand_reading import HandReading
-from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 ABOVE, TOP = 0.04, 0.10
 """Height at which the hand closes, and to which it rises [m]."""
 RISE, PADS = 0.25, 0.10

@@ -10,16 +10,24 @@ import pytest
 
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side, TactileReading
-from skills.grasping.confirm import Held, LayerCount
+from skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount
 from skills.grasping.hand_reading import HandReading, validate_reading
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import ReleaseState, release, start_release
-from skills.grasping.settings import GraspSettings
-from skills.grasping.stuck_on_finger import check_stuck, residual_bound, start_stuck_check
+from skills.grasping.stuck_on_finger import (
+    DRIFT_RATIO,
+    DRIFT_TIME,
+    STUCK_READINGS,
+    STUCK_SIGMAS,
+    check_stuck,
+    residual_bound,
+    start_stuck_check,
+)
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 
-S = GraspSettings()
+S = GRASP
 BIAS = TactileBias(0.0, np.zeros((2, 4, 3)), np.zeros(2), 0.01)
 
 
@@ -35,7 +43,7 @@ def reading(now: float = 10.0, pads: tuple[float, float] = (12.0, 12.0), opening
 
 
 def test_a_complete_and_fresh_reading_is_usable() -> None:
-    assert validate_reading(reading(), S) is None
+    assert validate_reading(reading()) is None
 
 
 @pytest.mark.parametrize(
@@ -45,7 +53,7 @@ def test_each_sensor_has_its_own_maximum_age(part: str, name: str, limit: float)
     for age, old in ((0.98 * limit, False), (1.02 * limit, True), (np.nan, True), (np.inf, True)):
         given = reading()
         stale = replace(given, **{part: replace(getattr(given, part), stamp=given.stamp - age)})
-        found = validate_reading(stale, S)
+        found = validate_reading(stale)
         assert (found is not None) is old
         if found is not None:
             assert found.kind is FailureKind.STALE_STATE and name in found.what
@@ -79,14 +87,14 @@ def test_a_hand_reading_without_one_of_its_values_is_a_fault_of_its_sensor(
         "tip": {"tactile": replace(given.tactile, tip=np.array([0.0, wrong]))},
         "effort": {"effort": effort},
     }
-    found = validate_reading(replace(given, **changes[part]), S)
+    found = validate_reading(replace(given, **changes[part]))
     assert found is not None and found.kind is kind and found.hint
 
 
 def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
     """A state from before the command does not show the result of the command."""
     before = reading(opening=0.030)
-    state: ReleaseState | Outcome = start_release(S, 0.030, before)
+    state: ReleaseState | Outcome = start_release(0.030, before)
     for k in range(5):
         assert isinstance(state, ReleaseState)
         late = replace(reading(before.stamp + 0.01 * k), gripper=before.gripper)
@@ -98,13 +106,13 @@ def test_an_open_state_older_than_the_open_command_does_not_count() -> None:
 
 @pytest.mark.parametrize(("short", "opened"), [(0.0019, True), (0.0021, False), (-0.005, True)])
 def test_pads_are_open_within_2_mm_of_the_command(short: float, opened: bool) -> None:
-    state = start_release(S, 0.030, reading())
+    state = start_release(0.030, reading())
     _, after = release(reading(10.01, opening=0.030 - short), state)
     assert isinstance(after, Outcome) is opened
 
 
 def test_pads_that_do_not_open_within_two_seconds_are_a_fault() -> None:
-    state = start_release(S, 0.030, reading())
+    state = start_release(0.030, reading())
     assert isinstance(release(reading(11.99), state)[1], ReleaseState)
     _, late = release(reading(12.01), state)
     assert isinstance(late, Outcome) and late.failure is not None
@@ -121,7 +129,7 @@ def lifted(force: float, opening: float, empty: float) -> Outcome[Held]:
         weak = 10.0 * force
         after = check_lift(reading(10.0 + 0.01 * k, (weak, 2.0 * weak), empty + 0.004 * opening), state)
         if isinstance(after, Outcome):
-            assert k + 1 == S.confirm_readings
+            assert k + 1 == CONFIRM_READINGS
             return after
         state = after
     raise AssertionError("it never ends")
@@ -151,7 +159,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
 ) -> None:
     held = Held(9.0, 10.0, 0.004, LayerCount((0.0, 1.0), 1.0, 0.1))
     state: Any = start_lift_check(S, BIAS, held)
-    for k in range(S.confirm_readings):
+    for k in range(CONFIRM_READINGS):
         share = mean + swing * (k % 3 - 1)
         force, opening = (share, 1.0) if of == "force" else (1.0, share)
         state = check_lift(reading(10.0 + 0.01 * k, (10.0 * force, 20.0), 0.004 * opening), state)
@@ -160,7 +168,7 @@ def test_a_grip_that_swings_after_the_lift_is_judged_by_its_mean(
 
 def test_a_repeated_reading_does_not_count_towards_the_stuck_check() -> None:
     state = check_stuck(reading(), start_stuck_check(S, BIAS))
-    for k in range(2 * S.stuck_readings):
+    for k in range(2 * STUCK_READINGS):
         state = check_stuck(replace(reading(), stamp=10.0 + 0.001 * k), state)
         assert not isinstance(state, Outcome)
 
@@ -171,8 +179,8 @@ def test_the_drift_allowance_grows_until_half_a_period() -> None:
     settings = replace(S, stuck_force=0.0)
     white = np.sqrt(1.0 / 20 + 1.0 / 12)
     for t in (0.0, 10.0, 30.0, 60.0, 90.0, 1e4):
-        wander = 2.0 * S.drift_ratio * np.sin(np.pi * min(t / S.drift_time, 0.5))
-        bound = S.stuck_sigmas * 0.01 * np.sqrt(12.0) * np.hypot(white, wander)
+        wander = 2.0 * DRIFT_RATIO * np.sin(np.pi * min(t / DRIFT_TIME, 0.5))
+        bound = STUCK_SIGMAS * 0.01 * np.sqrt(12.0) * np.hypot(white, wander)
         assert residual_bound(BIAS, t, settings, 20) == pytest.approx(bound)
     assert residual_bound(replace(BIAS, cell_noise=0.0), 60.0, S, 20) == S.stuck_force
 
@@ -181,11 +189,11 @@ def test_the_drift_allowance_grows_until_half_a_period() -> None:
 @pytest.mark.parametrize(("share", "stuck"), [(0.98, False), (1.02, True)])
 def test_cloth_on_either_pad_is_reported_above_the_threshold(pad: int, share: float, stuck: bool) -> None:
     state = start_stuck_check(S, BIAS)
-    weight = share * residual_bound(BIAS, 10.0 + 0.01 * (S.stuck_readings - 1), S, S.stuck_readings)
-    for k in range(S.stuck_readings):
+    weight = share * residual_bound(BIAS, 10.0 + 0.01 * (STUCK_READINGS - 1), S, STUCK_READINGS)
+    for k in range(STUCK_READINGS):
         pads = (weight, -1.0) if pad == 0 else (-1.0, weight)
         after = check_stuck(reading(10.0 + 0.01 * k, pads), state)
-        assert isinstance(after, Outcome) is (k == S.stuck_readings - 1)
+        assert isinstance(after, Outcome) is (k == STUCK_READINGS - 1)
         if not isinstance(after, Outcome):
             state = after
     assert isinstance(after, Outcome) and after.ok is not stuck

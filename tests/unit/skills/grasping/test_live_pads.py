@@ -9,14 +9,15 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.grasping.confirm import Confirmation, Expectation, confirm, start_confirm
-from skills.grasping.live_pads import dead_pad
-from skills.grasping.settings import GraspSettings, without_tactile
+from skills.grasping.live_pads import LIVE_READINGS, dead_pad
+from skills.grasping.settings import without_tactile
 from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
 from skills.grasping.tare import TactileBias, TareState, start_tare, tare
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 
 
 def deadened(reading, pad, value, tips=False):
@@ -95,7 +96,7 @@ def test_a_pad_that_freezes_during_the_fold_is_found_within_a_tenth_of_a_second(
     while isinstance(watch, SlipWatch):
         watch = watch_slip(deadened(hand.read(), 1, frozen), watch)
     assert watch.failure is not None and watch.failure.kind is FailureKind.TACTILE_FAULT
-    assert hand.now - began <= 0.01 * SETTINGS.live_readings + 0.02
+    assert hand.now - began <= 0.01 * LIVE_READINGS + 0.02
 
 
 def test_hands_without_tactile_sensors_are_not_checked():

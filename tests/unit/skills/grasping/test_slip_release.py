@@ -17,9 +17,10 @@ from skills.grasping.slip import NORMAL_DIFFERENCE, SlipWatch, start_slip_watch,
 from skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Failure, Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 THICKNESS = 0.0025
 FOLD_S = 5.0
 N = 200
@@ -320,7 +321,7 @@ def test_a_signal_lost_in_noise_is_ignored() -> None:
 
 
 def let_go(hand: ClosingHand, opening: float) -> Outcome[Released]:
-    state: ReleaseState | Outcome[Released] = start_release(SETTINGS, opening, hand.read())
+    state: ReleaseState | Outcome[Released] = start_release(opening, hand.read())
     while not isinstance(state, Outcome):
         command, state = release(hand.read(), state)
         assert command.opening == opening

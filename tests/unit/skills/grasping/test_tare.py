@@ -9,12 +9,12 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.grasping.hand_reading import validate_reading
-from skills.grasping.settings import GraspSettings
-from skills.grasping.tare import TactileBias, start_tare, tare
+from skills.grasping.tare import TARE_READINGS, TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
 from tests.hands import CELL_NOISE, TIP_NOISE, SensedHand
 
-SETTINGS = GraspSettings()
+SETTINGS = GRASP
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
@@ -37,7 +37,7 @@ def bias_with(hand: SensedHand, leaps: dict[int, tuple[tuple[int, ...], float]],
     """The bias from readings with outliers. leaps: index of a reading -> (cell, error [N]). tip: error of tip 0 in
     the same readings [N]."""
     state = start_tare(SETTINGS)
-    for k in range(10 * SETTINGS.tare_readings):
+    for k in range(10 * TARE_READINGS):
         reading = hand.read()
         if k in leaps:
             cells, tips = reading.tactile.cells.copy(), reading.tactile.tip.copy()
@@ -63,36 +63,36 @@ def test_outlier_readings_do_not_change_bias_and_noise(when: tuple[int, ...], by
 
 def test_tare_accepts_cells_that_never_settle() -> None:
     """One cell is very noisy. The tare ends, and its noise estimate is large."""
-    leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * SETTINGS.tare_readings)}
+    leaps = {k: ((1, 2, 0), 3.0 * (-1) ** k) for k in range(10 * TARE_READINGS)}
     assert bias_with(SensedHand(0), leaps).cell_noise > 0.3
 
 
 def test_without_outliers_the_bias_is_the_mean_of_the_first_readings() -> None:
     hand, again = SensedHand(1, 2.0), SensedHand(1, 2.0)
-    readings = [again.read() for _ in range(SETTINGS.tare_readings)]
+    readings = [again.read() for _ in range(TARE_READINGS)]
     np.testing.assert_array_equal(bias_with(hand, {}).cells, np.mean([r.tactile.cells for r in readings], axis=0))
 
 
 def test_a_repeated_reading_counts_once_in_the_tare() -> None:
     state, reading = start_tare(SETTINGS), SensedHand(0).read()
-    for _ in range(SETTINGS.tare_readings + 1):
+    for _ in range(TARE_READINGS + 1):
         state = tare(reading, state)
     assert not isinstance(state, Outcome) and len(state.cells) == 1
 
 
 def test_unusable_readings_are_refused_with_their_reason() -> None:
     reading = SensedHand(0).read()
-    assert validate_reading(reading, SETTINGS) is None
+    assert validate_reading(reading) is None
     late = replace(reading, stamp=reading.stamp + 0.15)
-    failure = validate_reading(late, SETTINGS)
+    failure = validate_reading(late)
     assert failure is not None and failure.kind is FailureKind.STALE_STATE
     assert failure.values["age_s"] == pytest.approx(0.15)
     slow = replace(reading, gripper=replace(reading.gripper, stamp=reading.stamp - 0.6))
-    assert validate_reading(slow, SETTINGS) is not None
+    assert validate_reading(slow) is not None
     for bad in (np.nan, np.inf):
-        assert validate_reading(replace(reading, height=bad), SETTINGS) is not None
+        assert validate_reading(replace(reading, height=bad)) is not None
         broken = replace(reading, gripper=replace(reading.gripper, opening=bad))
-        failure = validate_reading(broken, SETTINGS)
+        failure = validate_reading(broken)
         assert failure is not None and failure.kind is FailureKind.GRIPPER_FAULT
     timeless = replace(reading, tactile=replace(reading.tactile, stamp=np.nan))
-    assert validate_reading(timeless, SETTINGS) is not None
+    assert validate_reading(timeless) is not None

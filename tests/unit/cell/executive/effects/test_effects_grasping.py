@@ -20,6 +20,7 @@ from cell.states.transition_table import Effect, Event
 from robots.baxter.ros.electric_gripper import FULL_FORCE
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, GripperState, JointState, Side, TactileReading, arm_slice
+from skills.grasping.descend import ARM_STIFFNESS
 from skills.grasping.hand_reading import HandReading
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
@@ -215,7 +216,7 @@ def test_a_leaning_hand_feels_the_table_with_its_lower_tip(monkeypatch: pytest.M
         postures.update({side: replace(posture, pitch=pitch) for side, posture in postures.items()})
         felt.append(EFFECTS[Effect.GRASP](work, context).context.fold.table_contact[Side.LEFT])
     lower_tip = 0.5 * work.settings.gripper.opening * np.sin(0.1)
-    force = (felt[0] - felt[1] - lower_tip) * work.grasp.arm_stiffness
+    force = (felt[0] - felt[1] - lower_tip) * ARM_STIFFNESS
     assert 0.5 < force < 5.0, "of the other tip, which an upright hand has on the table, too"
 
 
@@ -306,7 +307,7 @@ def test_the_push_force_is_relative_to_the_free_fingertip(monkeypatch: pytest.Mo
     air = TactileBias(0.0, np.zeros((2, 4, 3)), np.array([2.0, -1.0]), 0.01)
     right = TactileBias(0.0, np.zeros((2, 4, 3)), np.array([0.5, 0.5]), 0.01)
     work = fake_workcell(FakeCell())
-    pushes = FingertipForceMonitor(work.hands, work.grasp, {Side.LEFT: air, Side.RIGHT: right})
+    pushes = FingertipForceMonitor(work.hands, {Side.LEFT: air, Side.RIGHT: right})
     assert pushes.look(state_of(0.0)) is None
     assert pushes.now == {Side.LEFT: 0.0, Side.RIGHT: 0.0} and pushes.strongest == 0.0
     felt[Side.LEFT] = [2.5, 5.0]
