@@ -15,17 +15,15 @@ import numpy as np
 
 from benchmarks.perception.scenes import TABLE, LabelledScene
 from robots.ports import Array
+from skills.perception.outline import GarmentOutline, polygon_area, resample_closed, rotation, segment_lengths
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.energy import Boundary, EnergyWeights
-from skills.perception.registration.register import RegistrationSettings, fit
+from skills.perception.registration.register import FitSettings, fit
 from skills.perception.segmentation.watershed import segment_watershed
-from skills.perception.template import GarmentOutline, polygon_area
 
 __all__ = ["paper_keypoints"]
 
-SETTINGS = RegistrationSettings(
-    weights=replace(EnergyWeights(), cover=0.0), corners=None, updates=40, reduction=0.01
-)
+SETTINGS = FitSettings(weights=replace(EnergyWeights(), cover=0.0), updates=40, reduction=0.01)
 
 
 def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[str, Array]:
@@ -35,9 +33,7 @@ def paper_keypoints(scene: LabelledScene, garment: GarmentOutline) -> Mapping[st
     found = segment_watershed(seen.rgb, seen.valid)
     if not found.found:
         return {}
-    contour = view.to_table(found.contour)
-    contour = contour if polygon_area(contour) > 0 else contour[::-1]
-    boundary = Boundary(contour)
+    boundary = Boundary(view.to_table(found.contour))
     X, feature, _, _ = fit(_similar(np.asarray(garment.template), boundary.points), boundary, SETTINGS)
     return {garment.keypoints[feature[i]]: X[i] for i in np.flatnonzero(feature >= 0)}
 
@@ -48,8 +44,7 @@ def _similar(template: Array, observed: Array) -> Array:
     scale = np.sqrt(polygon_area(observed) / polygon_area(template))
     turn = _axis(observed) - _axis(template)
     turn = (turn + np.pi / 2) % np.pi - np.pi / 2
-    c, s = np.cos(turn), np.sin(turn)
-    moved = scale * (template - _centre(template)) @ np.array([[c, s], [-s, c]])
+    moved = scale * (template - _centre(template)) @ rotation(turn).T
     return np.asarray(moved + _centre(observed))
 
 
@@ -63,7 +58,4 @@ def _centre(polygon: Array) -> Array:
 
 
 def _even(polygon: Array) -> Array:
-    closed = np.vstack([polygon, polygon[:1]])
-    arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
-    s = np.linspace(0.0, arc[-1], 400, endpoint=False)
-    return np.stack([np.interp(s, arc, closed[:, k]) for k in range(2)], axis=1)
+    return resample_closed(polygon, float(segment_lengths(polygon).sum()) / 400)

@@ -8,11 +8,10 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.classify import Match, polygon_iou
-from skills.perception.registration.energy import segment_lengths
+from skills.perception.outline import GarmentOutline, segment_lengths
 from skills.perception.registration.register import Registration
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.settings import PerceptionSettings
-from skills.perception.template import GarmentOutline
 from skills.vocabulary import Failure, FailureKind
 
 __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]

@@ -17,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area
 from skills.perception.registration.energy import Boundary, EnergyWeights
-from skills.perception.registration.register import RegistrationSettings, bend, best_starts
-from skills.perception.template import GarmentOutline, polygon_area
+from skills.perception.registration.register import FitSettings, best_starts, fit
 
 __all__ = ["Match", "classify", "polygon_iou"]
 
-_STIFF = RegistrationSettings(
+_STIFF = FitSettings(
     weights=EnergyWeights(kappa=0.2, beta=0.05),
     longest=10.0,  # no new vertices: a template bends at its key points only
     shortest=0.0,
     updates=1,
-    candidates=2,
 )
+_CANDIDATES = 2
+"""Number of orientations of a template that are compared."""
 _MIN_OVERLAP = 0.6
 """If the overlap of the unbent template is not above this, the template cannot match and is not bent."""
 _CELL = 0.004
@@ -39,13 +40,12 @@ _CELL = 0.004
 @dataclass(frozen=True)
 class Match:
     """A template compared with the silhouette. iou: intersection over union (0..1) after alignment. scale:
-    observed over nominal size. angle: rotation of the template [rad]."""
+    observed over nominal size."""
 
     name: str
     category: str
     iou: float
     scale: float
-    angle: float
 
 
 def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match, ...]:
@@ -54,9 +54,7 @@ def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match
     The templates are ordered by overlap. Templates with nearly the same overlap (within 0.02, such as towels of
     two sizes) are ordered by similarity of size. The caller decides whether the best match is good enough.
     """
-    contour = np.asarray(contour, dtype=float)
-    if polygon_area(contour) < 0:
-        contour = contour[::-1]
+    contour = counter_clockwise(contour)
     boundary = Boundary(contour, step=0.003, sample_step=0.015)
     matches = [_match(contour, boundary, template) for template in templates]
     best = max((m.iou for m in matches), default=0.0)
@@ -70,17 +68,15 @@ def _sort_key(match: Match, best: float) -> tuple[int, float, str]:
 
 
 def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match:
-    polygon = np.asarray(garment.template, dtype=float)
-    polygon = polygon[::-1] if polygon_area(polygon) < 0 else polygon
+    polygon = counter_clockwise(garment.template)
     scale = float(np.sqrt(polygon_area(contour) / polygon_area(polygon)))
-    iou, angle = 0.0, 0.0
-    for start in best_starts(polygon, boundary, _STIFF):
+    iou = 0.0
+    for start in best_starts(polygon, boundary, _CANDIDATES):
         overlap = polygon_iou(start.polygon, contour)
         if _MIN_OVERLAP < overlap < 0.97:
-            overlap = max(overlap, polygon_iou(bend(start.polygon, boundary, _STIFF), contour))
-        if overlap > iou:
-            iou, angle = overlap, start.angle
-    return Match(garment.name, garment.category, iou, scale, angle)
+            overlap = max(overlap, polygon_iou(fit(start.polygon, boundary, _STIFF)[0], contour))
+        iou = max(iou, overlap)
+    return Match(garment.name, garment.category, iou, scale)
 
 
 def polygon_iou(a: Array, b: Array) -> float:

@@ -11,9 +11,9 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.classify import polygon_iou
+from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area, rotation
 from skills.perception.registration.energy import Boundary
-from skills.perception.registration.register import RegistrationSettings, best_starts
-from skills.perception.template import GarmentOutline, polygon_area
+from skills.perception.registration.register import best_starts
 
 __all__ = ["PosedOutline", "best_poses", "limb_tips", "posed_template"]
 
@@ -39,8 +39,7 @@ class PosedOutline:
 
 def best_poses(contour: Array, garments: Sequence[GarmentOutline]) -> list[GarmentOutline]:
     """Return each garment with the swings of its limbs that fit an observed boundary (n, 2) [m] best."""
-    contour = np.asarray(contour, dtype=float)
-    contour = contour[::-1] if polygon_area(contour) < 0 else contour
+    contour = counter_clockwise(contour)
     boundary = Boundary(contour, step=0.003, sample_step=0.015)
     return [_best_pose(contour, boundary, garment) for garment in garments]
 
@@ -72,8 +71,7 @@ def posed_template(garment: GarmentOutline, swings: Sequence[float]) -> Array:
         away = 0.5 * (template[i] + template[j]) - middle
         side = away - (away @ _axis(template)) * _axis(template)
         sign = 1.0 if limb[0] * side[1] - limb[1] * side[0] > 0 else -1.0
-        c, s = np.cos(sign * swing), np.sin(sign * swing)
-        R = np.array([[c, -s], [s, c]])
+        R = rotation(sign * swing)
         for k in (i, j):
             posed[k] = root + R @ (template[k] - root)
     return posed
@@ -111,6 +109,5 @@ def _best_pose(contour: Array, boundary: Boundary, garment: GarmentOutline) -> G
 
 
 def _overlap(contour: Array, boundary: Boundary, template: Array) -> float:
-    polygon = template[::-1] if polygon_area(template) < 0 else template
-    settings = RegistrationSettings(candidates=2)
-    return max(polygon_iou(start.polygon, contour) for start in best_starts(polygon, boundary, settings))
+    starts = best_starts(counter_clockwise(template), boundary, candidates=2)
+    return max(polygon_iou(start.polygon, contour) for start in starts)

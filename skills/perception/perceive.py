@@ -15,6 +15,7 @@ from skills.perception.candidate import choose_garment, fit_quality, misfit, wan
 from skills.perception.classify import Match, classify, polygon_iou
 from skills.perception.garment_height import garment_height, height_above
 from skills.perception.limb_poses import best_poses
+from skills.perception.outline import GarmentOutline
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
 from skills.perception.registration.details.cloth_picture import ClothPicture
@@ -25,7 +26,6 @@ from skills.perception.segmentation.obstruction import obstructed
 from skills.perception.segmentation.photograph import propose_garments
 from skills.perception.segmentation.segment import methods, segment
 from skills.perception.settings import PerceptionSettings
-from skills.perception.template import GarmentOutline
 from skills.perception.usable_region import unusable
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, GarmentState, Outcome, Table
 
@@ -226,7 +226,7 @@ def _perceive_region(
     if chosen is None or failure is not None:
         return failed(failure or Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
     garment = next(g for g in garments if g.name == chosen.name)
-    registration = register(contour, garment, settings.registration)
+    registration = register(contour, garment)
     cloth = _cloth_picture(picture, segmentation.mask, top)
     registration = refine_by_picture(registration, nominal[garment.name], contour, cloth)
     stages.done("register")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from skills.perception.registration.register import RegistrationSettings
 from skills.perception.segmentation.mask import SegmentationSettings
 
 __all__ = ["PerceptionSettings"]
@@ -21,7 +20,6 @@ class PerceptionSettings:
     pixel: float = 0.002
     method: str = "reference"
     segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     lowest_segmentation: float = 0.5
     litter: float = 0.08
     """Maximum area of other objects on the table, relative to the area of the garment."""

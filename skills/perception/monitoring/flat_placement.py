@@ -16,8 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from skills.fold_plan.corner import Corner
-from skills.perception.registration.energy import resample_closed
-from skills.perception.template import polygon_area
+from skills.perception.outline import counter_clockwise, resample_closed, rotation
 from skills.vocabulary import Array, frozen
 
 __all__ = ["Placement", "convex_corners", "place_outline"]
@@ -60,8 +59,7 @@ class Placement:
 
 def convex_corners(contour: Array) -> tuple[Corner, ...]:
     """Return the convex corners of an outline (n, 2) [m], counter-clockwise."""
-    contour = np.asarray(contour if polygon_area(contour) > 0 else contour[::-1])
-    fine = np.round(contour * 1e4).astype(np.int32)[:, None]
+    fine = np.round(counter_clockwise(contour) * 1e4).astype(np.int32)[:, None]
     polygon = cv2.approxPolyDP(fine, STRAIGHT * 1e4, True)[:, 0] / 1e4
     if len(polygon) < 3:
         return ()
@@ -102,8 +100,7 @@ def place_outline(
         if abs(np.linalg.norm(seen) - np.linalg.norm(lay)) > SAME_LENGTH:
             continue
         turn = np.arctan2(lay[0] * seen[1] - lay[1] * seen[0], lay @ seen)
-        c, s = np.cos(turn), np.sin(turn)
-        R = np.array([[c, -s], [s, c]])
+        R = rotation(turn)
         t = 0.5 * (p.point + q.point) - R @ (0.5 * (a.point + b.point))
         if abs(turn) > MOST_TURNED or np.linalg.norm(R @ middle + t - middle) > FURTHEST:
             continue

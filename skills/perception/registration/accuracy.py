@@ -18,11 +18,10 @@ import numpy as np
 from scipy.special import stdtr
 
 from robots.ports import Array
-from skills.perception.registration.boundary import smooth_closed
+from skills.perception.outline import GarmentOutline, smooth_closed
 from skills.perception.registration.details.picture_refinement import notches
 from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import Registration
-from skills.perception.template import GarmentOutline, polygon_area
 
 __all__ = ["keypoint_sigmas", "probability_within"]
 
@@ -40,7 +39,7 @@ corners are not smooth [m, for a garment of its nominal size]."""
 
 def keypoint_sigmas(registration: Registration, garment: GarmentOutline, contour: Array) -> Mapping[str, float]:
     """Compute the scale of each key point's error: name -> [m]. contour: (n, 2) observed boundary [m]."""
-    boundary = Boundary(contour if polygon_area(contour) > 0 else contour[::-1])
+    boundary = Boundary(contour)
     step = boundary.length / len(boundary.points)
     size = registration.scale
     away = np.linalg.norm(boundary.points - smooth_closed(boundary.points, size * _SMOOTH / step), axis=1)

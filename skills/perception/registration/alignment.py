@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robots.ports import Array
+from skills.perception.outline import rotation
 from skills.perception.registration.energy import Boundary, closest_segments
-from skills.perception.template import polygon_area
 
 __all__ = ["align", "edge_deviation"]
 
@@ -19,10 +19,7 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
     rotating the whole outline. The scale of the weights decreases from 60 mm to 10 mm; it stays larger if the
     misfit is large.
     """
-    if polygon_area(outline) < 0:
-        outline = outline[::-1]
-    target = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.010)
-    source = Boundary(outline, 0.003, 0.010)
+    target, source = Boundary(observed, 0.003, 0.010), Boundary(outline, 0.003, 0.010)
     q = source.samples
     R, t = np.eye(2), _robust_centre(target.points) - _robust_centre(source.points)
     for i in range(iterations):
@@ -40,8 +37,7 @@ def align(outline: Array, observed: Array, iterations: int = 20) -> tuple[Array,
         J = np.column_stack([normals, lever[:, 0] * normals[:, 1] - lever[:, 1] * normals[:, 0]])
         A = (J * weight[:, None]).T @ J + np.diag([1e-6, 1e-6, 1e-6])
         dx, dy, turn = -np.linalg.solve(A, (J * weight[:, None]).T @ r)
-        c, s = np.cos(turn), np.sin(turn)
-        dR = np.array([[c, -s], [s, c]])
+        dR = rotation(turn)
         R, t = dR @ R, dR @ (t - centre) + centre + (dx, dy)
         if max(abs(dx), abs(dy), 0.3 * abs(turn)) < 1e-5 and i > 8:
             break
@@ -54,10 +50,7 @@ def edge_deviation(outline: Array, observed: Array) -> tuple[float, Array]:
     It is positive if the observed boundary lies outside the outline. A deviation counts only as far as 3 cm of
     boundary deviate by at least that much, to the same side.
     """
-    if polygon_area(outline) < 0:
-        outline = outline[::-1]
-    observed_boundary = Boundary(observed if polygon_area(observed) > 0 else observed[::-1], 0.003, 0.005)
-    outline_boundary = Boundary(outline, 0.003, 0.005)
+    observed_boundary, outline_boundary = Boundary(observed, 0.003, 0.005), Boundary(outline, 0.003, 0.005)
     candidates = []
     for samples, other, sign in (
         (observed_boundary.samples, outline_boundary, 1.0),

@@ -10,95 +10,59 @@ nearly straight, the corner stays where the registration put it, with that uncer
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.perception.registration.energy import Boundary
 
-__all__ = ["Bend", "BendSettings", "locate_bend"]
+__all__ = ["PLACE_SIGMA", "locate_bend"]
 
 
-@dataclass(frozen=True)
-class BendSettings:
-    """Lengths [m], angles [rad].
-
-    place_sigma: standard deviation of the place that the registration gives, along the boundary. search: maximum
-    displacement. reach: length of boundary that is used on each side of all places tried. margin: distance that is
-    kept from the next corner. noise: standard deviation of the boundary's points. correlation: length over which
-    their errors are correlated. curvature: standard deviation of d and e [1/m]. turn_sigma: standard deviation of
-    the corner's turn, around the turn in the template. freedom: degrees of freedom of the t-distribution that
-    replaces the normal one, because outlines have wrinkles.
-    """
-
-    place_sigma: float = 0.006
-    search: float = 0.035
-    reach: float = 0.05
-    margin: float = 0.012
-    noise: float = 0.0004
-    correlation: float = 0.02
-    curvature: float = 1.5
-    turn_sigma: float = 0.25
-    freedom: float = 8.0
+PLACE_SIGMA = 0.006  # standard deviation of the place that the registration gives, along the boundary [m]
+_SEARCH = 0.035  # maximum displacement [m]
+_REACH = 0.05  # length of boundary that is used on each side of all places tried [m]
+_MARGIN = 0.012  # distance that is kept from the next corner [m]
+_NOISE = 0.0004  # standard deviation of the boundary's points [m]
+_CORRELATION = 0.02  # length over which their errors are correlated [m]
+_CURVATURE = 1.5  # standard deviation of d and e [1/m]
+_TURN_SIGMA = 0.25  # standard deviation of the corner's turn, around the turn in the template [rad]
+_FREEDOM = 8.0  # degrees of freedom of the t-distribution that replaces the normal one: outlines have wrinkles
 
 
-@dataclass(frozen=True, eq=False)
-class Bend:
-    """place: (2,) on the boundary [m]. sigma: standard deviation of the place along the boundary [m]."""
-
-    place: Array
-    sigma: float
-
-
-def locate_bend(
-    boundary: Boundary,
-    place: Array,
-    before: float,
-    after: float,
-    turn: float,
-    settings: BendSettings | None = None,
-) -> Bend:
-    """Find a blunt corner near `place` (2,) [m].
+def locate_bend(boundary: Boundary, place: Array, before: float, after: float, turn: float) -> tuple[Array, float]:
+    """Find a blunt corner near `place` (2,) [m]. Return its place (2,) on the boundary, and the standard deviation
+    of this place along the boundary [m].
 
     before, after: lengths of boundary to the previous and to the next corner [m]. turn: angle by which the
     template turns at the corner, positive to the left [rad].
     """
-    settings = settings or BendSettings()
     points = boundary.points
     step = boundary.length / len(points)
     start = int(boundary.nearest(place[None])[1][0])
-    reach = settings.search + settings.reach
-    back, ahead = (min(reach, max(length - settings.margin, 0.0)) for length in (before, after))
-    shifts = np.arange(
-        -int(min(settings.search, 0.5 * back) / step), int(min(settings.search, 0.5 * ahead) / step) + 1
-    )
+    back, ahead = (min(_SEARCH + _REACH, max(length - _MARGIN, 0.0)) for length in (before, after))
+    shifts = np.arange(-int(min(_SEARCH, 0.5 * back) / step), int(min(_SEARCH, 0.5 * ahead) / step) + 1)
     first, last = int(back / step), int(ahead / step)
     if min(first, last) < 4:
-        return Bend(points[start].copy(), settings.place_sigma)
+        return points[start].copy(), PLACE_SIGMA
     window = points[(start + np.arange(-first, last + 1)) % len(points)]
     offset = shifts * step
-    log_p = (
-        _log_likelihood(window, first + shifts, turn, step, settings) - 0.5 * (offset / settings.place_sigma) ** 2
-    )
+    log_p = _log_likelihood(window, first + shifts, turn, step) - 0.5 * (offset / PLACE_SIGMA) ** 2
     p = np.exp(log_p - log_p.max())
     p /= p.sum()
     mean = float(p @ offset)
     sigma = float(np.sqrt(p @ (offset - mean) ** 2 + step**2 / 12))
-    return Bend(points[(start + round(mean / step)) % len(points)].copy(), sigma)
+    return points[(start + round(mean / step)) % len(points)].copy(), sigma
 
 
-def _log_likelihood(
-    window: Array, corners: NDArray[np.intp], turn: float, step: float, settings: BendSettings
-) -> Array:
+def _log_likelihood(window: Array, corners: NDArray[np.intp], turn: float, step: float) -> Array:
     """Logarithm of the likelihood (m,) that the corner is at each of the indices `corners` (m,) of the boundary's
     points `window` (n, 2), up to a constant."""
     along = window[-1] - window[0]
     along = along / np.linalg.norm(along)
     x, y = (window - window[0]) @ along, (window - window[0]) @ np.array([-along[1], along[0]])
-    information = step / settings.correlation / settings.noise**2  # of one point, as neighbours are correlated
-    precision = np.array([0.0, 0.0, 1 / settings.turn_sigma**2, *2 * (1 / settings.curvature**2,)])
+    information = step / _CORRELATION / _NOISE**2  # of one point, as neighbours are correlated
+    precision = np.array([0.0, 0.0, 1 / _TURN_SIGMA**2, *2 * (1 / _CURVATURE**2,)])
     expected = np.array([0.0, 0.0, np.tan(turn), 0.0, 0.0])
     z = x - x[corners, None]
     right, left = np.maximum(z, 0.0), np.minimum(z, 0.0)
@@ -108,7 +72,7 @@ def _log_likelihood(
     fitted = np.linalg.solve(H, g[..., None])[..., 0]
     residual = y - (A * fitted[:, None]).sum(axis=2)
     misfit = information * (residual**2).sum(axis=1) + ((fitted - expected) ** 2 * precision).sum(axis=1)
-    independent = len(window) * step / settings.correlation
+    independent = len(window) * step / _CORRELATION
     log_volume = np.linalg.slogdet(H)[1]
-    log_tail = -0.5 * (independent + settings.freedom) * np.log1p(misfit / settings.freedom)
+    log_tail = -0.5 * (independent + _FREEDOM) * np.log1p(misfit / _FREEDOM)
     return np.asarray(log_tail - 0.5 * log_volume)

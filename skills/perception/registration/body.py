@@ -15,54 +15,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.registration.energy import Boundary, closest_segments, segment_lengths
+from skills.perception.outline import rotation, segment_lengths
+from skills.perception.registration.energy import Boundary, closest_segments
 
-__all__ = ["BodySettings", "lay_body"]
-
-
-@dataclass(frozen=True)
-class BodySettings:
-    """Lengths [m].
-
-    agree: if a corner is nearer than this to the place that two other corners predict for it, it agrees with
-    these two. scale: initial scale of Tukey's weights, which decreases to `last_scale`. stretch: maximum ratio of
-    the scales along the two axes.
-    """
-
-    agree: float = 0.02
-    scale: float = 0.02
-    last_scale: float = 0.008
-    normal_reach: float = 0.05
-    iterations: int = 15
-    stretch: float = 1.25
+__all__ = ["lay_body"]
 
 
-def lay_body(
-    template: Array,
-    placed: Array,
-    clear: NDArray[np.bool_],
-    boundary: Boundary,
-    settings: BodySettings | None = None,
-) -> Array | None:
+_AGREE = 0.02
+"""If a corner is nearer than this to the place that two other corners predict for it, it agrees with these two
+[m]."""
+_SCALE, _LAST_SCALE = 0.02, 0.008
+"""Initial and last scale of Tukey's weights [m]."""
+_ITERATIONS = 15
+_STRETCH = 1.25
+"""Maximum ratio of the scales along the two axes."""
+
+
+def lay_body(template: Array, placed: Array, clear: NDArray[np.bool_], boundary: Boundary) -> Array | None:
     """Compute the places (k, 2) [m] of the template's corners (k, 2), counter-clockwise, as if all of them
     belonged to the body. None when fewer than three corners agree, or when the scales along the two axes differ
     too much.
 
     placed: (k, 2) registered corners [m]. clear: (k,), whether a corner is distinct in the outline.
     """
-    settings = settings or BodySettings()
-    body_corners = _consensus(template, placed, clear, settings.agree)
+    body_corners = _consensus(template, placed, clear)
     if np.count_nonzero(body_corners) < 3:
         return None
     pose = _similarity(template[body_corners], placed[body_corners])
     q, normals = boundary.points[::4], boundary.normals[::4]
-    for i in range(settings.iterations):
-        tukey_scale = max(settings.scale * 0.8**i, settings.last_scale)
-        pose = _refined(pose, template, q, normals, tukey_scale, settings)
-    scale = pose.scale
-    if scale.max() > settings.stretch * scale.min():
-        return None
-    return pose.of(template)
+    for i in range(_ITERATIONS):
+        pose = _refined(pose, template, q, normals, max(_SCALE * 0.8**i, _LAST_SCALE))
+    return None if pose.scale.max() > _STRETCH * pose.scale.min() else pose.of(template)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +60,18 @@ class _Pose:
         return np.asarray((points * self.scale) @ self.R.T + self.t)
 
 
-def _rotation(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
 def _similarity(a: Array, b: Array) -> _Pose:
     """Compute the least-squares similarity (rotation, translation, one scale) that maps points a (n, 2) to b
     (n, 2)."""
     from_, to = a - a.mean(axis=0), b - b.mean(axis=0)
     along = float((from_ * to).sum())
     across = float((from_[:, 0] * to[:, 1] - from_[:, 1] * to[:, 0]).sum())
-    R = _rotation(float(np.arctan2(across, along)))
+    R = rotation(float(np.arctan2(across, along)))
     scale = float(np.hypot(along, across) / (from_**2).sum())
     return _Pose(R, np.full(2, scale), b.mean(axis=0) - scale * R @ a.mean(axis=0))
 
 
-def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: float) -> NDArray[np.bool_]:
+def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return a mask (k,) of clear corners that agree on one similarity from template to outline. Of all sets of
     such corners, the one whose edges are longest in total is taken."""
     lengths = segment_lengths(template)
@@ -102,7 +80,7 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
     for n, i in enumerate(clear_indices):
         for j in clear_indices[n + 1 :]:
             pair = _similarity(template[[i, j]], placed[[i, j]])
-            agreeing = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < agree)
+            agreeing = clear & (np.linalg.norm(pair.of(template) - placed, axis=1) < _AGREE)
             # An edge counts only if both its corners agree. A corner between two blunt corners has no such edge,
             # so each agreeing corner also adds a little to the score.
             score = float(lengths[agreeing & np.roll(agreeing, -1)].sum()) + 0.01 * np.count_nonzero(agreeing)
@@ -111,12 +89,10 @@ def _consensus(template: Array, placed: Array, clear: NDArray[np.bool_], agree: 
     return best_set
 
 
-def _refined(
-    pose: _Pose, template: Array, q: Array, normals: Array, tukey_scale: float, settings: BodySettings
-) -> _Pose:
+def _refined(pose: _Pose, template: Array, q: Array, normals: Array, tukey_scale: float) -> _Pose:
     """Improve the pose by one Gauss-Newton step on the distances of points q (m, 2) to the template's edges."""
     X = pose.of(template)
-    segment, t, foot = closest_segments(X, q, normals, settings.normal_reach)
+    segment, t, foot = closest_segments(X, q, normals)
     next_vertex = (segment + 1) % len(X)
     edge = X[next_vertex] - X[segment]
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1, keepdims=True)
@@ -133,4 +109,4 @@ def _refined(
     W = J * weight[:, None]
     dx, dy, turn, across, along = -np.linalg.solve(W.T @ J + 1e-9 * np.eye(5), W.T @ r)
     scale, translation = pose.scale + np.array([across, along]), pose.t + np.array([dx, dy])
-    return _Pose(_rotation(float(turn)) @ pose.R, scale, translation)
+    return _Pose(rotation(float(turn)) @ pose.R, scale, translation)

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.outline import outward_normals, smooth_closed
 
-__all__ = ["outward_normals", "refine_boundary", "smooth_closed"]
+__all__ = ["longest_contour", "refine_boundary", "sample"]
 
 _REACH = 6.0
 """Distance from the mask's boundary up to which the true boundary is searched, on both sides [px]."""
@@ -25,15 +26,14 @@ def refine_boundary(
     any s. The boundary is where a falls through 1/2. If garment and table differ only in brightness, w = G - T.
     table: (H, W, 3) colour of the table without garment; None: the colours outside the mask are used.
     """
-    pixels = _trace(mask)
-    points = smooth_closed(pixels, 2.0)
+    points = smooth_closed(_trace(mask), 2.0)
     normals = outward_normals(points)
     offsets = np.arange(-_REACH, _REACH + 0.25, 0.5)
     positions = points[:, None, :] + offsets[None, :, None] * normals[:, None, :]
-    profile = smooth_closed(_sample(rgb.astype(np.float32) + 8.0, positions), 1.5)
+    profile = smooth_closed(sample(rgb.astype(np.float32) + 8.0, positions), 1.5)
     inside = profile[:, offsets < -3.0].mean(axis=1)
     outside = profile[:, offsets > 3.0].mean(axis=1)
-    beneath = outside[:, None, :] if table is None else smooth_closed(_sample(table, positions), 1.5)
+    beneath = outside[:, None, :] if table is None else smooth_closed(sample(table, positions), 1.5)
     opacity, contrast = _opacity(profile, inside, outside, beneath)
     shift, found = _crossing(opacity, offsets)
     visible = found & (contrast > 6.0)
@@ -41,43 +41,24 @@ def refine_boundary(
     return points + shift[:, None] * normals, float(np.mean(visible))
 
 
-def outward_normals(points: Array) -> Array:
-    """Compute the outward unit normals (n, 2) of a closed contour (n, 2), whether it runs clockwise or not."""
-    tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
-    x, y = points.T
-    area = x @ np.roll(y, -1) - np.roll(x, -1) @ y
-    return np.stack([tangent[:, 1], -tangent[:, 0]], axis=1) * (1.0 if area > 0 else -1.0)
-
-
-def smooth_closed(values: Array, sigma: float) -> Array:
-    """Smooth a closed sequence along its first axis by a Gaussian. sigma: in samples."""
-    reach = int(np.ceil(3 * sigma))
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    kernel /= kernel.sum()
-    if len(values) <= 2 * reach:
-        return values
-    flat: Array = values.reshape(len(values), -1).astype(np.float64)
-    padded = np.concatenate([flat[-reach:], flat, flat[:reach]])
-    smoothed: Array = np.asarray(cv2.filter2D(padded, -1, kernel[:, None]), dtype=np.float64)[reach:-reach]
-    return smoothed.reshape(values.shape)
+def longest_contour(mask: NDArray[np.bool_]) -> Array:
+    """Return the pixels (n, 2) (column, row) along the longest outer boundary of a mask (H, W), which must not be
+    empty."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return max(contours, key=len).reshape(-1, 2).astype(float)
 
 
 def _trace(mask: NDArray[np.bool_]) -> Array:
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    longest = max(contours, key=len).reshape(-1, 2).astype(float)
-    # findContours returns the centres of the outermost pixels; the edge lies half a pixel further out.
-    return longest + 0.5 * outward_normals(smooth_closed(longest, 2.0))
+    pixels = longest_contour(mask)
+    # These are the centres of the outermost pixels; the edge lies half a pixel further out.
+    return pixels + 0.5 * outward_normals(smooth_closed(pixels, 2.0))
 
 
-def _sample(image: NDArray[np.float32], positions: Array) -> Array:
-    return cv2.remap(
-        image,
-        positions[..., 0].astype(np.float32),
-        positions[..., 1].astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    ).astype(float)
+def sample(image: NDArray[np.uint8] | NDArray[np.float32], pixels: Array) -> Array:
+    """Sample an image (H, W) or (H, W, channels) at pixels (n, m, 2), bilinearly; outside the image, the nearest
+    pixel counts. Returns (n, m) or (n, m, channels)."""
+    columns, rows = np.moveaxis(pixels.astype(np.float32), -1, 0)
+    return cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
 
 
 def _opacity(profile: Array, inside: Array, outside: Array, beneath: Array) -> tuple[Array, Array]:

@@ -7,61 +7,38 @@ blunt corner has two estimates: where the registration put it, and where it is r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.registration.bend import BendSettings, locate_bend
-from skills.perception.registration.body import BodySettings, lay_body
-from skills.perception.registration.energy import Boundary, closest_segments, interior_angles, segment_lengths
-from skills.perception.template import polygon_area
+from skills.perception.outline import interior_angles, polygon_area, segment_lengths
+from skills.perception.registration.bend import locate_bend
+from skills.perception.registration.body import lay_body
+from skills.perception.registration.energy import Boundary, closest_segments
 
-__all__ = ["CornerSettings", "least_turn", "set_corners"]
+__all__ = ["NOTCH_ANGLE", "least_turn", "set_corners"]
 
-
+NOTCH_ANGLE = 5.6
+"""A corner with a larger interior angle than this is a notch between two limbs, such as a crotch [rad]."""
+_SHARP = 0.7
+"""A corner is sharp if the sine of its interior angle is at least this, otherwise blunt."""
+_SNAP, _NOTCH = 0.05, 0.25
+"""Maximum displacement of a sharp corner and of a notch [m]."""
+_EDGE, _NOTCH_EDGE = 0.08, 0.16
+"""Length of the edges to which lines are fitted, at a corner and at a notch [m]."""
+_LINE_SIGMA = 0.0025
+"""Standard deviation of the position of a line fitted to an edge, where it meets the other line [m]."""
+_TEMPLATE_SIGMA = 0.004
+"""Standard deviation of the place that the template predicts for a corner from its neighbours [m]."""
+_SMOOTHED = 0.0015
+"""Length that smoothing during segmentation removes from the tip of a very acute corner [m]."""
+_TIP_SIGMA, _NOTCH_SIGMA, _UNMOVED_SIGMA = 0.0016, 0.010, 0.020
+"""Standard deviations of the place of a sharp corner, of a notch, and of a corner that was not relocated [m]."""
 _TIP = 8
 """Number of boundary points, before and after the nearest one, among which the tip of a corner is searched."""
 
 
-@dataclass(frozen=True)
-class CornerSettings:
-    """Lengths [m], angles [rad]."""
-
-    notch_angle: float = 5.6
-    """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch."""
-    sharp: float = 0.7
-    """A corner is sharp if the sine of its interior angle is at least this, otherwise blunt."""
-    snap: float = 0.05
-    """Maximum displacement of a sharp corner."""
-    notch: float = 0.25
-    """Maximum displacement of a notch."""
-    edge: float = 0.08
-    notch_edge: float = 0.16
-    """Length of the edges to which lines are fitted: `edge` at a corner, `notch_edge` at a notch."""
-    line_sigma: float = 0.0025
-    """Standard deviation of the position of a line fitted to an edge, where it meets the other line."""
-    template_sigma: float = 0.004
-    """Standard deviation of the place that the template predicts for a corner from its neighbours."""
-    smoothed: float = 0.0015
-    """Length that smoothing during segmentation removes from the tip of a very acute corner."""
-    normal_reach: float = 0.05
-    tip_sigma: float = 0.0016
-    notch_sigma: float = 0.010
-    unmoved_sigma: float = 0.020
-    """Standard deviations of the place of a sharp corner, of a notch, and of a corner that was not relocated."""
-    body: BodySettings = field(default_factory=BodySettings)
-    bend: BendSettings = field(default_factory=BendSettings)
-
-
-def set_corners(
-    X: Array,
-    feature: NDArray[np.intp],
-    polygon: Array,
-    boundary: Boundary,
-    settings: CornerSettings | None = None,
-) -> tuple[Array, Array]:
+def set_corners(X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary) -> tuple[Array, Array]:
     """Return the registered contour X (n, 2) [m] with its corners relocated, and the standard deviation of the
     place of each corner (c,), in the order of the contour [m].
 
@@ -73,56 +50,49 @@ def set_corners(
     trouser legs is too narrow to be visible, so the intersection itself is used. Because the edges meet there at
     an acute angle, the intersection is uncertain, so the template serves as a prior.
     """
-    settings = settings or CornerSettings()
     moved = X.copy()
     corners = np.flatnonzero(feature >= 0)
-    sigma = np.full(len(corners), settings.unmoved_sigma)
+    sigma = np.full(len(corners), _UNMOVED_SIGMA)
     angles = interior_angles(polygon)[feature[corners]]
     clear = np.sin(angles) ** 2
     shape = polygon[feature[corners]]
     q, normals = boundary.points[::2], boundary.normals[::2]
-    segment, t, _ = closest_segments(X, q, normals, settings.normal_reach)
+    segment, t, _ = closest_segments(X, q, normals)
     point_arc, corner_arc = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
     total = float(segment_lengths(X).sum())
-    blunt = (angles <= settings.notch_angle) & (np.abs(np.sin(angles)) < settings.sharp)
-    body = lay_body(shape, X[corners], clear > 0.5, boundary, settings.body) if blunt.any() else None
+    blunt = (angles <= NOTCH_ANGLE) & (np.abs(np.sin(angles)) < _SHARP)
+    body = lay_body(shape, X[corners], clear > 0.5, boundary) if blunt.any() else None
     for k, vertex in enumerate(corners):
         if blunt[k]:
             # The two estimates have about equal and nearly independent errors, so their mean is used.
             place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
             gaps = (corner_arc[k] - corner_arc[k - 1], corner_arc[(k + 1) % len(corners)] - corner_arc[k])
             before, after = (gap % total for gap in gaps)
-            bend = locate_bend(boundary, place, before, after, np.pi - angles[k], settings.bend)
-            moved[vertex], sigma[k] = bend.place, bend.sigma
+            moved[vertex], sigma[k] = locate_bend(boundary, place, before, after, np.pi - angles[k])
             continue
-        notch = bool(angles[k] > settings.notch_angle)
-        lines = _edge_lines(k, corner_arc, total, q, point_arc, settings.notch_edge if notch else settings.edge)
+        notch = bool(angles[k] > NOTCH_ANGLE)
+        lines = _edge_lines(k, corner_arc, total, q, point_arc, _NOTCH_EDGE if notch else _EDGE)
         if len(lines) < 2:
             continue
         if notch:
-            tip = _map_estimate(lines, _by_template(k, shape, X[corners], clear), settings)
+            tip = _map_estimate(lines, _by_template(k, shape, X[corners], clear))
         else:
             meeting = _intersection(lines)
-            tip = (
-                X[vertex]
-                if meeting is None
-                else _rounded_corner_tip(meeting, lines, angles[k], boundary, settings)
-            )
-        if np.linalg.norm(tip - X[vertex]) <= (settings.notch if notch else settings.snap):
+            tip = X[vertex] if meeting is None else _rounded_corner_tip(meeting, lines, angles[k], boundary)
+        if np.linalg.norm(tip - X[vertex]) <= (_NOTCH if notch else _SNAP):
             moved[vertex] = tip
-            sigma[k] = settings.notch_sigma if notch else settings.tip_sigma
+            sigma[k] = _NOTCH_SIGMA if notch else _TIP_SIGMA
     return moved, sigma
 
 
-def least_turn(corners: Array, angles: Array, boundary: Boundary, settings: CornerSettings | None = None) -> float:
+def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
     """Compute how much the boundary turns at the place of a sharp corner, relative to the turn of this corner in
     the template. Return the smallest ratio over all sharp corners.
 
     corners: (k, 2) [m]. angles: (k,) interior angles of the template [rad]. A ratio near 0 means that the corner
     was placed on a straight part of the boundary. Notches are ignored, because their inside is not visible.
     """
-    settings = settings or CornerSettings()
-    sharp = (np.abs(np.sin(angles)) >= settings.sharp) & (angles <= settings.notch_angle)
+    sharp = (np.abs(np.sin(angles)) >= _SHARP) & (angles <= NOTCH_ANGLE)
     if not sharp.any():
         return 1.0
     n, points = len(boundary.points), boundary.points
@@ -178,14 +148,14 @@ def _by_template(k: int, shape: Array, placed: Array, clear: Array) -> Array:
     return np.asarray(to + R @ (shape[k] - from_))
 
 
-def _map_estimate(lines: list[tuple[Array, Array]], prior: Array, settings: CornerSettings) -> Array:
+def _map_estimate(lines: list[tuple[Array, Array]], prior: Array) -> Array:
     """Compute the maximum a posteriori estimate (2,) of the intersection of two lines, given a prior place.
-    Standard deviations: `line_sigma` for a line, `template_sigma` for the prior."""
-    A, b = np.eye(2) / settings.template_sigma**2, prior / settings.template_sigma**2
+    Standard deviations: `_LINE_SIGMA` for a line, `_TEMPLATE_SIGMA` for the prior."""
+    A, b = np.eye(2) / _TEMPLATE_SIGMA**2, prior / _TEMPLATE_SIGMA**2
     for point, direction in lines:
         normal = np.array([-direction[1], direction[0]])
-        A = A + np.outer(normal, normal) / settings.line_sigma**2
-        b = b + normal * float(normal @ point) / settings.line_sigma**2
+        A = A + np.outer(normal, normal) / _LINE_SIGMA**2
+        b = b + normal * float(normal @ point) / _LINE_SIGMA**2
     return np.asarray(np.linalg.solve(A, b))
 
 
@@ -199,7 +169,7 @@ def _intersection(lines: list[tuple[Array, Array]]) -> Array | None:
 
 
 def _rounded_corner_tip(
-    corner: Array, lines: list[tuple[Array, Array]], angle: float, boundary: Boundary, settings: CornerSettings
+    corner: Array, lines: list[tuple[Array, Array]], angle: float, boundary: Boundary
 ) -> Array:
     """Find the tip (2,) of a round corner: the boundary point that is furthest along the bisector of the edges,
     corrected for the length that the smoothing of the picture removed. corner: (2,) intersection of the edges."""
@@ -209,7 +179,7 @@ def _rounded_corner_tip(
     tip = near[int(np.argmax(near @ outwards))]
     missing = corner - tip
     missing_length = float(np.linalg.norm(missing))
-    removed = settings.smoothed * abs(float(np.cos(0.5 * angle)))
+    removed = _SMOOTHED * abs(float(np.cos(0.5 * angle)))
     return np.asarray(tip + missing * min(1.0, removed / max(missing_length, 1e-9)))
 
 

@@ -22,42 +22,49 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.outline import (
+    counter_clockwise,
+    interior_angles,
+    outward_normals,
+    resample_closed,
+    segment_lengths,
+)
 
 __all__ = [
+    "NORMAL_REACH",
     "Boundary",
     "ContourTerms",
     "EnergyWeights",
+    "closest_segments",
     "contour_terms",
-    "interior_angles",
-    "segment_lengths",
     "solve_damped",
 ]
+
+NORMAL_REACH = 0.05
+"""Distance [m] that is added if a contour segment faces the opposite way to the boundary. It prevents the edge of
+a sleeve from matching the edge of the body."""
 
 
 @dataclass(frozen=True)
 class EnergyWeights:
-    """kappa, beta: the paper's weights [m2]. cover: weight of the second data term (0 gives the paper's energy).
-
-    normal_reach: distance [m] that is added if a contour segment faces the opposite way to the boundary. It
-    prevents the edge of a sleeve from matching the edge of the body.
-    """
+    """kappa, beta: the paper's weights [m2]. cover: weight of the second data term; 0 gives the paper's energy."""
 
     kappa: float = 0.02
     beta: float = 0.01
     cover: float = 1.0
-    normal_reach: float = 0.05
 
 
 class Boundary:
     """The observed boundary: finely resampled points for distances, and coarse samples for E_cover.
 
-    points: (n, 2) [m], counter-clockwise, closed implicitly. A distance is computed from the nearest point of the
-    fine resampling; there is no stored grid of distances.
+    It is made from a polygon (k, 2) [m], which may run in either direction. points: (n, 2) [m], counter-clockwise.
+    Both are closed implicitly. A distance is computed from the nearest point of the fine resampling; there is no
+    stored grid of distances.
     """
 
     def __init__(self, points: Array, step: float = 0.0015, sample_step: float = 0.012) -> None:
-        self.points = resample_closed(points, step)
-        self.normals = _normals(self.points)
+        self.points = resample_closed(counter_clockwise(points), step)
+        self.normals = outward_normals(self.points)
         gaps = np.linalg.norm(np.roll(self.points, -1, axis=0) - self.points, axis=1)
         self._step = float(gaps.max()) + 1e-12
         keep = np.arange(0, len(self.points), max(round(sample_step / step), 1))
@@ -81,36 +88,6 @@ class Boundary:
         distance = np.where(near, along, sign * far)
         radial = offset * (sign / np.maximum(far, 1e-9))[:, None]
         return distance, np.where(near[:, None], normal, radial)
-
-
-def resample_closed(points: Array, step: float) -> Array:
-    """Resample a closed polygon (n, 2) evenly, with points about `step` apart."""
-    closed = np.vstack([points, points[:1]])
-    arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
-    s = np.linspace(0.0, arc[-1], max(round(arc[-1] / step), 8), endpoint=False)
-    return np.stack([np.interp(s, arc, closed[:, 0]), np.interp(s, arc, closed[:, 1])], axis=1)
-
-
-def _normals(points: Array) -> Array:
-    """Compute the outward unit normals (n, 2) of a counter-clockwise contour (n, 2), from the second neighbour on
-    each side."""
-    tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    return np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-
-
-def segment_lengths(X: Array) -> Array:
-    """Lengths (n,) of the closed contour's segments; segment i runs from vertex i to i + 1."""
-    edge = np.concatenate((X[1:], X[:1])) - X
-    return np.asarray(np.sqrt(edge[:, 0] ** 2 + edge[:, 1] ** 2))
-
-
-def interior_angles(X: Array) -> Array:
-    """Interior angles (n,) in (0, 2 pi) of a counter-clockwise contour (n, 2)."""
-    u = np.concatenate((X[1:], X[:1])) - X
-    v = np.concatenate((X[-1:], X[:-1])) - X
-    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    return np.mod(np.arctan2(cross, (u * v).sum(axis=1)), 2 * np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +135,7 @@ def contour_terms(X: Array, reference: Array, boundary: Boundary, weights: Energ
         X, lengths, angles, interior_angles(X), distance, slope, weights.kappa, weights.beta, r, vertex, gradient
     )
     if cover:
-        segment, t, foot = closest_segments(X, q, boundary.sample_normals, weights.normal_reach)
+        segment, t, foot = closest_segments(X, q, boundary.sample_normals)
         scale = float(np.sqrt(weights.cover * boundary.sample_spacing))
         _cover_terms(X, q, segment, t, foot, scale, r[3 * n :], vertex[3 * n :], gradient[3 * n :])
     return ContourTerms(r, vertex, gradient, n)
@@ -276,7 +253,7 @@ def _solve(A, g, damping):  # type: ignore[no-untyped-def]
 
 
 def closest_segments(
-    X: Array, q: Array, normals: Array, normal_reach: float
+    X: Array, q: Array, normals: Array, normal_reach: float = NORMAL_REACH
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Find the nearest point of the contour X (n, 2) for each of the points q (m, 2): its segment (m,), its
     parameter on the segment (m,) and the foot point (m, 2).

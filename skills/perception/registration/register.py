@@ -18,66 +18,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.registration.corners import CornerSettings, least_turn, set_corners
+from skills.perception.outline import (
+    GarmentOutline,
+    counter_clockwise,
+    interior_angles,
+    polygon_area,
+    rotation,
+    segment_lengths,
+    symmetries,
+)
+from skills.perception.registration.corners import NOTCH_ANGLE, least_turn, set_corners
 from skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
     closest_segments,
     contour_terms,
-    interior_angles,
-    segment_lengths,
     solve_damped,
 )
-from skills.perception.template import GarmentOutline, polygon_area, symmetries
 
-__all__ = ["Registration", "RegistrationSettings", "Start", "bend", "best_starts", "fit", "register"]
-
+__all__ = ["FitSettings", "Registration", "Start", "best_starts", "fit", "register"]
 
 _MARGIN = 0.005
 """An orientation is ruled out if its forward distance exceeds twice the smallest one by more than this [m]."""
 
 
+_EQUAL = 0.004
+"""Two orientations whose mean boundary distances differ by less than this are equally good [m]."""
+_STEPS_EACH = 6
+"""Maximum number of Levenberg-Marquardt steps in a round of the fit."""
+
+
 @dataclass(frozen=True)
-class RegistrationSettings:
-    """Lengths [m]. Segments longer than `longest` are split; neighbouring segments that are both shorter than
-    `shortest` are merged."""
+class FitSettings:
+    """How a template is fitted. Lengths [m]. Segments longer than `longest` are split; neighbouring segments that
+    are both shorter than `shortest` are merged."""
 
     weights: EnergyWeights = field(default_factory=EnergyWeights)
     longest: float = 0.06
     shortest: float = 0.015
-    steps_each: int = 6
-    """Maximum number of Levenberg-Marquardt steps in a round."""
     updates: int = 12
     """Maximum number of rounds. After each round, its result becomes the new reference."""
     reduction: float = 0.05
     """The fit ends when a round lowers the energy by less than this fraction."""
-    equal: float = 0.004
-    """Two orientations whose mean boundary distances differ by less than this are equally good [m]."""
-    candidates: int = 3
-    corners: CornerSettings | None = field(default_factory=CornerSettings)
-    """Settings of the final relocation of the corners; None: the corners are not relocated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
     """Result of a registration. keypoints: name -> (2,) [m]. sigmas: name -> standard deviation of this place [m].
-    contour: (n, 2) registered contour,
-    counter-clockwise; it includes the key points [m].
+    contour: (n, 2) registered contour, counter-clockwise; it includes the key points [m].
 
-    energy: final data terms [m3]. residual: root mean square boundary distance [m]. angle: initial rotation of the
-    template [rad]. scale: observed size over the template's size. ambiguous: symmetries of the template, see
-    `symmetries`; if there are any, the orientation nearest to that of the template is chosen. history: energy
-    before the first and after each round. stages: the contours that have these energies. least_turn: see
-    `corners.least_turn`. by_picture: names of the key points that were located in the picture
-    afterwards, see `details`.
+    residual: root mean square boundary distance [m]. scale: observed size over the template's size. ambiguous:
+    symmetries of the template, see `symmetries`; if there are any, the orientation nearest to that of the template
+    is chosen. history: energy [m3] before the first and after each round of the fit. stages: the contours that
+    have these energies. least_turn: see `corners.least_turn`. by_picture: names of the key points that were
+    located in the picture afterwards, see `details`.
     """
 
     keypoints: Mapping[str, Array]
     sigmas: Mapping[str, float]
     contour: Array
-    energy: float
     residual: float
-    angle: float
     scale: float
     ambiguous: tuple[str, ...]
     history: tuple[float, ...]
@@ -96,61 +96,44 @@ class Start:
     distance: float
 
 
-def register(
-    contour: Array, garment: GarmentOutline, settings: RegistrationSettings | None = None
-) -> Registration:
+def register(contour: Array, garment: GarmentOutline) -> Registration:
     """Fit the garment's template to an observed boundary (n, 2) [m], table frame, closed implicitly."""
-    settings = settings or RegistrationSettings()
-    contour = np.asarray(contour, dtype=float)
-    if polygon_area(contour) < 0:
-        contour = contour[::-1]
+    settings = FitSettings()
+    contour = counter_clockwise(contour)
     boundary = Boundary(contour)
-    template = np.asarray(garment.template, dtype=float)
-    clockwise = polygon_area(template) < 0
-    polygon = template[::-1] if clockwise else template
-    names = garment.keypoints[::-1] if clockwise else garment.keypoints
-    unresolved = symmetries(polygon)
-    starts = best_starts(polygon, boundary, settings)
-    fits = [(fit(start.polygon, boundary, settings), start) for start in starts]
-    best, start = min(fits, key=lambda f: _score(f[0][0], f[0][1], polygon, boundary, settings))
-    X, feature, history, stages = best
+    polygon = counter_clockwise(garment.template)
+    names = garment.keypoints[::-1] if polygon_area(garment.template) < 0 else garment.keypoints
+    fits = [fit(start.polygon, boundary, settings) for start in best_starts(polygon, boundary)]
+    X, feature, history, stages = min(fits, key=lambda f: _score(f[0], f[1], polygon, boundary, settings))
     vertices = np.flatnonzero(feature >= 0)
-    sigma = np.full(len(vertices), CornerSettings().unmoved_sigma)
-    if settings.corners is not None:
-        X, sigma = set_corners(X, feature, polygon, boundary, settings.corners)
+    X, sigma = set_corners(X, feature, polygon, boundary)
     sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]
     notch = np.zeros(len(X), bool)
-    notch[vertices] = angles > (settings.corners or CornerSettings()).notch_angle
+    notch[vertices] = angles > NOTCH_ANGLE
     # The boundary at a notch is not visible, so the two segments that end there are excluded.
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
         sigmas={name: sigmas[name] for name in garment.keypoints},
         contour=frozen(X),
-        energy=history[-1],
         residual=float(np.sqrt(np.mean(distance**2))),
-        angle=start.angle,
         scale=float(np.sqrt(polygon_area(contour) / polygon_area(polygon))),
-        ambiguous=unresolved,
+        ambiguous=symmetries(polygon),
         history=tuple(history),
         stages=tuple(frozen(stage) for stage in stages),
-        least_turn=least_turn(X[vertices], angles, boundary, settings.corners),
+        least_turn=least_turn(X[vertices], angles, boundary),
     )
 
 
-def best_starts(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> list[Start]:
-    """Place the template (k, 2), counter-clockwise, in each plausible orientation, best first."""
-    return _plausible(_placements(polygon, boundary), settings)
-
-
-def bend(polygon: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
-    """Bend the placed template onto the boundary, without relocating its corners; the contour is (n, 2) [m]."""
-    return fit(polygon, boundary, settings)[0]
-
-
 # --- where to start ------------------------------------------------------------------------------------
+
+
+def best_starts(polygon: Array, boundary: Boundary, candidates: int = 3) -> list[Start]:
+    """Place the template (k, 2), counter-clockwise, in each plausible orientation, best first, `candidates` at
+    most."""
+    return _plausible(_placements(polygon, boundary))[:candidates]
 
 
 def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
@@ -176,21 +159,19 @@ def _placements(polygon: Array, boundary: Boundary) -> list[Start]:
     return sorted(starts, key=lambda s: s.distance)
 
 
-def _plausible(starts: list[Start], settings: RegistrationSettings) -> list[Start]:
+def _plausible(starts: list[Start]) -> list[Start]:
     """Select the orientations that are worth a full fit.
 
     If two orientations half a turn apart are equally good, the silhouette cannot show which one is right. Only the
     one that is nearer to the template's own orientation is used.
     """
     best = starts[0].distance
-    equal = [s for s in starts if s.distance <= best + settings.equal]
+    equal = [s for s in starts if s.distance <= best + _EQUAL]
     first = min(equal, key=lambda s: (abs(s.angle) > np.deg2rad(91), s.distance))
     half_turned = [s for s in equal if abs(_wrap(s.angle - first.angle)) > np.deg2rad(60)]
     upright = min([first, *half_turned], key=lambda s: round(abs(s.angle), 3))
-    rest = [
-        s for s in starts if s.distance <= 1.6 * best + settings.equal and s not in half_turned and s is not first
-    ]
-    return [upright, *rest][: settings.candidates]
+    rest = [s for s in starts if s.distance <= 1.6 * best + _EQUAL and s not in half_turned and s is not first]
+    return [upright, *rest]
 
 
 def _wrap(angle: float) -> float:
@@ -209,8 +190,7 @@ def _axes(points: Array) -> tuple[float, float]:
 def _place(polygon: Array, angle: float, boundary: Boundary) -> Array:
     """Rotate the template by `angle` [rad], and stretch its extents to the observed ones. The stretch along one
     axis differs from the mean stretch by a quarter at most."""
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[c, -s], [s, c]])
+    R = rotation(angle)
     rotated = boundary.samples @ R
     low, high = rotated.min(axis=0), rotated.max(axis=0)
     extent = np.ptp(polygon, axis=0)
@@ -229,12 +209,12 @@ def _forward_distance(polygon: Array, boundary: Boundary) -> float:
 
 def _reverse_distance(polygon: Array, boundary: Boundary) -> float:
     """Mean distance of the boundary's samples from a placed template [m]."""
-    _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, 0.0)
+    _, _, foot = closest_segments(polygon, boundary.samples, boundary.sample_normals, normal_reach=0.0)
     return float(np.linalg.norm(foot - boundary.samples, axis=1).mean())
 
 
 def _score(
-    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: RegistrationSettings
+    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, settings: FitSettings
 ) -> float:
     """Energy of a finished fit: stretch and bending of its corners relative to the template, and the data
     terms."""
@@ -249,7 +229,7 @@ def _score(
 
 
 def fit(
-    polygon: Array, boundary: Boundary, settings: RegistrationSettings
+    polygon: Array, boundary: Boundary, settings: FitSettings
 ) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
     """Fit a placed template (k, 2) to the boundary.
 
@@ -269,17 +249,17 @@ def fit(
     return X, feature, history, stages
 
 
-def _energy(X: Array, boundary: Boundary, settings: RegistrationSettings) -> float:
+def _energy(X: Array, boundary: Boundary, settings: FitSettings) -> float:
     return contour_terms(X, X, boundary, settings.weights).energy
 
 
-def _levenberg_marquardt(X: Array, boundary: Boundary, settings: RegistrationSettings) -> Array:
+def _levenberg_marquardt(X: Array, boundary: Boundary, settings: FitSettings) -> Array:
     """Move the contour X (n, 2) by a few Levenberg-Marquardt steps, with `X` itself as the reference."""
     reference = X
     terms = contour_terms(X, reference, boundary, settings.weights)
     (A, g), energy = terms.normal_equations(), terms.energy
     damping, growth = 1e-3 * float(A.diagonal().max()), 2.0
-    for _ in range(settings.steps_each):
+    for _ in range(_STEPS_EACH):
         step = -solve_damped(A, g, damping)
         candidate = X + step.reshape(-1, 2)
         terms = contour_terms(candidate, reference, boundary, settings.weights)

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from robots.ports import Array
-from skills.perception.registration.boundary import outward_normals, refine_boundary, smooth_closed
+from skills.perception.outline import outward_normals, smooth_closed
+from skills.perception.registration.boundary import longest_contour, refine_boundary, sample
 from skills.perception.segmentation.mask import Field, Image, Mask, Segmentation, closed, eroded, fill, opened
 
 __all__ = ["propose_garments", "table_distance"]
@@ -165,20 +166,13 @@ def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
 def _score(mask: Mask, lab: Field) -> float:
     """Compute how much a region looks like a garment: the mean step of colour across its outline, up to a clear
     one, times a factor that falls with the outline's raggedness."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    trace = max(contours, key=len).reshape(-1, 2).astype(float)
+    trace = longest_contour(mask)
     line = smooth_closed(trace, 1.5)
     normals = outward_normals(line)
-    step = _colours(lab, line + _REACH * normals) - _colours(lab, line - _REACH * normals)
-    clear = np.minimum(np.linalg.norm(step, axis=1), _CLEAR_STEP) / _CLEAR_STEP
+    outside, inside = sample(lab, np.stack([line + _REACH * normals, line - _REACH * normals]))
+    clear = np.minimum(np.linalg.norm(outside - inside, axis=1), _CLEAR_STEP) / _CLEAR_STEP
     ragged = float(np.mean(np.linalg.norm(line - smooth_closed(trace, 8.0), axis=1)))
     return float(clear.mean()) * float(np.exp(-ragged))
-
-
-def _colours(lab: Field, points: Array) -> Array:
-    x, y = points.T.astype(np.float32)
-    sampled = cv2.remap(lab, x[None], y[None], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled[0], dtype=float)
 
 
 def _cut(rgb: Image, region: Mask, inside: Mask) -> Mask:

@@ -18,10 +18,10 @@ from robots.ports import Array, CameraFrame, frozen
 from skills.fold_plan.corner import Corner
 from skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
 from skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
+from skills.perception.outline import polygon_area
 from skills.perception.perceive import Perception
 from skills.perception.registration.alignment import align
 from skills.perception.segmentation.covered import mean_height
-from skills.perception.template import polygon_area
 from skills.state_estimate.observation import Observation, observe
 from skills.trajectory.arcs.paths import fold_duration
 from skills.vocabulary import GraspTrajectory, Outcome

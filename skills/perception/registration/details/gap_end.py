@@ -17,66 +17,60 @@ from robots.ports import Array
 from skills.perception.registration.details.cloth_picture import ClothPicture
 from skills.perception.registration.details.wedge import Strip, Wedge, WedgePrior, fit_wedge
 
-__all__ = ["HOLLOW", "NARROW", "GapEnd", "GapSettings", "locate_gap_end"]
+__all__ = ["HOLLOW", "NARROW", "GapSettings", "locate_gap_end"]
 
 
 @dataclass(frozen=True)
 class GapSettings:
-    """Lengths [m], for a garment of its nominal size.
+    """What differs between the kinds of gaps. Lengths [m], for a garment of its nominal size.
 
     beyond: the gap is followed this far beyond the first guess into the garment. step: distance of the rows of
     pixels that are looked at, and across: of the pixels of a row; side: half the width of a row. border: pixels
     further than this from the middle of a row show cloth. wide: the wedge is fitted first up to this distance
-    after the place where the gap is wide; tip: and at last up to this distance from its tip.
-
-    contrast: minimum difference of cloth and table [standard deviations of the pattern]; faint: the same [grey
-    levels]; noise: of a pixel's colour [grey levels]. misfit: maximum difference of model and picture (root mean
-    square), relative to the contrast. fair: the uncertainty grows with the misfit beyond this one. place: standard
-    deviation of the first guess along the gap. growth_log, curvature: see `WedgePrior`. width_sigma: standard
-    deviation of the gap's width, because cloth that nearly touches hides the end. sigma: the least one of a tip.
-    round: radius of the rounding of the sewn end. starts: number of start values of the fit.
+    after the place where the gap is wide; tip: and at last up to this distance from its tip. misfit: maximum
+    difference of model and picture (root mean square), relative to the contrast. growth_log, curvature: see
+    `WedgePrior`. round: radius of the rounding of the sewn end. starts: number of start values of the fit.
     """
 
-    beyond: float = 0.08
-    step: float = 0.0025
-    across: float = 0.00125
-    side: float = 0.024
-    border: float = 0.014
-    wide: float = 0.04
-    tip: float = 0.045
-    contrast: float = 1.9
-    faint: float = 10.0
-    noise: float = 2.0
-    misfit: float = 0.50
-    fair: float = 0.15
-    place: float = 0.020
-    growth_log: float = 0.7
-    curvature: float = 0.3
-    width_sigma: float = 0.0005
-    sigma: float = 0.0020
-    round: float = 0.002
-    starts: int = 2
+    beyond: float
+    step: float
+    across: float
+    side: float
+    border: float
+    wide: float
+    tip: float
+    misfit: float
+    growth_log: float
+    curvature: float
+    round: float
+    starts: int
 
 
-NARROW = GapSettings()
+NARROW = GapSettings(
+    beyond=0.08, step=0.0025, across=0.00125, side=0.024, border=0.014, wide=0.04, tip=0.045, misfit=0.50,
+    growth_log=0.7, curvature=0.3, round=0.002, starts=2,
+)  # fmt: skip
 """For the gap between two legs."""
 HOLLOW = GapSettings(
     beyond=0.05, step=0.002, across=0.002, side=0.036, border=0.022, wide=0.02, tip=0.025, misfit=0.60,
-    growth_log=0.2, curvature=2.0, sigma=0.0020, round=0.008, starts=1,
+    growth_log=0.2, curvature=2.0, round=0.008, starts=1,
 )  # fmt: skip
 """For the corner between a sleeve and the body."""
 
-
+_CONTRAST, _FAINT = 1.9, 10.0
+"""Minimum difference of cloth and table [standard deviations of the pattern], and the same [grey levels]."""
+_NOISE = 2.0
+"""Standard deviation of the noise of a pixel's colour [grey levels]."""
+_FAIR = 0.15
+"""The uncertainty grows with the misfit beyond this one."""
+_PLACE_SIGMA = 0.020
+"""Standard deviation of the first guess along the gap [m]."""
+_WIDTH_SIGMA = 0.0005
+"""Standard deviation of the gap's width, because cloth that nearly touches hides the end [m]."""
+_TIP_SIGMA = 0.0020
+"""Least standard deviation of the place of a tip [m]."""
 _DOUBT = 1.5
 """Real errors over those that follow from the curvature of the cost alone."""
-
-
-@dataclass(frozen=True, eq=False)
-class GapEnd:
-    """place: (2,) [m]. sigma: standard deviation of the place [m]."""
-
-    place: Array
-    sigma: float
 
 
 def locate_gap_end(
@@ -86,9 +80,11 @@ def locate_gap_end(
     growth: float,
     settings: GapSettings = NARROW,
     size: float = 1.0,
-) -> GapEnd | None:
-    """Find the end of the gap that runs from `opening` (2,) towards `guess` (2,) [m]. None if the picture does not
-    show it: the pieces of cloth touch, or cloth and table look alike.
+) -> tuple[Array, float] | None:
+    """Find the end of the gap that runs from `opening` (2,) towards `guess` (2,) [m].
+
+    Return its place (2,) and the standard deviation of the place [m]; None if the picture does not show it: the
+    pieces of cloth touch, or cloth and table look alike.
 
     growth: expected growth of the gap's width per length. size: of the garment, relative to the nominal one.
     """
@@ -115,9 +111,9 @@ def locate_gap_end(
         return None
     p = wedge.parameters
     place = guess + size * (p[0] * along + p[1] * across)
-    by_fit = _DOUBT * max(1.0, wedge.misfit / settings.fair) * np.sqrt(wedge.covariance[0, 0])
-    sigma = np.linalg.norm([by_fit, settings.width_sigma / p[3], settings.sigma])
-    return GapEnd(np.asarray(place), float(size * sigma))
+    by_fit = _DOUBT * max(1.0, wedge.misfit / _FAIR) * np.sqrt(wedge.covariance[0, 0])
+    sigma = np.linalg.norm([by_fit, _WIDTH_SIGMA / p[3], _TIP_SIGMA])
+    return np.asarray(place), float(size * sigma)
 
 
 def _segmented(cloth: Array, settings: GapSettings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -141,12 +137,12 @@ def _strip(
     legs = np.full((len(s), 3), np.nan)
     legs[seen] = np.nanmedian(np.where(beside[seen, :, None], colour[seen], np.nan), axis=1)
     pattern = (colour - legs[:, None])[beside & seen[:, None]]
-    scatter = pattern.T @ pattern / len(pattern) + settings.noise**2 * np.eye(3)
+    scatter = pattern.T @ pattern / len(pattern) + _NOISE**2 * np.eye(3)
     whiten = np.linalg.inv(np.linalg.cholesky(scatter))
     contrast = np.linalg.norm((table - legs) @ whiten.T, axis=1)
     usual = float(np.nanmedian(contrast))
-    faint = np.nanmedian(np.linalg.norm(table - legs, axis=1)) < settings.faint
-    if faint or usual < settings.contrast:
+    faint = np.nanmedian(np.linalg.norm(table - legs, axis=1)) < _FAINT
+    if faint or usual < _CONTRAST:
         return None
     whiten = whiten / usual
     legs[~(contrast > 0.3 * usual)] = np.nan
@@ -175,7 +171,7 @@ def _fit(
 ) -> Wedge | None:
     """Fit the wedge up to a distance from where it is wide, and again near its tip, where the edges are
     straight."""
-    prior = WedgePrior(settings.place, growth, settings.growth_log, settings.curvature)
+    prior = WedgePrior(_PLACE_SIGMA, growth, settings.growth_log, settings.curvature)
     seen = np.isfinite(strip.cloth[:, 0])
     used = seen & (strip.s < wide + settings.wide)
     if np.count_nonzero(used) < 8:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.registration.corners import CornerSettings
+from skills.perception.outline import GarmentOutline, interior_angles, polygon_area
+from skills.perception.registration.corners import NOTCH_ANGLE
 from skills.perception.registration.details.cloth_picture import ClothPicture
 from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
 from skills.perception.registration.details.sleeve_seam import locate_seam
-from skills.perception.registration.energy import Boundary, interior_angles
+from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import Registration
-from skills.perception.template import GarmentOutline, polygon_area
 
 __all__ = ["notches", "refine_by_picture"]
 
@@ -53,7 +53,7 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
     """
     lying = np.array([registration.keypoints[name] for name in garment.keypoints])
     angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
-    return tuple(garment.keypoints[k] for k in np.flatnonzero(angles > CornerSettings().notch_angle))
+    return tuple(garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE))
 
 
 def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
@@ -70,7 +70,7 @@ def _set_notches(registration: Registration, garment: GarmentOutline, picture: C
         settings = NARROW if name in narrow else HOLLOW
         end = locate_gap_end(picture, places[name], opening, growth, settings, registration.scale)
         if end is not None:
-            registration = _moved(registration, name, end.place, end.sigma)
+            registration = _moved(registration, name, *end)
         else:
             registration = replace(registration, sigmas={**registration.sigmas, name: _UNSEEN_SIGMA})
     return registration
@@ -83,7 +83,7 @@ def _set_shoulders(
     sides = [side for side in sides if {f"shoulder_{side}", f"armpit_{side}"} <= set(garment.keypoints)]
     if not sides:
         return registration
-    boundary = Boundary(contour if polygon_area(contour) > 0 else contour[::-1])
+    boundary = Boundary(contour)
     for side in sides:
         name = f"shoulder_{side}"
         shoulder, armpit = registration.keypoints[name], registration.keypoints[f"armpit_{side}"]

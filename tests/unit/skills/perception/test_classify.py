@@ -3,7 +3,7 @@ import pytest
 from shapely import Polygon, box
 
 from skills.perception.classify import classify, polygon_iou
-from skills.perception.registration.energy import resample_closed
+from skills.perception.outline import resample_closed
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES, place
 

@@ -6,10 +6,10 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import CameraFrame
 from skills.perception.classify import Match
+from skills.perception.outline import polygon_area
 from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.perceive import perceive
 from skills.perception.settings import PerceptionSettings
-from skills.perception.template import polygon_area
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
 
@@ -119,7 +119,7 @@ def test_a_second_perception_accepts_exactly_what_the_first_one_recognised(calib
 def test_the_second_best_match_is_taken_if_only_its_size_fits(calibration, towels, monkeypatch, overlap, taken):
     """An exception is a match with a much worse overlap, which a second perception would refuse."""
     known = [towels[0], Silhouette("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
-    matches = (Match("medium_towel", "towel", 0.98, 0.7, 0.0), Match("napkin", "napkin", overlap, 1.0, 0.0))
+    matches = (Match("medium_towel", "towel", 0.98, 0.7), Match("napkin", "napkin", overlap, 1.0))
     monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)

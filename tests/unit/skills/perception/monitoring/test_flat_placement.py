@@ -7,7 +7,7 @@ import pytest
 
 from robots.ports import Array
 from skills.perception.monitoring.flat_placement import convex_corners, place_outline
-from skills.perception.registration.energy import resample_closed
+from skills.perception.outline import resample_closed
 
 TOWEL = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from skills.perception.outline import resample_closed
 from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
-from skills.perception.registration.energy import resample_closed
 from skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TOWEL, TOWEL_NAMES

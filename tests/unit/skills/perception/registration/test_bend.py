@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skills.perception.registration.bend import BendSettings, locate_bend
+from skills.perception.registration.bend import PLACE_SIGMA, locate_bend
 from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import register
 from tests.builders.silhouettes import Silhouette
@@ -35,32 +35,32 @@ def _found(boundary, turn, displaced, template_turn=None):
     ("turn", "displaced"), [(20.0, -0.008), (20.0, 0.008), (35.0, -0.015), (35.0, 0.0), (35.0, 0.015)]
 )
 def test_a_bend_is_found_wherever_the_registration_put_it(turn, displaced):
-    bend = _found(outline(np.deg2rad(turn), noise=0.0003), np.deg2rad(turn), displaced)
-    assert np.linalg.norm(bend.place) < 0.005
-    assert bend.sigma < 0.005
+    place, sigma = _found(outline(np.deg2rad(turn), noise=0.0003), np.deg2rad(turn), displaced)
+    assert np.linalg.norm(place) < 0.005
+    assert sigma < 0.005
 
 
 def test_the_corner_between_a_straight_and_a_curved_edge_is_where_they_meet():
     """Such as the armpit of a vest: a straight side and a round armhole."""
     for bow in (-0.01, 0.01):
-        bend = _found(outline(np.deg2rad(35), bow=bow), np.deg2rad(35), 0.012)
-        assert np.linalg.norm(bend.place) < 0.003
+        place, _ = _found(outline(np.deg2rad(35), bow=bow), np.deg2rad(35), 0.012)
+        assert np.linalg.norm(place) < 0.003
 
 
 def test_the_turn_may_differ_from_the_template_s():
-    bend = _found(outline(np.deg2rad(35)), np.deg2rad(35), 0.012, template_turn=np.deg2rad(20))
-    assert np.linalg.norm(bend.place) < 0.003
+    place, _ = _found(outline(np.deg2rad(35)), np.deg2rad(35), 0.012, template_turn=np.deg2rad(20))
+    assert np.linalg.norm(place) < 0.003
 
 
 def test_a_corner_on_a_straight_edge_stays_and_its_place_is_uncertain():
-    bend = _found(outline(0.0, noise=0.0003), 0.0, 0.01)
-    assert abs(bend.place[0] - 0.01) < 0.004
-    assert bend.sigma > 0.7 * BendSettings().place_sigma
+    place, sigma = _found(outline(0.0, noise=0.0003), 0.0, 0.01)
+    assert abs(place[0] - 0.01) < 0.004
+    assert sigma > 0.7 * PLACE_SIGMA
 
 
 def test_a_blunter_bend_is_less_certain():
     sigmas = [
-        _found(outline(np.deg2rad(turn), noise=0.0003), np.deg2rad(turn), 0.0).sigma for turn in (40, 20, 10, 3)
+        _found(outline(np.deg2rad(turn), noise=0.0003), np.deg2rad(turn), 0.0)[1] for turn in (40, 20, 10, 3)
     ]
     assert sigmas == sorted(sigmas)
 

@@ -54,7 +54,7 @@ def test_the_jacobian_agrees_with_finite_differences(seed):
     boundary = Boundary(SQUARE, step=0.0005, sample_step=0.02)
     reference = np.array([[0.21, 0.15], [0.19, 0.31], [-0.19, 0.29], [-0.21, 0.0], [-0.18, -0.31], [0.2, -0.3]])
     X = reference + 0.004 * rng.standard_normal(reference.shape)
-    weights = EnergyWeights(kappa=0.1, beta=0.1, cover=1.0, normal_reach=0.0)
+    weights = EnergyWeights(kappa=0.1, beta=0.1, cover=1.0)
     J = contour_terms(X, reference, boundary, weights).jacobian()
     step = 1e-7
     worst = 0

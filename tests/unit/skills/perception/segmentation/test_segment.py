@@ -4,8 +4,9 @@ import pytest
 
 from cell.hardware.photograph import photographed
 from skills.perception.garment_height import height_above
+from skills.perception.outline import smooth_closed
 from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.boundary import refine_boundary, smooth_closed
+from skills.perception.registration.boundary import refine_boundary
 from skills.perception.segmentation.colour_model import log_colour
 from skills.perception.segmentation.grabcut import segment_grabcut
 from skills.perception.segmentation.reference import segment_plain, segment_reference

@@ -28,7 +28,8 @@ def shirt(dark=0.25, bow=0.012, stripes=0.0, noise=2.0, part=1.0):
     bright = 110 * (1 - dark * line / 255.0) * (1 + stripes * (np.sin(2 * np.pi * points[..., 0] / 0.02) > 0))
     bright = np.where(mask, bright, 200.0)
     rgb = cv2.GaussianBlur(bright, (0, 0), 0.7) + np.random.default_rng(0).normal(0, noise, bright.shape)
-    return ClothPicture(np.clip(np.repeat(rgb[..., None], 3, axis=2), 0, 255).astype(np.uint8), mask, pixels)
+    shown = np.clip(np.repeat(rgb[..., None], 3, axis=2), 0, 255).astype(np.uint8)
+    return ClothPicture(shown, mask, pixels, shown, pixels)
 
 
 def pixels(points):
