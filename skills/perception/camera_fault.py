@@ -1,14 +1,23 @@
-"""Tells pictures that no working camera makes: black, white, frozen, without depth, of the wrong size or place."""
+"""Tells pictures that no working camera makes: black, white, frozen, without depth, of the wrong size or place.
+
+Noise makes any two pictures of one scene differ, so equal pixels mean an old picture: a frozen sensor, or a driver
+that sends its buffer again with a fresh stamp.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from hashlib import blake2b
+
 import numpy as np
+from numpy.typing import NDArray
 
 from skills.perception.rectification.table_view import TableView
+from skills.perception.segmentation.mask import SMALLEST_AREA
 from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
 
-__all__ = ["camera_fault", "same_picture", "table_unseen"]
+__all__ = ["camera_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
 
 
 def camera_fault(
@@ -50,10 +59,9 @@ def camera_fault(
     return None
 
 
-def table_unseen(view: TableView, settings: PerceptionSettings | None = None) -> Failure | None:
+def table_unseen(view: TableView) -> Failure | None:
     """Return CAMERA_FAULT when the visible area of the table is smaller than a garment, else None."""
-    settings = settings or PerceptionSettings()
-    if np.count_nonzero(view.valid) >= settings.segmentation.smallest_area:
+    if np.count_nonzero(view.valid) >= SMALLEST_AREA:
         return None
     return Failure(
         FailureKind.CAMERA_FAULT,
@@ -64,8 +72,7 @@ def table_unseen(view: TableView, settings: PerceptionSettings | None = None) ->
 
 
 def same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
-    """Return CAMERA_FAULT if the picture equals that of the empty table, else None. Real pictures differ by
-    noise."""
+    """Return CAMERA_FAULT if the picture equals that of the empty table, else None."""
     if not np.array_equal(frame.rgb, reference.rgb):
         return None
     return Failure(
@@ -75,9 +82,37 @@ def same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:
 
 
 def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
-    """Whether the camera repeats a picture; noise makes pictures of a still scene differ."""
+    """Whether the camera repeats a picture."""
     if frame is previous or frame.stamp == previous.stamp:
         return False
     return frame.sequence == previous.sequence or (
         np.array_equal(frame.rgb, previous.rgb) and np.array_equal(frame.depth, previous.depth, equal_nan=True)
     )
+
+
+def picture_digests(frame: CameraFrame) -> tuple[str, ...]:
+    """Return a digest of the colours and one of the depth. A picture of one colour, or without depth, has none:
+    such pictures are alike, and other checks refuse them."""
+    digests = []
+    if frame.rgb.min() != frame.rgb.max():
+        digests.append(_digest(frame.rgb))
+    if np.isfinite(frame.depth).any():
+        digests.append(_digest(frame.depth))
+    return tuple(digests)
+
+
+def repeated(frame: CameraFrame, earlier: Iterable[str]) -> Failure | None:
+    """Return CAMERA_FAULT if colours or depth are those of an earlier picture, else None. earlier: the digests of
+    all earlier pictures."""
+    if not set(picture_digests(frame)) & set(earlier):
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT,
+        "the camera sends an old picture again, with a new stamp",
+        "check the camera's cable and driver, then look again",
+        {"sequence": frame.sequence, "stamp_s": frame.stamp},
+    )
+
+
+def _digest(pixels: NDArray) -> str:
+    return blake2b(np.ascontiguousarray(pixels).tobytes(), digest_size=12).hexdigest()

@@ -12,7 +12,7 @@ from skills.perception.outline import GarmentOutline, segment_lengths
 from skills.perception.registration.register import Registration
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.settings import PerceptionSettings
-from skills.vocabulary import Failure, FailureKind
+from skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 
@@ -28,41 +28,35 @@ def wanted_garment(garments: Sequence[GarmentOutline], expected: str | None) -> 
 
 def choose_garment(
     matches: tuple[Match, ...], wanted: GarmentOutline | None, settings: PerceptionSettings
-) -> tuple[Match | None, Failure | None]:
+) -> Outcome[Match]:
+    """Choose the match of the wanted garment, or without one the best match of the right size.
+
+    Failures: UNKNOWN_GARMENT, CATEGORY_MISMATCH.
+    """
     if not matches:
-        return None, None
+        return Outcome(failure=Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
     best = max(matches, key=lambda m: m.iou)
-    values = {"best": best.name, "best_iou": best.iou, "scale": best.scale}
+    values = {"best": best.garment.name, "best_iou": best.iou, "scale": best.scale}
     if best.iou < settings.min_template_iou:
-        return None, Failure(
-            FailureKind.UNKNOWN_GARMENT,
-            f"the silhouette matches no known garment (nearest {best.name}, overlap {best.iou:.2f})",
-            "spread the garment flat, or make a template with `foldcell garment new`",
-            values,
-        )
+        what = f"the silhouette matches no known garment (nearest {best.garment.name}, overlap {best.iou:.2f})"
+        hint = "spread the garment flat, or make a template with `foldcell garment new`"
+        return Outcome(failure=Failure(FailureKind.UNKNOWN_GARMENT, what, hint, values))
     if wanted is None:
         return _match_of_size(matches, best, settings)
-    match = next(m for m in matches if m.name == wanted.name)
-    if best.category != wanted.category and match.iou < best.iou - settings.category_margin:
-        return None, Failure(
-            FailureKind.CATEGORY_MISMATCH,
-            f"expected {wanted.name}, but the silhouette is of category {best.category}",
-            "put the expected garment on the table, or name the right one",
-            {**values, "expected": wanted.name, "expected_iou": match.iou},
-        )
+    match = next(m for m in matches if m.garment.name == wanted.name)
+    hint = "put the expected garment on the table, or name the right one"
+    if best.garment.category != wanted.category and match.iou < best.iou - settings.category_margin:
+        what = f"expected {wanted.name}, but the silhouette is of category {best.garment.category}"
+        values = {**values, "expected": wanted.name, "expected_iou": match.iou}
+        return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, what, hint, values))
     if not _fits_in_size(match, settings):
-        return None, Failure(
-            FailureKind.CATEGORY_MISMATCH,
-            f"expected {wanted.name}, but the garment is {match.scale:.2f} times its size",
-            "put the expected garment on the table, or name the right one",
-            {**values, "expected": wanted.name, "scale": match.scale},
-        )
-    return match, None
+        what = f"expected {wanted.name}, but the garment is {match.scale:.2f} times its size"
+        values = {**values, "expected": wanted.name, "scale": match.scale}
+        return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, what, hint, values))
+    return Outcome(match)
 
 
-def _match_of_size(
-    matches: tuple[Match, ...], best: Match, settings: PerceptionSettings
-) -> tuple[Match | None, Failure | None]:
+def _match_of_size(matches: tuple[Match, ...], best: Match, settings: PerceptionSettings) -> Outcome[Match]:
     """Return the first match whose size fits, among those whose IoU is within `category_margin` of the best;
     otherwise a failure.
 
@@ -70,16 +64,17 @@ def _match_of_size(
     refused for its size by a later perception that expects it.
     """
     near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
-    for match in near:
-        if _fits_in_size(match, settings):
-            return match, None
-    nearest = near[0]
-    return None, Failure(
-        FailureKind.UNKNOWN_GARMENT,
-        f"no known garment has this shape and size (nearest {nearest.name}, "
-        f"but {nearest.scale:.2f} times its size)",
-        "put a known garment on the table, or make a template with `foldcell garment new`",
-        {"best": nearest.name, "best_iou": nearest.iou, "scale": nearest.scale},
+    fitting = next((m for m in near if _fits_in_size(m, settings)), None)
+    if fitting is not None:
+        return Outcome(fitting)
+    nearest, scale = near[0].garment.name, near[0].scale
+    return Outcome(
+        failure=Failure(
+            FailureKind.UNKNOWN_GARMENT,
+            f"no known garment has this shape and size (nearest {nearest}, but {scale:.2f} times its size)",
+            "put a known garment on the table, or make a template with `foldcell garment new`",
+            {"best": nearest, "best_iou": near[0].iou, "scale": scale},
+        )
     )
 
 

@@ -39,11 +39,10 @@ _CELL = 0.004
 
 @dataclass(frozen=True)
 class Match:
-    """A template compared with the silhouette. iou: intersection over union (0..1) after alignment. scale:
-    observed over nominal size."""
+    """A garment's template compared with the silhouette. iou: intersection over union (0..1) after alignment.
+    scale: observed over nominal size."""
 
-    name: str
-    category: str
+    garment: GarmentOutline
     iou: float
     scale: float
 
@@ -63,8 +62,8 @@ def classify(contour: Array, templates: Sequence[GarmentOutline]) -> tuple[Match
 
 def _sort_key(match: Match, best: float) -> tuple[int, float, str]:
     if match.iou >= best - 0.02:
-        return 0, abs(float(np.log(match.scale))), match.name
-    return 1, -match.iou, match.name
+        return 0, abs(float(np.log(match.scale))), match.garment.name
+    return 1, -match.iou, match.garment.name
 
 
 def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match:
@@ -76,7 +75,7 @@ def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match
         if _MIN_OVERLAP < overlap < 0.97:
             overlap = max(overlap, polygon_iou(fit(start.polygon, boundary, _STIFF)[0], contour))
         iou = max(iou, overlap)
-    return Match(garment.name, garment.category, iou, scale)
+    return Match(garment, iou, scale)
 
 
 def polygon_iou(a: Array, b: Array) -> float:

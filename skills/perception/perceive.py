@@ -10,23 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.camera_fault import camera_fault, same_picture, table_unseen
+from skills.perception.camera_fault import camera_fault, same_picture
 from skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
-from skills.perception.classify import Match, classify, polygon_iou
-from skills.perception.garment_height import garment_height, height_above
+from skills.perception.classify import classify, polygon_iou
 from skills.perception.limb_poses import best_poses
 from skills.perception.outline import GarmentOutline
-from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.rectification.heights import garment_height
+from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.accuracy import keypoint_sigmas, probability_within
 from skills.perception.registration.details.cloth_picture import ClothPicture
 from skills.perception.registration.details.picture_refinement import refine_by_picture
 from skills.perception.registration.register import Registration, register
 from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.obstruction import obstructed
 from skills.perception.segmentation.photograph import propose_garments
-from skills.perception.segmentation.segment import methods, segment
+from skills.perception.segmentation.segment import segmentations
 from skills.perception.settings import PerceptionSettings
 from skills.perception.usable_region import unusable
+from skills.perception.views import Views, open_views
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, GarmentState, Outcome, Table
 
 __all__ = ["Perception", "perceive"]
@@ -37,16 +37,15 @@ class Perception:
     """The garment's state for planning, with the intermediate results for the record and the overlay.
 
     garment: name of the garment whose template fits. rgb: (H, W, 3), height: (H, W) above the table [m], mask:
-    (H, W), and the contour of `segmentation` are in `view`'s pixels. matches: all candidates, best first. top:
-    mean height of the garment's upper side above the table [m]. fit: quality of the fit (0..1), see
-    `candidate.fit_quality`. The confidence in `state` is the probability that all key points are accurate.
+    (H, W), and the contour of `segmentation` are in `view`'s pixels. top: mean height of the garment's upper side
+    above the table [m]. fit: quality of the fit (0..1), see `candidate.fit_quality`. The confidence in `state` is
+    the probability that all key points are accurate.
     """
 
     state: GarmentState
     garment: str
     registration: Registration
     segmentation: Segmentation
-    matches: tuple[Match, ...]
     view: TableView
     rgb: NDArray[np.uint8]
     height: NDArray[np.float32]
@@ -95,81 +94,57 @@ def perceive(
     wanted = wanted_garment(garments, expected)
     stages = _StageTimes()
 
-    camera_failure = camera_fault(frame, calibration, previous, settings)
-    if camera_failure is None and reference is not None:
-        camera_failure = camera_fault(reference, calibration, None, settings) or same_picture(frame, reference)
-    if camera_failure is not None:
-        return Outcome(failure=camera_failure, notes=stages.notes)
-    view = TableView(calibration, table, settings.pixel)
-    if (unseen := table_unseen(view, settings)) is not None:
-        return Outcome(failure=unseen, notes=stages.notes)
-    seen = view.rectify(frame)
-    empty = view.rectify(reference) if reference is not None else None
-    if (hidden := obstructed(view, seen, empty)) is not None:
-        return Outcome(failure=hidden, notes=stages.notes)
-    picture = _Picture(view, seen, empty, height_above(seen, empty), frame.rgb)
+    if reference is not None:
+        fault = camera_fault(reference, calibration, None, settings) or same_picture(frame, reference)
+        if fault is not None:
+            return Outcome(failure=fault, notes=stages.notes)
+    opened = open_views(frame, calibration, table, reference, previous, settings)
+    if opened.failure is not None:
+        return Outcome(failure=opened.failure, notes=stages.notes)
+    views = opened.unwrap()
     stages.done("view")
-    looks = _looks(picture, garments, wanted, settings, stages)
+    looks = (
+        _perceive_region(segmentation, method, views, garments, wanted, settings, stages)
+        for method, segmentation in _regions(views, settings, stages)
+    )
     decided = _best(looks, settings)
     if on_region is not None:
-        on_region(view, decided.region.segmentation)
+        on_region(views.view, decided.segmentation)
     return decided.outcome
 
 
-@dataclass(frozen=True, eq=False)
-class _Picture:
-    """The input of the stages. seen: the rectified picture. empty: that of the empty table, or None. height:
-    (H, W) above the table [m]. photo: (rows, columns, 3), as the camera took it."""
-
-    view: TableView
-    seen: RectifiedView
-    empty: RectifiedView | None
-    height: NDArray[np.float32]
-    photo: NDArray[np.uint8]
-
-
-@dataclass(frozen=True, eq=False)
-class _Region:
-    """A region that may be the garment. proposed: by `propose_garments`."""
-
-    segmentation: Segmentation
-    method: str
-    proposed: bool = False
+_PROPOSAL = "proposal"
+"""Name of the method that proposes regions in a photograph (`propose_garments`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    region: _Region
+    """What one region gives that may be the garment. method: by which it was found."""
+
+    segmentation: Segmentation
+    method: str
     outcome: Outcome[Perception]
 
     @property
-    def fit(self) -> float:
-        return self.outcome.unwrap().fit if self.outcome.ok else 0.0
+    def proposed(self) -> bool:
+        return self.method == _PROPOSAL
+
+    @property
+    def refusal(self) -> FailureKind | None:
+        return self.outcome.failure.kind if self.outcome.failure is not None else None
 
 
-def _looks(
-    picture: _Picture,
-    garments: Sequence[GarmentOutline],
-    wanted: GarmentOutline | None,
-    settings: PerceptionSettings,
-    stages: _StageTimes,
-) -> Iterator[_Look]:
-    for region in _segmentations(picture, settings, stages):
-        yield _Look(region, _perceive_region(region, picture, garments, wanted, settings, stages))
-
-
-def _segmentations(picture: _Picture, settings: PerceptionSettings, stages: _StageTimes) -> Iterator[_Region]:
-    """Yield the regions to try in turn."""
-    seen, empty = picture.seen, picture.empty
-    reference = empty.rgb if empty is not None else None
-    for method in methods(settings.method, empty is not None):
-        found = segment(method, seen.rgb, reference, seen.valid, picture.height, settings.segmentation)
+def _regions(
+    views: Views, settings: PerceptionSettings, stages: _StageTimes
+) -> Iterator[tuple[str, Segmentation]]:
+    """Yield the regions to try in turn, each with the name of the method that found it."""
+    for method, found in segmentations(views, settings.method):
         stages.done("segment")
-        yield _Region(found, method)
-    if settings.method == "reference" and empty is None:
-        proposals = propose_garments(seen.rgb, seen.valid, settings.segmentation.smallest_area)
+        yield method, found
+    if settings.method == "reference" and views.empty is None:
+        proposals = propose_garments(views.seen.rgb, views.seen.valid)
         stages.done("segment")
-        yield from (_Region(found, "proposal", proposed=True) for found in proposals)
+        yield from ((_PROPOSAL, found) for found in proposals)
 
 
 def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
@@ -180,66 +155,64 @@ def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
     for look in looks:
         if not look.outcome.ok:
             refused.append(look)
-        elif not look.region.proposed or look.fit >= settings.sure:
+        elif not look.proposed or look.outcome.unwrap().fit >= settings.sure:
             return look
         else:
             accepted.append(look)
     if accepted:
-        return max(accepted, key=lambda look: look.fit)
-    with_garment = [look for look in refused if _kind(look) is not FailureKind.NO_GARMENT]
-    fitted = [look for look in with_garment if look.region.proposed and _kind(look) is FailureKind.LOW_CONFIDENCE]
+        return max(accepted, key=lambda look: look.outcome.unwrap().fit)
+    with_garment = [look for look in refused if look.refusal is not FailureKind.NO_GARMENT]
+    fitted = [look for look in with_garment if look.proposed and look.refusal is FailureKind.LOW_CONFIDENCE]
     return (fitted or with_garment or refused)[0]
 
 
-def _kind(look: _Look) -> FailureKind | None:
-    return look.outcome.failure.kind if look.outcome.failure is not None else None
-
-
 def _perceive_region(
-    region: _Region,
-    picture: _Picture,
+    segmentation: Segmentation,
+    method: str,
+    views: Views,
     garments: Sequence[GarmentOutline],
     wanted: GarmentOutline | None,
     settings: PerceptionSettings,
     stages: _StageTimes,
-) -> Outcome[Perception]:
-    view, seen, height, segmentation = picture.view, picture.seen, picture.height, region.segmentation
+) -> _Look:
+    """Judge and register one region."""
 
-    def failed(failure: Failure) -> Outcome[Perception]:
-        return Outcome(failure=failure, notes=dict(stages.notes))
+    def look(failure: Failure | None, value: Perception | None = None) -> _Look:
+        return _Look(segmentation, method, Outcome(value, failure, notes=dict(stages.notes)))
 
-    stages.notes["segmentation_method"] = region.method
+    view, seen, height = views.view, views.seen, views.height
+    stages.notes["segmentation_method"] = method
     stages.notes["segmentation_confidence"] = segmentation.confidence
-    failure = unusable(segmentation, view, height, settings)
-    if failure is not None:
-        return failed(failure)
+    if (failure := unusable(segmentation, view, height, settings)) is not None:
+        return look(failure)
 
     top = garment_height(segmentation.mask, height)
     contour = view.to_table(segmentation.contour, top)
     nominal = {garment.name: garment for garment in garments}
-    if region.proposed:
+    if method == _PROPOSAL:
         garments = best_poses(contour, garments)
         settings = replace(settings, polygon_iou=settings.proposed_polygon_iou)
     matches = classify(contour, garments)
     stages.done("classify")
-    chosen, failure = choose_garment(matches, wanted, settings)
-    if chosen is None or failure is not None:
-        return failed(failure or Failure(FailureKind.UNKNOWN_GARMENT, "there is no template to compare with"))
-    garment = next(g for g in garments if g.name == chosen.name)
+    chosen = choose_garment(matches, wanted, settings)
+    if chosen.failure is not None:
+        return look(chosen.failure)
+    match = chosen.unwrap()
+    garment = match.garment
     registration = register(contour, garment)
-    cloth = _cloth_picture(picture, segmentation.mask, top)
+    cloth = _cloth_picture(views, segmentation.mask, top)
     registration = refine_by_picture(registration, nominal[garment.name], contour, cloth)
     stages.done("register")
 
     if (failure := misfit(registration, garment, contour, settings)) is not None:
-        return failed(failure)
+        return look(failure)
     iou = polygon_iou(registration.contour, contour)
     fit = fit_quality(segmentation, iou, registration)
     sigmas = keypoint_sigmas(registration, nominal[garment.name], contour)
     confidence = probability_within(sigmas, settings.within * registration.scale)
     stages.notes |= {
         "iou": iou,
-        "scale": chosen.scale,
+        "scale": match.scale,
         "fit": fit,
         "confidence": confidence,
         "boundary_rms_m": registration.residual,
@@ -248,7 +221,7 @@ def _perceive_region(
         "least_turn": registration.least_turn,
     }
     if fit < settings.min_fit:
-        return failed(
+        return look(
             Failure(
                 FailureKind.LOW_CONFIDENCE,
                 f"the outline of {garment.name} fits only to {fit:.2f} of 1",
@@ -257,14 +230,12 @@ def _perceive_region(
             )
         )
     if confidence < settings.least_confidence:
-        return failed(_ambiguous(garment.name, sigmas, confidence))
+        return look(_ambiguous(garment.name, sigmas, confidence))
     state = GarmentState(
         garment.category, registration.contour, registration.keypoints, confidence, registration.ambiguous
     )
-    value = Perception(
-        state, garment.name, registration, segmentation, matches, view, frozen(seen.rgb), frozen(height), top, fit
-    )
-    return Outcome(value=value, notes=dict(stages.notes))
+    rgb, height = frozen(seen.rgb), frozen(height)
+    return look(None, Perception(state, garment.name, registration, segmentation, view, rgb, height, top, fit))
 
 
 def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float) -> Failure:
@@ -279,13 +250,11 @@ def _ambiguous(garment: str, sigmas: Mapping[str, float], confidence: float) -> 
     )
 
 
-def _cloth_picture(picture: _Picture, mask: NDArray[np.bool_], top: float) -> ClothPicture:
+def _cloth_picture(views: Views, mask: NDArray[np.bool_], top: float) -> ClothPicture:
     """The picture of a garment whose upper side is at the height `top` [m]."""
-    view = picture.view
+    view = views.view
 
     def to_photo(points: Array) -> Array:
         return view.to_image(np.column_stack([points, np.full(len(points), top)]))
 
-    return ClothPicture(
-        picture.seen.rgb, mask, lambda points: view.at_height(points, top), picture.photo, to_photo
-    )
+    return ClothPicture(views.seen.rgb, mask, lambda points: view.at_height(points, top), views.photo, to_photo)

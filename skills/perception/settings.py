@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-from skills.perception.segmentation.mask import SegmentationSettings
+from dataclasses import dataclass
 
 __all__ = ["PerceptionSettings"]
 
@@ -19,7 +17,6 @@ class PerceptionSettings:
 
     pixel: float = 0.002
     method: str = "reference"
-    segmentation: SegmentationSettings = field(default_factory=SegmentationSettings)
     lowest_segmentation: float = 0.5
     litter: float = 0.08
     """Maximum area of other objects on the table, relative to the area of the garment."""

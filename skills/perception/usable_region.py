@@ -6,26 +6,34 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.garment_height import upper_height
+from skills.perception.rectification.heights import smooth_height, upper
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstruction_failure
 from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import Failure, FailureKind
 
-__all__ = ["touches_border", "unusable"]
+__all__ = ["intrusion", "touches_border", "unusable"]
 
 
 def unusable(
     segmentation: Segmentation, view: TableView, height: NDArray[np.float32], settings: PerceptionSettings
 ) -> Failure | None:
+    """Return the reason why a region cannot be the garment, else None. height: (H, W) above the table [m]."""
     if not segmentation.found:
         return Failure(
             FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
         )
     margin = max(round(settings.border / view.pixel), 1)
-    if (failure := _not_alone(segmentation, view, margin, settings)) is not None:
+    if (failure := intrusion(segmentation, view, margin, settings)) is not None:
         return failure
+    if segmentation.others_share > settings.litter:
+        return Failure(
+            FailureKind.UNKNOWN_GARMENT,
+            "more than one thing lies on the table",
+            "leave a single garment on the table",
+            {"other_area_share": segmentation.others_share},
+        )
     if segmentation.confidence < settings.lowest_segmentation:
         return Failure(
             FailureKind.LOW_CONFIDENCE,
@@ -39,7 +47,8 @@ def unusable(
             "the garment extends beyond the camera's view or the table's edge",
             "lay it nearer to the middle of the table",
         )
-    top = upper_height(segmentation.mask, height)
+    smooth = smooth_height(height)
+    top = upper(smooth[segmentation.mask & np.isfinite(smooth)])
     if top > settings.flat_height:
         return Failure(
             FailureKind.NOT_FLAT,
@@ -50,21 +59,15 @@ def unusable(
     return None
 
 
-def _not_alone(
+def intrusion(
     segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT for a second garment, VIEW_OBSTRUCTED for something flat that reaches into the
-    picture, else None."""
-    share = np.count_nonzero(segmentation.others) / np.count_nonzero(segmentation.mask)
-    values = {"other_area_share": float(share)}
-    if share > settings.intruder and touches_border(segmentation.others, view.valid, margin):
-        return obstruction_failure(view, segmentation.others, "something flat", values)
-    if share <= settings.litter:
+    """Return VIEW_OBSTRUCTED if something flat beside the garment reaches into the picture, to within `margin`
+    pixels of the border, else None."""
+    share = segmentation.others_share
+    if share <= settings.intruder or not touches_border(segmentation.others, view.valid, margin):
         return None
-    return Failure(
-        FailureKind.UNKNOWN_GARMENT, "more than one thing lies on the table",
-        "leave a single garment on the table", values,
-    )  # fmt: skip
+    return obstruction_failure(view, segmentation.others, "something flat", {"other_area_share": share})
 
 
 def touches_border(mask: NDArray[np.bool_], valid: NDArray[np.bool_], margin: int) -> bool:

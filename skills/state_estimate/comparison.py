@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.garment_height import LOFTY
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from skills.perception.rectification.heights import LOFTY
 from skills.perception.registration.alignment import align
 from skills.state_estimate.hypothesis import Hypothesis
 from skills.state_estimate.observation import Observation

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.monitoring.silhouette import find_silhouette, open_views
+from skills.perception.monitoring.silhouette import find_silhouette
 from skills.perception.rectification.table_view import TableView
 from skills.perception.settings import PerceptionSettings
+from skills.perception.views import open_views
 from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
 __all__ = ["Observation", "observe"]

@@ -13,9 +13,9 @@ from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import CameraFrame
+from skills.perception.camera_fault import repeated
 from skills.perception.monitoring.garment_motion import GarmentMotion, displaced_boundary, measure_motion
-from skills.perception.monitoring.repeated_picture import repeated
-from skills.perception.monitoring.silhouette import open_views
+from skills.perception.views import open_views
 from skills.vocabulary import Outcome
 
 __all__ = ["approach_watched", "check_place"]

@@ -13,9 +13,8 @@ from cell.states.stages import FirstLook, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
-from skills.perception.camera_fault import camera_fault
+from skills.perception.camera_fault import camera_fault, picture_digests, repeated
 from skills.perception.inspection.heights.camera_bias import estimate_camera_bias
-from skills.perception.monitoring.repeated_picture import picture_digests, repeated
 from skills.perception.overlay import draw_on_camera
 from skills.perception.perceive import Perception, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration

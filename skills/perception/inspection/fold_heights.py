@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.perception.garment_height import LOFTY
 from skills.perception.inspection.result import InspectionSettings
+from skills.perception.rectification.heights import LOFTY
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldStep, GraspId
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import frozen
-from skills.perception.garment_height import height_above, smooth_height
 from skills.perception.inspection.diagnosis import diagnose
 from skills.perception.inspection.fold_heights import (
     extra_height,
@@ -24,11 +23,13 @@ from skills.perception.inspection.predicted_view import draw_shape, move_view, o
 from skills.perception.inspection.repeated_look import averaged_height
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
-from skills.perception.monitoring.silhouette import find_silhouette, open_views
+from skills.perception.monitoring.silhouette import find_silhouette
+from skills.perception.rectification.heights import height_above, smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.settings import PerceptionSettings
+from skills.perception.views import open_views
 from skills.vocabulary import (
     CameraCalibration,
     CameraFrame,

@@ -17,7 +17,7 @@ from scipy.ndimage import binary_dilation
 
 from robots.ports import Array
 from skills.fold_plan.folding import fold_xy
-from skills.perception.garment_height import smooth_height
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldStep, PredictedShape
 

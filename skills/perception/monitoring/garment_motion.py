@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 
 from robots.ports import Array
-from skills.perception.monitoring.silhouette import Views, find_silhouette
+from skills.perception.monitoring.silhouette import find_silhouette
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.registration.alignment import align, edge_deviation
-from skills.perception.segmentation.covered import mean_height
 from skills.perception.segmentation.mask import Mask
-from skills.perception.segmentation.segment import segment
+from skills.perception.segmentation.reference import segment_reference
+from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.perception.settings import PerceptionSettings
+from skills.perception.views import Views
 from skills.vocabulary import Outcome
 
 __all__ = ["GarmentMotion", "displaced_boundary", "measure_motion"]
@@ -88,13 +90,12 @@ def displaced_boundary(before: Views, after: Views, settings: PerceptionSettings
     if after.empty is None or (earlier := find_silhouette(before, settings).value) is None:
         return 0.0
     pixel, size = before.view.pixel, 2 * round(_ARM_MARGIN / before.view.pixel) + 1
-    height, known = mean_height(after.seen.height, 9)
-    higher = ~known | (height - mean_height(before.seen.height, 9)[0] > _ARM_HEIGHT)
+    height = smooth_height(after.seen.height, 9, KNOWN_SHARE)
+    earlier_height = np.nan_to_num(smooth_height(before.seen.height, 9, least_known=0.0))
+    higher = ~(height - earlier_height <= _ARM_HEIGHT)  # also where the height is not known
     arms = cv2.morphologyEx(higher.astype(np.uint8), cv2.MORPH_OPEN, np.ones((9, 9), np.uint8))
     hidden = (cv2.dilate(arms, np.ones((size, size), np.uint8)) > 0) | ~after.seen.valid
-    found = segment(
-        "reference", after.seen.rgb, after.empty.rgb, after.seen.valid, after.height, settings.segmentation
-    )
+    found = segment_reference(after.seen.rgb, after.empty.rgb, after.seen.valid, after.height)
     cloth = (found.mask | found.others).astype(np.uint8)
     edge = cv2.morphologyEx(cloth, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) > 0
     distance = cv2.distanceTransform((~edge).astype(np.uint8), cv2.DIST_L2, 5) * pixel
@@ -106,7 +107,7 @@ def displaced_boundary(before: Views, after: Views, settings: PerceptionSettings
 
 def _reshaped(before: Views, after: Views, where: Mask) -> float:
     """Return the area within a mask whose height has changed by more than `_RISE` [m2]."""
-    (a, seen_a), (b, seen_b) = (mean_height(views.height, _WINDOW) for views in (before, after))
-    changed = where & seen_a & seen_b & (np.abs(b - a) > _RISE)
+    a, b = (smooth_height(views.height, _WINDOW, KNOWN_SHARE) for views in (before, after))
+    changed = where & (np.abs(b - a) > _RISE)
     opened = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
     return float(np.count_nonzero(opened)) * before.view.pixel**2

@@ -9,7 +9,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from skills.perception.registration.boundary import refine_boundary
 from skills.perception.segmentation.colour_model import (
     cluster_colours,
     colour_likelihood,
@@ -22,11 +21,11 @@ from skills.perception.segmentation.mask import (
     Image,
     Mask,
     Segmentation,
-    SegmentationSettings,
-    clean,
     empty_segmentation,
     eroded,
-    fill,
+    graph_cut,
+    outlined,
+    reduced,
 )
 from skills.perception.segmentation.table_model import fit_table
 
@@ -43,30 +42,23 @@ _CUT_WEIGHT = 1.5
 is garment; half of it is subtracted if the label is table."""
 
 
-def segment_grabcut(rgb: Image, valid: Mask, settings: SegmentationSettings | None = None) -> Segmentation:
+def segment_grabcut(rgb: Image, valid: Mask) -> Segmentation:
     """Segment a garment by GrabCut on a reduced picture. All of the table's pattern must be visible at the view's
     rim.
 
     rgb: (H, W, 3); valid: (H, W), where the camera sees the table.
     """
-    settings = settings or SegmentationSettings()
-    reduced, inside = _reduced(rgb, valid)
-    colour = _light_corrected(reduced, inside)
+    small, inside = reduced(rgb, valid, _REDUCED_SIZE)
+    colour = _light_corrected(small, inside)
     rim = inside & ~eroded(inside, max(round(_RIM * max(inside.shape)), 2))
     colour_distance = _colour_distance(colour, rim)
     labels = np.where(colour_distance > _MIN_COLOUR_DISTANCE, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     labels[~inside] = cv2.GC_BGD
     if np.count_nonzero(labels == cv2.GC_PR_FGD) < 20 or np.count_nonzero(labels != cv2.GC_PR_FGD) < 20:
         return empty_segmentation(valid.shape)
-    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters at random
-    cv2.grabCut(colour, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 4, cv2.GC_INIT_WITH_MASK)
-    cloth = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
+    cloth = graph_cut(colour, labels, 4).astype(np.float32)
     coarse = np.asarray(cv2.resize(cloth, valid.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-    mask, others, share = clean(_by_colour(rgb, valid, coarse) & valid, settings)
-    if not mask.any():
-        return empty_segmentation(valid.shape)
-    contour, clear_share = refine_boundary(mask, rgb, None)
-    return Segmentation(fill(contour, valid), contour, share * clear_share, others)
+    return outlined(_by_colour(rgb, valid, coarse) & valid, rgb, valid)
 
 
 def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
@@ -82,13 +74,6 @@ def _by_colour(rgb: Image, valid: Mask, coarse: Field) -> Mask:
         return coarse > 0.5
     odds = colour_likelihood(image, noise, garment) - colour_likelihood(image, noise, table)
     return np.asarray(cv2.GaussianBlur(odds, (0, 0), 0.8) + _CUT_WEIGHT * (coarse - 0.5) > 0)
-
-
-def _reduced(rgb: Image, valid: Mask) -> tuple[Image, Mask]:
-    scale = min(_REDUCED_SIZE / max(valid.shape), 1.0)
-    size = (max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8))
-    inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), inside
 
 
 def _light_corrected(rgb: Image, inside: Mask) -> Image:

@@ -1,4 +1,4 @@
-"""The result of a segmentation, and the clean-up of raw masks."""
+"""The result of a segmentation, and the operations on masks that the methods share."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.perception.registration.boundary import refine_boundary
 
 __all__ = [
-    "Field", "Image", "Mask", "Segmentation", "SegmentationSettings", "clean", "closed", "empty_segmentation",
-    "eroded", "fill",
-    "opened",
+    "SMALLEST_AREA", "Field", "Image", "Mask", "Segmentation", "closed", "empty_segmentation", "eroded", "fill",
+    "filled", "graph_cut", "opened", "outlined", "reduced",
 ]  # fmt: skip
 
 Image = NDArray[np.uint8]
@@ -21,27 +21,8 @@ Mask = NDArray[np.bool_]
 Field = NDArray[np.floating]
 
 
-@dataclass(frozen=True)
-class SegmentationSettings:
-    """Lengths [px] in view pixels; differences of colour as differences of the natural logarithm of intensity."""
-
-    deepest_shadow: float = 1.0
-    """Darkest possible shadow, as a decrease of the logarithm. With 1.0, a shaded table has at least exp(-1.0) =
-    37 % of its unshaded intensity."""
-    shadow_share: float = 0.05
-    """Prior probability that a pixel of the table is in shadow."""
-    surely_garment: float = 6.0
-    """A pixel whose colour is further than this from every shade of the table is certainly garment [standard
-    deviations]."""
-    dark_offset: float = 0.04
-    """A region that is darker than the table by more than this, and wider than `shadow_rim`, may be a dark
-    garment."""
-    shadow_rim: int = 13
-    """Maximum width of the shadows that a flat garment casts [px]."""
-    garment_height: float = 0.0006
-    """A dark region whose mean height is above this is cloth, not shadow [m]."""
-    smallest_area: int = 2500
-    """A region that is smaller than this is not a garment [px^2]: 1 dm2 at 2 mm per pixel."""
+SMALLEST_AREA = 2500
+"""A region that is smaller than this is not a garment [px^2]: 1 dm2 at 2 mm per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,30 +44,66 @@ class Segmentation:
     def found(self) -> bool:
         return len(self.contour) > 0
 
+    @property
+    def others_share(self) -> float:
+        """Area of the other objects, relative to that of the garment."""
+        return float(np.count_nonzero(self.others) / np.count_nonzero(self.mask))
+
 
 def empty_segmentation(shape: tuple[int, ...]) -> Segmentation:
     """Return the result for the case that no garment was found in a view of this shape (H, W)."""
     return Segmentation(np.zeros(shape, bool), np.zeros((0, 2)), 0.0, np.zeros(shape, bool))
 
 
-def clean(mask: Mask, settings: SegmentationSettings) -> tuple[Mask, Mask, float]:
+def outlined(raw: Mask, rgb: Image, valid: Mask, table: NDArray[np.float32] | None = None) -> Segmentation:
+    """Make a segmentation from a raw mask (H, W) of cloth: its largest region, with the boundary where the colours
+    of rgb (H, W, 3) change. table: (H, W, 3), see `refine_boundary`."""
+    mask, others, share = _clean(raw)
+    if not mask.any():
+        return empty_segmentation(valid.shape)
+    contour, clear_share = refine_boundary(mask, rgb, table)
+    return Segmentation(fill(contour, valid), contour, share * clear_share, others)
+
+
+def _clean(mask: Mask) -> tuple[Mask, Mask, float]:
     """Clean a mask (H, W) by closing and opening. Return the largest region without holes (H, W), the other large
     regions (H, W), and the largest region's share of them all."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     # Close by one pixel only: between the two legs of trousers just a narrow strip of table is visible, and a
     # wider closing would fill it.
     cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
-    cleaned = cv2.morphologyEx(cleaned, cv2.MORPH_OPEN, kernel)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(cleaned)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened(cleaned, 5).astype(np.uint8))
     areas = stats[1:, cv2.CC_STAT_AREA]
-    if count < 2 or areas.max() < settings.smallest_area:
+    if count < 2 or areas.max() < SMALLEST_AREA:
         return np.zeros(mask.shape, bool), np.zeros(mask.shape, bool), 0.0
-    largest = (labels == 1 + int(np.argmax(areas))).astype(np.uint8)
-    contours, _ = cv2.findContours(largest, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(largest, contours, -1, 1, thickness=cv2.FILLED)
-    large = np.flatnonzero(areas > settings.smallest_area // 10)
-    others = np.isin(labels, 1 + large[large != int(np.argmax(areas))]) & (largest == 0)
-    return largest > 0, others, float(areas.max() / max(areas[large].sum(), areas.max()))
+    largest = filled(labels == 1 + int(np.argmax(areas)))
+    large = np.flatnonzero(areas > SMALLEST_AREA // 10)
+    others = np.isin(labels, 1 + large[large != int(np.argmax(areas))]) & ~largest
+    return largest, others, float(areas.max() / max(areas[large].sum(), areas.max()))
+
+
+def filled(mask: Mask) -> Mask:
+    """Return the mask (H, W) without its holes."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    out = mask.astype(np.uint8)
+    cv2.drawContours(out, contours, -1, 1, thickness=cv2.FILLED)
+    return out > 0
+
+
+def reduced(rgb: Image, valid: Mask, longer: int) -> tuple[Image, Mask]:
+    """Reduce a picture (H, W, 3) and its mask (H, W), so that the longer edge has `longer` pixels at most."""
+    scale = min(longer / max(valid.shape), 1.0)
+    size = (max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8))
+    inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), inside
+
+
+def graph_cut(picture: Image, labels: NDArray[np.uint8], rounds: int) -> Mask:
+    """Cut the cloth (H, W) out of a picture (H, W, 3) by GrabCut (Rother, Kolmogorov and Blake, SIGGRAPH 2004).
+    labels: (H, W), OpenCV's GC_ labels to start from; they are changed."""
+    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters at random
+    clusters = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.grabCut(picture, labels, (0, 0, 0, 0), *clusters, rounds, cv2.GC_INIT_WITH_MASK)
+    return np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD))
 
 
 def fill(contour: Array, valid: Mask) -> Mask:

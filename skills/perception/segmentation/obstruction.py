@@ -11,9 +11,10 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.rectification.table_view import RectifiedView, TableView
-from skills.perception.segmentation.covered import mean_height
 from skills.perception.segmentation.mask import Field, Mask, eroded
+from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.vocabulary import Failure, FailureKind
 
 __all__ = ["find_obstruction", "obstructed", "obstruction_failure", "standing_parts"]
@@ -39,7 +40,7 @@ def obstructed(view: TableView, seen: RectifiedView, empty: RectifiedView | None
     found = find_obstruction(seen, known, view.pixel)
     if not found.any():
         return None
-    top = float(np.nanquantile(_levelled(seen)[0][found], 0.9))
+    top = float(np.nanquantile(_levelled(seen)[found], 0.9))
     return obstruction_failure(view, found, f"something {top * 1e3:.0f} mm high", {"height_m": top})
 
 
@@ -67,8 +68,7 @@ def find_obstruction(seen: RectifiedView, known: Mask | None, pixel: float) -> M
     known: (H, W), what stood high in the picture of the empty table (`standing_parts`), for example the robot's
     parked elbows; None without such a picture. pixel: edge of a pixel [m].
     """
-    mean, measured = _levelled(seen)
-    high = measured & (mean > MIN_HEIGHT)
+    high = _levelled(seen) > MIN_HEIGHT
     if known is not None:
         high &= ~known
     found = np.zeros(high.shape, bool)
@@ -84,19 +84,18 @@ def find_obstruction(seen: RectifiedView, known: Mask | None, pixel: float) -> M
 
 def standing_parts(empty: RectifiedView, pixel: float) -> Mask:
     """Return the mask (H, W) of what stands high in the picture of the empty table, widened by `SPREAD`."""
-    mean, measured = _levelled(empty)
-    high = (measured & (mean > 0.5 * MIN_HEIGHT)).astype(np.uint8)
+    high = (_levelled(empty) > 0.5 * MIN_HEIGHT).astype(np.uint8)
     size = 2 * round(SPREAD / pixel) + 1
     return cv2.dilate(high, np.ones((size, size), np.uint8)) > 0
 
 
-def _levelled(seen: RectifiedView) -> tuple[Field, Mask]:
-    """Return the height (H, W) above the table [m], averaged over `_WINDOW`, and where it is known. Its median is
-    0, because the calibration may be a few centimetres off, and most of the view shows the table or a flat
+def _levelled(seen: RectifiedView) -> Field:
+    """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. Its median
+    is 0, because the calibration may be a few centimetres off, and most of the view shows the table or a flat
     garment."""
-    mean, measured = mean_height(seen.height, _WINDOW)
-    measured = measured & seen.valid
-    return mean - (float(np.median(mean[measured])) if measured.any() else 0.0), measured
+    mean = np.where(seen.valid, smooth_height(seen.height, _WINDOW, KNOWN_SHARE), np.float32(np.nan))
+    measured = mean[np.isfinite(mean)]
+    return mean - (float(np.median(measured)) if len(measured) else 0.0)
 
 
 def _border(valid: Mask) -> Mask:

@@ -16,7 +16,20 @@ import numpy as np
 from robots.ports import Array
 from skills.perception.outline import outward_normals, smooth_closed
 from skills.perception.registration.boundary import longest_contour, refine_boundary, sample
-from skills.perception.segmentation.mask import Field, Image, Mask, Segmentation, closed, eroded, fill, opened
+from skills.perception.segmentation.mask import (
+    SMALLEST_AREA,
+    Field,
+    Image,
+    Mask,
+    Segmentation,
+    closed,
+    eroded,
+    fill,
+    filled,
+    graph_cut,
+    opened,
+    reduced,
+)
 
 __all__ = ["propose_garments", "table_distance"]
 
@@ -54,18 +67,15 @@ class _Region:
     score: float
 
 
-def propose_garments(rgb: Image, valid: Mask, smallest_area: int) -> tuple[Segmentation, ...]:
-    """Propose up to six garments in rgb (H, W, 3) where valid (H, W), the most likely first. smallest_area [px].
+def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
+    """Propose up to six garments in rgb (H, W, 3) where valid (H, W), the most likely first.
 
     A proposal's confidence is the share of its outline that is clearly visible. Its `others` are the separate
     regions that look as much like a garment as itself.
     """
-    scale = min(_SIZE / max(valid.shape), 1.0)
-    size = max(round(valid.shape[1] * scale), 8), max(round(valid.shape[0] * scale), 8)
-    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    inside = cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    small, inside = reduced(rgb, valid, _SIZE)
     lab = cv2.cvtColor(cv2.GaussianBlur(small, (0, 0), 0.8), cv2.COLOR_RGB2LAB).astype(np.float32)
-    least = max(_SMALLEST * np.count_nonzero(inside), smallest_area * scale**2)
+    least = max(_SMALLEST * np.count_nonzero(inside), SMALLEST_AREA * min(_SIZE / max(valid.shape), 1.0) ** 2)
     regions: list[_Region] = []
     for mask in _masks(small, lab, inside):
         for region in _regions(mask, inside, least):
@@ -75,7 +85,7 @@ def propose_garments(rgb: Image, valid: Mask, smallest_area: int) -> tuple[Segme
             _add(regions, region, lab)
     regions.sort(key=lambda r: -r.score)
     proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
-    return tuple(p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= smallest_area)
+    return tuple(p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA)
 
 
 def table_distance(lab: Field, inside: Mask) -> Field:
@@ -140,16 +150,9 @@ def _regions(mask: Mask, inside: Mask, least: float) -> Iterator[Mask]:
         for i in range(1, count):
             if stats[i, cv2.CC_STAT_AREA] < least:
                 continue
-            region = _filled(labels == i)
+            region = filled(labels == i)
             if np.count_nonzero(region) <= most and not (region & border).any():
                 yield region
-
-
-def _filled(mask: Mask) -> Mask:
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    out = np.zeros(mask.shape, np.uint8)
-    cv2.drawContours(out, contours, -1, 1, thickness=cv2.FILLED)
-    return out > 0
 
 
 def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
@@ -182,9 +185,7 @@ def _cut(rgb: Image, region: Mask, inside: Mask) -> Mask:
     labels[~eroded(inside, 3)] = cv2.GC_BGD
     if not (labels == cv2.GC_PR_FGD).any():
         return region
-    cv2.setRNGSeed(0)  # GrabCut initialises its colour clusters at random
-    cv2.grabCut(rgb, labels, (0, 0, 0, 0), np.zeros((1, 65)), np.zeros((1, 65)), 3, cv2.GC_INIT_WITH_MASK)
-    return np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD))
+    return graph_cut(rgb, labels, 3)
 
 
 def _refined(region: _Region, regions: list[_Region], rgb: Image, valid: Mask) -> Segmentation:

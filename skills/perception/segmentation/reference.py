@@ -11,22 +11,22 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from skills.perception.registration.boundary import refine_boundary
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.segmentation.colour_model import colour_likelihood, log_colour, noise_scale, opponent
-from skills.perception.segmentation.covered import mean_height
 from skills.perception.segmentation.mask import (
+    SMALLEST_AREA,
     Field,
     Image,
     Mask,
     Segmentation,
-    SegmentationSettings,
-    clean,
     closed,
     empty_segmentation,
-    fill,
     opened,
+    outlined,
 )
 from skills.perception.segmentation.table_model import (
+    DEEPEST_SHADOW,
+    KNOWN_SHARE,
     fit_table,
     light_change,
     light_plane,
@@ -40,36 +40,39 @@ _MIXED_SHARE = 0.1
 """If more than this share of a dark region is flat, the region consists of cloth and shadow."""
 _WINDOW = 25
 """Side of the square over which the height is averaged, to separate cloth from an adjacent shadow [px]."""
+_SURELY_GARMENT = 6.0
+"""A pixel whose colour is further than this from every shade of the table is certainly garment [standard
+deviations]."""
+_DARK_OFFSET = 0.04
+"""A region that is darker than the table by more than this [natural logarithm of the intensity], and wider than
+`_SHADOW_RIM`, may be a dark garment."""
+_SHADOW_RIM = 13
+"""Maximum width of the shadows that a flat garment casts [px]."""
+_GARMENT_HEIGHT = 0.0006
+"""A dark region whose mean height is above this is cloth, not shadow [m]."""
 _STRIDE = 3
 """Distance between the pixels that are used to find the garment's bounding box [px]."""
 
 
-def segment_reference(
-    rgb: Image,
-    reference: Image,
-    valid: Mask,
-    height: Field | None = None,
-    settings: SegmentationSettings | None = None,
-) -> Segmentation:
+def segment_reference(rgb: Image, reference: Image, valid: Mask, height: Field | None = None) -> Segmentation:
     """Segment a garment by comparison with a picture of the empty table, both (H, W, 3) uint8 in the same view.
 
     valid: (H, W), where both pictures see the table. height: (H, W) above the measured empty table [m], NaN where
     unknown. Height separates cloth from shadow in dark, wide regions, and decides where colours are ambiguous. It
     also distinguishes a garment that covers half of the view from a change of light.
     """
-    settings = settings or SegmentationSettings()
     image, table = log_colour(rgb), log_colour(reference)
     light = light_change(image, table, valid, height)
     strided = np.s_[::_STRIDE, ::_STRIDE]
     sparse = opponent(image[strided] - table[strided] - light_plane(light, valid.shape, strided))
     sparse_noise = noise_scale(np.ascontiguousarray(rgb[strided]), 2.0 / _STRIDE)
     spread = table_spread(sparse, sparse_noise, valid[strided])
-    box = _changed_box(sparse, sparse_noise, spread, valid[strided], settings)
+    box = _changed_box(sparse, sparse_noise, spread, valid[strided])
     if box is None:
         return empty_segmentation(valid.shape)
     lit = table[box] + light_plane(light, valid.shape, box)
     box_height = None if height is None else height[box]
-    found = _segment_in_box(rgb[box], image[box], lit, valid[box], box_height, spread, settings)
+    found = _segment_in_box(rgb[box], image[box], lit, valid[box], box_height, spread)
     if not found.found:
         return empty_segmentation(valid.shape)
     contour = found.contour + np.array([box[1].start, box[0].start])
@@ -85,41 +88,34 @@ def _segment_in_box(
     valid: Mask,
     height: Field | None,
     spread: tuple[float, float],
-    settings: SegmentationSettings,
 ) -> Segmentation:
     """Segment the garment in a part of the view. image, table: log colours (h, w, 3) of the picture and of the
     unshaded, empty table. spread: of the table's colour, see `table_spread`."""
     noise = noise_scale(rgb)
     difference = opponent(image - table)
-    core = _certain_garment(difference, noise, spread, valid, height, settings)
-    if np.count_nonzero(core) < settings.smallest_area // 4:
+    core = _certain_garment(difference, noise, spread, valid, height)
+    if np.count_nonzero(core) < SMALLEST_AREA // 4:
         return empty_segmentation(valid.shape)
     odds = colour_likelihood(image, noise, core)
-    odds -= table_likelihood(difference, noise, spread, settings)
+    odds -= table_likelihood(difference, noise, spread)
     if height is not None:
         odds += _height_odds(height, core)
-    mask, others, share = clean((cv2.GaussianBlur(odds, (0, 0), 0.8) > 0) & valid, settings)
-    if not mask.any():
-        return empty_segmentation(valid.shape)
-    contour, clear_share = refine_boundary(mask, rgb, np.exp(table))
-    return Segmentation(fill(contour, valid), contour, share * clear_share, others)
+    return outlined((cv2.GaussianBlur(odds, (0, 0), 0.8) > 0) & valid, rgb, valid, np.exp(table))
 
 
-def segment_plain(
-    rgb: Image, valid: Mask, height: Field | None = None, settings: SegmentationSettings | None = None
-) -> Segmentation:
+def segment_plain(rgb: Image, valid: Mask, height: Field | None = None) -> Segmentation:
     """Segment a garment on a table without pattern. A plane, fitted to the rim of the view, gives its log
     colour."""
-    return segment_reference(rgb, fit_table(rgb, valid), valid, height, settings)
+    return segment_reference(rgb, fit_table(rgb, valid), valid, height)
 
 
 def _changed_box(
-    difference: Field, noise: Field, spread: tuple[float, float], valid: Mask, settings: SegmentationSettings
+    difference: Field, noise: Field, spread: tuple[float, float], valid: Mask
 ) -> tuple[slice, slice] | None:
     """Find the bounding box, with a margin, of all pixels that differ from the unshaded table: slices of rows and
     of columns in the full view; None if no pixel differs. difference, noise, valid: every `_STRIDE`-th pixel."""
     light, chroma = difference[..., 0], np.hypot(difference[..., 1], difference[..., 2])
-    darker = np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
+    darker = np.maximum(_DARK_OFFSET, 4.0 * spread[0] * noise)
     changed = (chroma > 4.0 * spread[1] * noise) | (np.abs(light) > darker)
     changed = opened(closed(changed & valid, 3), 3)
     rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
@@ -138,23 +134,22 @@ def _certain_garment(
     spread: tuple[float, float],
     valid: Mask,
     height: Field | None,
-    settings: SegmentationSettings,
 ) -> Mask:
     """Find the pixels that are certainly garment. Either their colour is no shade of the table, or they belong to
     a wide dark region that is raised above the table."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = max(spread[0], 0.02) * noise, spread[1] * noise
-    outside_shadow_range = np.maximum(light, 0.0) + np.maximum(-light - settings.deepest_shadow, 0.0)
+    outside_shadow_range = np.maximum(light, 0.0) + np.maximum(-light - DEEPEST_SHADOW, 0.0)
     distance = np.sqrt((c1 * c1 + c2 * c2) / chroma_sigma**2 + (outside_shadow_range / light_sigma) ** 2)
-    core = opened((distance > settings.surely_garment) & valid, 5)
-    dark = light < -np.maximum(settings.dark_offset, 4.0 * spread[0] * noise)
-    dark = opened(closed(dark & valid, 5), settings.shadow_rim) & ~core
+    core = opened((distance > _SURELY_GARMENT) & valid, 5)
+    dark = light < -np.maximum(_DARK_OFFSET, 4.0 * spread[0] * noise)
+    dark = opened(closed(dark & valid, 5), _SHADOW_RIM) & ~core
     if dark.any():
-        core |= _dark_cloth(dark, height, settings)
+        core |= _dark_cloth(dark, height)
     return core
 
 
-def _dark_cloth(dark: Mask, height: Field | None, settings: SegmentationSettings) -> Mask:
+def _dark_cloth(dark: Mask, height: Field | None) -> Mask:
     """Select the dark, wide regions that are cloth, because they are raised. Without depth, all of them count as
     cloth.
 
@@ -162,25 +157,24 @@ def _dark_cloth(dark: Mask, height: Field | None, settings: SegmentationSettings
     """
     if height is None:
         return dark
-    mean, known = mean_height(height, _WINDOW)
-    flat = known & (mean < 0.5 * settings.garment_height)
+    flat = smooth_height(height, _WINDOW, KNOWN_SHARE) < 0.5 * _GARMENT_HEIGHT
     cloth = np.zeros(dark.shape, bool)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8))
     for i in range(1, count):
         left, top, width, rows, area = stats[i]
         box = np.s_[top : top + rows, left : left + width]
         region = labels[box] == i
-        if area < 200 or not _is_raised(region, height[box], settings):
+        if area < 200 or not _is_raised(region, height[box]):
             continue
         mixed = np.count_nonzero(region & flat[box]) > _MIXED_SHARE * area
-        cloth[box] |= opened(region & ~flat[box], settings.shadow_rim) if mixed else region
+        cloth[box] |= opened(region & ~flat[box], _SHADOW_RIM) if mixed else region
     return cloth
 
 
-def _is_raised(region: Mask, height: Field, settings: SegmentationSettings) -> bool:
+def _is_raised(region: Mask, height: Field) -> bool:
     samples = height[region]
     samples = samples[np.isfinite(samples)]
-    return len(samples) < 50 or float(samples.mean()) > settings.garment_height
+    return len(samples) < 50 or float(samples.mean()) > _GARMENT_HEIGHT
 
 
 def _height_odds(height: Field, core: Mask) -> Field:
@@ -190,5 +184,5 @@ def _height_odds(height: Field, core: Mask) -> Field:
     cloth = height[core & known]
     if len(cloth) < 500 or (top := float(np.median(cloth))) < 0.0015:
         return np.zeros(height.shape, np.float32)
-    mean, seen = mean_height(height, 7)
-    return np.where(seen, np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0), 0.0).astype(np.float32)
+    mean = smooth_height(height, 7, KNOWN_SHARE)
+    return np.nan_to_num(np.clip(4.0 * (mean / top - 0.5), -2.0, 2.0)).astype(np.float32)

@@ -6,41 +6,50 @@ to the view's rim. `grabcut` also works on a patterned table. `watershed` is the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
 from skills.perception.segmentation.grabcut import segment_grabcut
-from skills.perception.segmentation.mask import Field, Image, Mask, Segmentation, SegmentationSettings
+from skills.perception.segmentation.mask import Image, Mask, Segmentation, outlined
 from skills.perception.segmentation.reference import segment_plain, segment_reference
-from skills.perception.segmentation.watershed import segment_watershed
+from skills.perception.views import Views
 
-__all__ = ["METHODS", "methods", "segment"]
-
-METHODS = ("reference", "plain", "grabcut", "watershed")
+__all__ = ["segment_watershed", "segmentations"]
 
 
-def methods(method: str, reference: bool) -> tuple[str, ...]:
-    """Return the methods to try in turn. reference: whether there is a picture of the empty table. Without one,
-    'reference' means 'plain' and, if that fails, 'grabcut'."""
-    return ("plain", "grabcut") if method == "reference" and not reference else (method,)
+def segmentations(views: Views, method: str) -> Iterator[tuple[str, Segmentation]]:
+    """Yield the segmentations to try in turn, each with the name of its method.
 
-
-def segment(
-    method: str,
-    rgb: Image,
-    reference: Image | None,
-    valid: Mask,
-    height: Field,
-    settings: SegmentationSettings,
-) -> Segmentation:
-    """Segment the garment in rgb (H, W, 3) where valid (H, W).
-
-    reference: picture of the empty table in the same view; without one, 'reference' means 'plain'. height: (H, W)
-    above the table [m], NaN where unknown. Raises ValueError for a method that is not in `METHODS`.
+    method: 'reference', 'plain', 'grabcut' or 'watershed'. Without a picture of the empty table, 'reference' means
+    'plain' and, if that fails, 'grabcut'. Raises ValueError for another method.
     """
-    if method == "watershed":
-        return segment_watershed(rgb, valid, settings)
-    if method == "grabcut":
-        return segment_grabcut(rgb, valid, settings)
-    if method == "plain" or (method == "reference" and reference is None):
-        return segment_plain(rgb, valid, height, settings)
-    if method == "reference" and reference is not None:
-        return segment_reference(rgb, reference, valid, height, settings)
-    raise ValueError(f"method {method!r} is none of {', '.join(METHODS)}")
+    rgb, valid = views.seen.rgb, views.seen.valid
+    if method == "reference" and views.empty is not None:
+        yield method, segment_reference(rgb, views.empty.rgb, valid, views.height)
+    elif method in ("reference", "plain"):
+        yield "plain", segment_plain(rgb, valid, views.height)
+    elif method == "watershed":
+        yield method, segment_watershed(rgb, valid)
+    elif method != "grabcut":
+        raise ValueError(f"method {method!r} is none of reference, plain, grabcut, watershed")
+    if method == "grabcut" or (method == "reference" and views.empty is None):
+        yield "grabcut", segment_grabcut(rgb, valid)
+
+
+def segment_watershed(rgb: Image, valid: Mask) -> Segmentation:
+    """Segment rgb (H, W, 3) where valid (H, W) by watershed, as in the paper (Vincent and Soille 1991). The four
+    corners are assumed to be background, the centre garment."""
+    rows, columns = np.nonzero(valid)
+    top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
+    radius = max(min(bottom - top, right - left) // 20, 2)
+    markers = np.zeros(valid.shape, np.int32)
+    for row in (top + radius, bottom - radius):
+        inside = np.flatnonzero(valid[row])
+        for column in (inside[0] + radius, inside[-1] - radius):
+            cv2.circle(markers, (int(column), int(row)), int(radius), 1, -1)
+    cv2.circle(markers, (int(left + right) // 2, int(top + bottom) // 2), int(radius), 2, -1)
+    markers[~valid] = 1
+    labels = cv2.watershed(np.ascontiguousarray(cv2.medianBlur(rgb, 5)), markers)
+    return outlined(labels == 2, rgb, valid)

@@ -7,11 +7,38 @@ import cv2
 import numpy as np
 
 from robots.ports import Array
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.segmentation.colour_model import FLOOR, log_colour
-from skills.perception.segmentation.covered import covered
-from skills.perception.segmentation.mask import Field, Image, Mask, SegmentationSettings
+from skills.perception.segmentation.mask import Field, Image, Mask, eroded
 
-__all__ = ["fit_table", "light_change", "light_plane", "table_likelihood", "table_spread"]
+__all__ = [
+    "DEEPEST_SHADOW",
+    "KNOWN_SHARE",
+    "fit_table",
+    "light_change",
+    "light_plane",
+    "table_likelihood",
+    "table_spread",
+]
+
+DEEPEST_SHADOW = 1.0
+"""Darkest possible shadow, as a decrease of the natural logarithm of the intensity: a shaded table has at least
+exp(-1.0) = 37 % of its unshaded intensity."""
+_SHADOW_SHARE = 0.05
+"""Prior probability that a pixel of the table is in shadow."""
+KNOWN_SHARE = 0.3
+"""Heights are averaged where more than this share of the surroundings is known."""
+_MIN_HEIGHT = 0.0012
+"""A place is covered if the mean height over a square of `_WINDOW` pixels is above this [m]: four times the noise
+of this mean."""
+_WINDOW = 5
+_MIN_SHARE = 0.4
+"""Covered pixels are reported only if their share of the view is larger than this. If it is smaller, the table's
+colour is the most frequent one, so the object cannot be mistaken for the table."""
+_RIM = 2
+_MAX_RIM_SHARE = 0.25
+"""If more than this share of the view's rim, which is `_RIM` pixels wide, is also above `_MIN_HEIGHT`, the height
+is not trusted and no covered pixels are reported."""
 
 
 def light_change(image: Field, table: Field, valid: Mask, height: Field | None = None) -> Field:
@@ -26,7 +53,7 @@ def light_change(image: Field, table: Field, valid: Mask, height: Field | None =
     r, c = np.mgrid[0:rows:6, 0:columns:6]
     keep = valid[r, c]
     if height is not None:
-        keep &= ~covered(height[::6, ::6], keep)
+        keep &= ~_covered(height[::6, ::6], keep)
     d = (image[::6, ::6] - table[::6, ::6])[keep].astype(float)
     r, c = r[keep], c[keep]
     basis = np.stack([np.ones(len(r)), r / rows - 0.5, c / columns - 0.5], axis=1)
@@ -39,6 +66,20 @@ def light_change(image: Field, table: Field, valid: Mask, height: Field | None =
             break
         plane = np.linalg.lstsq(basis[inlier], d[inlier], rcond=None)[0]
     return np.asarray(plane, dtype=np.float32)
+
+
+def _covered(height: Field, valid: Mask) -> Mask:
+    """Return the mask (h, w) of a large object on the table; the mask is empty unless the object covers much of
+    the view. The object's colour can then be the most frequent one, so it could be mistaken for the table.
+
+    height: (h, w) above the table [m], NaN where unknown. valid: (h, w), where the camera sees the table.
+    """
+    high = (smooth_height(height, _WINDOW, KNOWN_SHARE) > _MIN_HEIGHT) & valid
+    rim = valid & ~eroded(valid, _RIM)
+    large = np.count_nonzero(high) > _MIN_SHARE * np.count_nonzero(valid)
+    if not large or np.count_nonzero(high & rim) > _MAX_RIM_SHARE * np.count_nonzero(rim):
+        return np.zeros(valid.shape, bool)
+    return high
 
 
 def _mode(values: Array) -> float:
@@ -97,15 +138,13 @@ def _spread(values: Field, noise: Field, where: Mask) -> float:
     return float(1.4826 * np.median(np.abs(sample - np.median(sample)))) if len(sample) > 20 else 0.03
 
 
-def table_likelihood(
-    difference: Field, noise: Field, spread: tuple[float, float], settings: SegmentationSettings
-) -> Field:
+def table_likelihood(difference: Field, noise: Field, spread: tuple[float, float]) -> Field:
     """Compute the log density (H, W) of each pixel's colour under the assumption that it shows the table, unshaded
     or in a shadow of any depth. difference: (H, W, 3) from the empty table, as of `opponent`."""
     light, c1, c2 = difference[..., 0], difference[..., 1], difference[..., 2]
     light_sigma, chroma_sigma = spread[0] * noise, spread[1] * noise
     lit = np.exp(-0.5 * np.minimum((light / light_sigma) ** 2, 80.0)) / (2.5066 * light_sigma)
-    shaded = (light < 0) & (light > -settings.deepest_shadow)
-    density = (1 - settings.shadow_share) * lit + settings.shadow_share / settings.deepest_shadow * shaded
+    shaded = (light < 0) & (light > -DEEPEST_SHADOW)
+    density = (1 - _SHADOW_SHARE) * lit + _SHADOW_SHARE / DEEPEST_SHADOW * shaded
     colour = -0.5 * (c1 * c1 + c2 * c2) / chroma_sigma**2 - 2.0 * np.log(chroma_sigma) - 1.8379
     return np.maximum(np.log(density + 1e-12) + colour, FLOOR)

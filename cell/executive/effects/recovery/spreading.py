@@ -20,8 +20,9 @@ from skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, sprea
 from skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
 from skills.perception.outline import polygon_area
 from skills.perception.perceive import Perception
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.registration.alignment import align
-from skills.perception.segmentation.covered import mean_height
+from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.state_estimate.observation import Observation, observe
 from skills.trajectory.arcs.paths import fold_duration
 from skills.vocabulary import GraspTrajectory, Outcome
@@ -199,15 +200,15 @@ def _displaced(places: _Places) -> bool:
 
 def _takeable(cell: Workcell, context: RunContext, seen: Observation) -> Callable[[Array], bool]:
     """Return whether a hand can take all cloth at a point (2,): it may not stand higher than the pads reach up
-    from the table. The camera's bias is taken off."""
+    from the table, and its height must be known. The camera's bias is taken off."""
     pixels = 2 * round(0.5 * AROUND / seen.view.pixel) + 1
-    height, known = mean_height(seen.height, pixels)
+    height = smooth_height(seen.height, pixels, KNOWN_SHARE)
     bias = context.first_look.bias.value if context.first_look else 0.0
     highest = cell.settings.gripper.pads.depth
 
     def takeable(point: Array) -> bool:
         row, column = _pixel(seen, point)
-        return bool(known[row, column]) and float(height[row, column]) - bias <= highest
+        return bool(float(height[row, column]) - bias <= highest)
 
     return takeable
 

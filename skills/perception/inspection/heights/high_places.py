@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.garment_height import smooth_height
 from skills.perception.inspection.predicted_view import draw_shape
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
 

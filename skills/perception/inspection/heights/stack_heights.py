@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from robots.ports import Array
-from skills.perception.garment_height import smooth_height
+from skills.perception.rectification.heights import smooth_height
 from skills.perception.rectification.table_view import TableView
 
 __all__ = ["StackHeights", "stack_heights"]

@@ -49,13 +49,13 @@ ALL = [template("towel", TOWEL, TOWEL_NAMES), template("shirt", SHIRT), template
 def test_each_outline_is_recognised_in_any_orientation(wanted, angle):
     seen = resample_closed(place(wanted.template * (1.04, 0.97), 0.6, 0.0, angle), 0.003)
     ranked = classify(seen, ALL)
-    assert ranked[0].name == wanted.name
+    assert ranked[0].garment.name == wanted.name
     assert ranked[0].iou > 0.93 and ranked[1].iou < ranked[0].iou - 0.05
 
 
 def test_towels_are_distinguished_by_their_size(towels):
     ranked = classify(resample_closed(place(TOWEL * 0.71, 0.6, 0.0, 0.1), 0.003), towels)
-    assert ranked[0].name == "small_towel"
+    assert ranked[0].garment.name == "small_towel"
     assert ranked[0].scale == pytest.approx(1.0, abs=0.03)
 
 

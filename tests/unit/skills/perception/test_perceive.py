@@ -119,7 +119,7 @@ def test_a_second_perception_accepts_exactly_what_the_first_one_recognised(calib
 def test_the_second_best_match_is_taken_if_only_its_size_fits(calibration, towels, monkeypatch, overlap, taken):
     """An exception is a match with a much worse overlap, which a second perception would refuse."""
     known = [towels[0], Silhouette("napkin", "napkin", TOWEL_NAMES, TOWEL * 0.7)]
-    matches = (Match("medium_towel", "towel", 0.98, 0.7), Match("napkin", "napkin", overlap, 1.0))
+    matches = (Match(known[0], 0.98, 0.7), Match(known[1], overlap, 1.0))
     monkeypatch.setattr("skills.perception.perceive.classify", lambda contour, garments: matches)
     scene = Scene(seed=3, polygons=[place(TOWEL * 0.7, 0.6, 0.0, 0.1)])
     picture, bare = render(scene), empty(scene)

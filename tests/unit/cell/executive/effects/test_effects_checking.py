@@ -18,7 +18,7 @@ from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import CameraFrame
-from skills.perception.monitoring.repeated_picture import picture_digests
+from skills.perception.camera_fault import picture_digests
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm

@@ -9,8 +9,8 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.perception.monitoring.garment_motion import displaced_boundary, measure_motion
-from skills.perception.monitoring.silhouette import open_views
 from skills.perception.settings import PerceptionSettings
+from skills.perception.views import open_views
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 
 CAMERA, SETTINGS = camera(), PerceptionSettings()

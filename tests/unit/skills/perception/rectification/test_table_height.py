@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.garment_height import height_above
-from skills.perception.rectification.table_height import table_height
+from skills.perception.rectification.heights import height_above, table_height
 from skills.perception.rectification.table_view import RectifiedView
 
 SHAPE = (425, 600)

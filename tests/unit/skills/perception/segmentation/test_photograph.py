@@ -48,29 +48,29 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("colour", [(25, 28, 35), (60, 80, 130), (120, 50, 45)])
 def test_trousers_on_planks_are_among_the_proposals(seed: int, colour: tuple[int, int, int]) -> None:
     rgb, truth = picture(planks(seed), colour, TROUSERS)
-    found = propose_garments(rgb, np.ones(SIZE, bool), 2500)
+    found = propose_garments(rgb, np.ones(SIZE, bool))
     assert max(overlap(p.mask, truth) for p in found) > 0.97
     assert overlap(found[0].mask, truth) > 0.95, "the most likely proposal"
 
 
 def test_bare_planks_have_no_outline_that_is_as_clear_as_a_garment() -> None:
-    bare = propose_garments(np.clip(planks(3), 0, 255).astype(np.uint8), np.ones(SIZE, bool), 2500)
+    bare = propose_garments(np.clip(planks(3), 0, 255).astype(np.uint8), np.ones(SIZE, bool))
     rgb, _ = picture(planks(3), (60, 80, 130), TROUSERS)
-    garment = propose_garments(rgb, np.ones(SIZE, bool), 2500)[0]
+    garment = propose_garments(rgb, np.ones(SIZE, bool))[0]
     assert all(p.confidence < garment.confidence for p in bare)
 
 
 def test_a_second_garment_is_one_of_the_other_things() -> None:
     left = np.array([[40, 60], [200, 60], [200, 260], [40, 260]])
     rgb, truth = picture(planks(4), (40, 60, 140), left, left + np.array([230, 20]))
-    best = propose_garments(rgb, np.ones(SIZE, bool), 2500)[0]
+    best = propose_garments(rgb, np.ones(SIZE, bool))[0]
     rest = truth & ~best.mask
     assert overlap(best.others, rest) > 0.8
 
 
 def test_what_touches_the_border_is_not_proposed_with_a_clear_outline() -> None:
     rgb, truth = picture(planks(5), (40, 60, 140), np.array([[-10, 60], [200, 60], [200, 260], [-10, 260]]))
-    found = propose_garments(rgb, np.ones(SIZE, bool), 2500)
+    found = propose_garments(rgb, np.ones(SIZE, bool))
     assert all(p.confidence < 0.7 for p in found if (p.mask & truth).any())
 
 

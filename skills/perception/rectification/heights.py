@@ -1,6 +1,7 @@
-"""Smooths the measured height of the empty table.
+"""Heights above the table in a rectified picture, and those of a garment in it.
 
-The true height is 0 everywhere, so the measured height shows the error of the calibration at each place.
+The true height of the empty table is 0 everywhere, so its measured height shows the error of the calibration at
+each place.
 """
 
 from __future__ import annotations
@@ -9,8 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["table_height"]
+from robots.ports import Array
+from skills.perception.rectification.table_view import RectifiedView
 
+__all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "table_height", "upper"]
+
+LOFTY = 1.4
+"""Largest ratio between the height of cloth and the one that its stated thickness gives: fabrics differ, and loose
+layers do not lie flat."""
+_FEWEST = 100
+"""Fewest pixels of which a percentile is taken."""
 _REDUCTION = 4
 """Edge length of a coarse pixel, in view pixels. The height is smoothed on coarse pixels."""
 _SIGMA = 1.0
@@ -18,6 +27,34 @@ _SIGMA = 1.0
 _MIN_KNOWN_SHARE = 0.25
 """If a smaller share than this of a place's surroundings is known, the value of the nearest place with a larger
 share is used."""
+
+
+def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np.float32]:
+    """Compute the height (H, W) above the measured empty table [m], which cancels the calibration's error."""
+    if empty is None:
+        return seen.height
+    return np.asarray(seen.height - table_height(empty.height), dtype=np.float32)
+
+
+def upper(heights: Array) -> float:
+    """Return the 95th percentile of heights (n,) [m]; NaN for fewer than 100."""
+    return float(np.quantile(heights, 0.95)) if len(heights) >= _FEWEST else float("nan")
+
+
+def garment_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:
+    """Mean height of a garment above the table, limited to 0..0.02 [m]; 0 without depth. Its outline is assumed to
+    lie at this height."""
+    samples = height[mask & np.isfinite(height)]
+    return float(np.clip(samples.mean(dtype=float), 0.0, 0.02)) if len(samples) > 1000 else 0.0
+
+
+def smooth_height(height: NDArray[np.float32], size: int = 9, least_known: float = 0.25) -> NDArray[np.float32]:
+    """Average the height (H, W) [m] over the known part of a square of `size` pixels around each pixel. The result
+    (H, W) [m] is NaN where no more than the share `least_known` of the square is known."""
+    known = np.isfinite(height)
+    total = cv2.boxFilter(np.where(known, height, np.float32(0.0)), -1, (size, size))
+    share = cv2.boxFilter(known.astype(np.float32), -1, (size, size))
+    return np.where(share > least_known, total / np.maximum(share, 1e-6), np.float32(np.nan)).astype(np.float32)
 
 
 def table_height(measured: NDArray[np.float32]) -> NDArray[np.float32]:

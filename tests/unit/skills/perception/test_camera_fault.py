@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from robots.errors import FailureKind
-from skills.perception.monitoring.repeated_picture import picture_digests, repeated
+from skills.perception.camera_fault import picture_digests, repeated
 from tests.scenes import Scene, render
 
 
