@@ -21,7 +21,7 @@ from benchmarks.perception.scenes import TABLE, draw_scene
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
-from skills.perception.fitting_picture import draw_fitting
+from skills.perception.drawing import draw_fitting
 from skills.perception.perceive import perceive
 
 __all__ = ["draw_curve", "draw_example", "draw_reliability", "main", "write"]

@@ -35,10 +35,9 @@ from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
 from skills.fold_plan.repair import RepairPlan
 from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.heights.camera_bias import CameraBias
-from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.height_expectation import CameraBias
 from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.target_view import TargetView
+from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.state_estimate.comparison import Fit
 from skills.state_estimate.estimate import StateEstimate
 

@@ -14,7 +14,7 @@ from skills.fold_plan.repair import RepairGoal, RepairPlan
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
 from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.height_expectation import CameraBias
 from skills.perception.inspection.inspect import Inspection
 from skills.perception.perceive import Perception
 from skills.state_estimate.comparison import Fit

@@ -25,7 +25,7 @@ from robots.ports import Array
 from skills.garments.garment import Garment
 from skills.garments.key_point_check import KeyPointFinding
 from skills.garments.picture_measure import PictureMeasure
-from skills.perception.overlay import draw_overlay
+from skills.perception.drawing import draw_overlay
 
 __all__ = ["add_options", "run"]
 

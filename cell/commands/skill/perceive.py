@@ -18,7 +18,7 @@ from cell.hardware.photograph import in_unit, perceive_photograph, read_photogra
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame
-from skills.perception.overlay import draw_on_camera, draw_overlay, draw_region
+from skills.perception.drawing import draw_on_camera, draw_overlay, draw_region
 from skills.perception.perceive import Perception
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation

@@ -13,8 +13,8 @@ from robots.errors import Failure, FailureKind
 from skills.fold_plan.folding import folded_creases, target_vertices
 from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import diagnose
-from skills.perception.inspection.heights.camera_bias import CameraBias
-from skills.perception.inspection.heights.height_expectation import (
+from skills.perception.inspection.height_expectation import (
+    CameraBias,
     IdealHeights,
     Normal,
     rising,

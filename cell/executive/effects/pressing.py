@@ -26,7 +26,7 @@ from skills.grasping.release import RELEASE_FORCE
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.moves.arc import plan_arc
 from skills.motion.moves.fold import FoldMotion, plan_hands_motion
-from skills.perception.inspection.heights.high_places import find_high_places
+from skills.perception.inspection.high_places import find_high_places
 from skills.perception.inspection.inspect import Inspection
 from skills.vocabulary import FoldLine, FoldStep, GraspId, Outcome, PredictedShape, ToolPath
 

@@ -14,8 +14,8 @@ from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.camera_fault import camera_fault, picture_digests, repeated
-from skills.perception.inspection.heights.camera_bias import estimate_camera_bias
-from skills.perception.overlay import draw_on_camera
+from skills.perception.drawing import draw_on_camera
+from skills.perception.inspection.height_expectation import estimate_camera_bias
 from skills.perception.perceive import Perception, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.perception.rectification.table_view import TableView

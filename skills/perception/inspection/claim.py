@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from robots.ports import Array
 from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.perception.inspection.diagnosis import beyond_limits
-from skills.perception.inspection.heights.camera_bias import CameraBias
-from skills.perception.inspection.heights.height_expectation import (
+from skills.perception.inspection.height_expectation import (
+    CameraBias,
     IdealHeights,
     Normal,
     estimate_bending,
@@ -73,8 +73,7 @@ class Claim:
 
 def claim_to_dict(claim: Claim) -> dict[str, bool | float | str | None]:
     """Return the claim as a mapping, in the form that results use. Figures that are not visible are None."""
-    known = {k: v if not isinstance(v, float) or math.isfinite(v) else None for k, v in asdict(claim).items()}
-    return known
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(claim).items()}
 
 
 def displacement_of(target: TargetView, R: Array, t: Array) -> Displacement:
@@ -147,7 +146,7 @@ def claim_fold(
         drift_rad=moved.drift_rad,
         says="",
     )
-    return _with_sentence(claim, wrong, seen, settings)
+    return replace(claim, says=_sentence(claim, wrong, seen, settings))
 
 
 def _wrong_shape(
@@ -176,11 +175,6 @@ def _probable_shape(target: TargetView, moved: Displacement, errors: ClaimSettin
         Normal(moved.drift_rad, errors.drift_angle_sigma).at_most(Normal(errors.drift_angle, 0.0)),
     )
     return math.prod(within)
-
-
-def _with_sentence(claim: Claim, wrong: tuple[str, ...], seen: Inspection, settings: InspectionSettings) -> Claim:
-    fields = {**asdict(claim), "says": _sentence(claim, wrong, seen, settings)}
-    return Claim(**fields)
 
 
 def _sentence(claim: Claim, wrong: tuple[str, ...], seen: Inspection, settings: InspectionSettings) -> str:

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 from robots.ports import frozen
 from skills.perception.inspection.diagnosis import diagnose
-from skills.perception.inspection.fold_heights import (
+from skills.perception.inspection.figures import (
     extra_height,
     judged_area,
+    left_behind,
     missing_layer,
     piled_area,
     upper_height,
 )
-from skills.perception.inspection.left_behind import left_behind
-from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
-from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
-from skills.perception.inspection.repeated_look import averaged_height
+from skills.perception.inspection.moved_edge import moved_edge
+from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
 from skills.perception.monitoring.silhouette import find_silhouette
@@ -41,10 +40,17 @@ from skills.vocabulary import (
     Table,
 )
 
-__all__ = ["Inspection", "InspectionSettings", "inspect"]
+__all__ = ["Inspection", "InspectionSettings", "averaged_height", "inspect"]
 
 APART = 0.04
 """What lies nearer than this to the garment or its prediction may be a part of the garment [m]."""
+STILL_IOU = 0.97
+"""Least overlap of the silhouettes of a garment that lies still."""
+STILL_M, NEARLY_ALL = 0.002, 0.99
+"""Largest difference between its smoothed heights [m], on nearly all of its inner part. In pictures of a garment
+at rest it was 0.7 to 0.8 mm, after it had been pressed 6.6 mm."""
+RIM = 5
+"""Width of the outer part, where the smoothed heights of cloth and table mix [pixels]."""
 
 
 def inspect(
@@ -89,21 +95,50 @@ def inspect(
     expected = draw_shape(view, predicted)
     raised = 0.0 if flat_top is None else max(flat_top - float(predicted.vertices[:, 2].min()), 0.0)
     expected += np.float32(raised)
-    figures = _Figures(view, found, height, expected, step, settings, raised)
-    if (second := _second_garment(found, expected, view, settings.perception)) is not None:
+    planned = np.isfinite(expected)
+    outline, observed = outline_of(view, planned), view.to_table(found.contour)
+    R, t = align(outline, observed)
+    if (second := _second_garment(found, planned, view, settings.perception)) is not None:
         return Outcome(failure=second)
     edge = None
     before = before or previous
     if step is not None and len(step.grasps) == 2 and before is not None:
         height_before = height_above(view.rectify(before), empty)
         flat = None if target is None else target.shape
-        edge = moved_edge(height, height_before, predicted, step, view, figures.R, figures.t, flat=flat)
-    inspection = figures.inspection(seen.rgb, edge)
-    if target is not None:
-        compared = view_target(
-            view, found.mask, inspection.contour, height, predicted, target, settings.fold_margin
-        )
-        inspection = replace(inspection, target=compared)
+        edge = moved_edge(height, height_before, predicted, step, view, R, t, flat)
+    moved, centre = move_view(view, expected, R, t), outline.mean(axis=0)
+    drift = R @ centre + t - centre
+    smooth, judged = smooth_height(height, 7), judged_area(found.mask, view, step, settings)
+    excess = smooth - moved
+    deviation, place = edge_deviation(outline @ R.T + t, observed)
+    margin = settings.fold_margin
+    inspection = Inspection(
+        iou=mask_iou(found.mask, planned),
+        iou_aligned=mask_iou(found.mask, np.isfinite(moved)),
+        drift=frozen(drift),
+        drift_about=frozen(centre),
+        drift_m=float(np.linalg.norm(drift)),
+        drift_rad=float(np.arctan2(R[1, 0], R[0, 0])),
+        height_m=upper_height(smooth, judged),
+        extra_height_m=extra_height(excess, judged),
+        piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
+        edge_deviation_m=deviation,
+        edge_place=frozen(place),
+        missing_layer=missing_layer(height, moved, view, step, R, t, settings, raised),
+        edge=edge,
+        left_behind=left_behind(view, found.mask, planned, step, settings),
+        diagnosis=None,
+        confidence=1.0,
+        contour=frozen(observed),
+        mask=frozen(found.mask),
+        predicted=frozen(planned),
+        height=frozen(height),
+        view=view,
+        rgb=frozen(seen.rgb),
+        target=None
+        if target is None
+        else view_target(view, found.mask, observed, height, predicted, target, margin),
+    )
     kind, confidence = diagnose(inspection, step, settings)
     inspection = replace(inspection, diagnosis=kind, confidence=confidence)
     notes: dict[str, float | int | str] = {
@@ -120,12 +155,12 @@ def inspect(
 
 
 def _second_garment(
-    found: Segmentation, expected: NDArray[np.float32], view: TableView, settings: PerceptionSettings
+    found: Segmentation, planned: NDArray[np.bool_], view: TableView, settings: PerceptionSettings
 ) -> Failure | None:
-    """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted outline, else None.
-    expected: (H, W) predicted height [m], NaN outside."""
+    """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted silhouette, `planned`
+    (H, W), else None."""
     size = 2 * round(APART / view.pixel) + 1
-    near = cv2.dilate((np.isfinite(expected) | found.mask).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    near = cv2.dilate((planned | found.mask).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     share = np.count_nonzero(found.others & ~near) / np.count_nonzero(found.mask)
     if share <= settings.litter:
         return None
@@ -135,66 +170,20 @@ def _second_garment(
     )  # fmt: skip
 
 
-class _Figures:
-    """Computes the figures of one comparison. found: the segmentation in `view`. expected: (H, W) predicted
-    height [m]. raised: height by which it was raised above the mesh [m].
-
-    R (2, 2), t (2,) [m]: the rigid motion that aligns the prediction with the observation.
-    """
-
-    def __init__(
-        self,
-        view: TableView,
-        found: Segmentation,
-        height: NDArray[np.float32],
-        expected: NDArray[np.float32],
-        step: FoldStep | None,
-        settings: InspectionSettings,
-        raised: float,
-    ) -> None:
-        self._view, self._found, self._height, self._expected = view, found, height, expected
-        self._step, self._settings, self._raised = step, settings, raised
-        self._outline = outline_of(view, np.isfinite(expected))
-        self._observed = view.to_table(found.contour)
-        self.R, self.t = align(self._outline, self._observed)
-
-    def inspection(self, rgb: NDArray[np.uint8], edge: MovedEdge | None) -> Inspection:
-        """Compute all figures, without a diagnosis. edge: the moved edge, or None."""
-        view, mask, step, settings = self._view, self._found.mask, self._step, self._settings
-        where = np.isfinite(self._expected)
-        moved = move_view(view, self._expected, self.R, self.t)
-        centre = self._outline.mean(axis=0)
-        drift = self.R @ centre + self.t - centre
-        smooth = smooth_height(self._height, 7)
-        excess = smooth - moved
-        judged = judged_area(mask, view, step, settings)
-        deviation, place = edge_deviation(self._outline @ self.R.T + self.t, self._observed)
-        return Inspection(
-            iou=_iou(mask, where),
-            iou_aligned=_iou(mask, np.isfinite(moved)),
-            drift=frozen(drift),
-            drift_about=frozen(centre),
-            drift_m=float(np.linalg.norm(drift)),
-            drift_rad=float(np.arctan2(self.R[1, 0], self.R[0, 0])),
-            height_m=upper_height(smooth, judged),
-            extra_height_m=extra_height(excess, judged),
-            piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
-            edge_deviation_m=deviation,
-            edge_place=frozen(place),
-            missing_layer=missing_layer(self._height, moved, view, step, self.R, self.t, settings, self._raised),
-            edge=edge,
-            left_behind=left_behind(view, mask, where, step, settings),
-            diagnosis=None,
-            confidence=1.0,
-            contour=frozen(self._observed),
-            mask=frozen(mask),
-            predicted=frozen(where),
-            height=frozen(self._height),
-            view=view,
-            rgb=frozen(rgb),
-        )
-
-
-def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    union = np.count_nonzero(a | b)
-    return float(np.count_nonzero(a & b) / union) if union else 0.0
+def averaged_height(
+    height: NDArray[np.float32], mask: NDArray[np.bool_], earlier: Inspection
+) -> NDArray[np.float32]:
+    """Return the mean of the height (H, W) and that of an earlier look [m], where both are known; the height
+    itself if the garment (mask, (H, W)) lies elsewhere or differently now. A second look is then better founded
+    than the first, and not only another draw of the same noise."""
+    if earlier.mask.shape != mask.shape:
+        return height
+    if mask_iou(mask, earlier.mask) < STILL_IOU:
+        return height
+    inner = cv2.erode((mask & earlier.mask).astype(np.uint8), np.ones((2 * RIM + 1,) * 2)) > 0
+    difference = np.abs(smooth_height(height) - smooth_height(earlier.height))[inner]
+    difference = difference[np.isfinite(difference)]
+    if not len(difference) or np.quantile(difference, NEARLY_ALL) > STILL_M:
+        return height
+    both = np.isfinite(height) & np.isfinite(earlier.height)
+    return np.where(both, 0.5 * (height + earlier.height), height).astype(np.float32)

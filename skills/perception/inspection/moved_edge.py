@@ -21,45 +21,36 @@ from skills.perception.rectification.heights import smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldStep, PredictedShape
 
-__all__ = ["EdgeSettings", "MovedEdge", "moved_edge"]
-
+__all__ = ["MovedEdge", "moved_edge"]
 
 SHORTEST = 0.08
 """Edges that are shorter are not judged [m]."""
+_STRIPS = 9
+"""Smallest number of strips into which the moved edge is divided along its length."""
+_STRIP_WIDTH, _STRIP_RISE = 0.012, 0.0042
+"""A strip may be as narrow as `_STRIP_WIDTH` if the layers raise the surface by `_STRIP_RISE` or more, so that a
+small corner that is turned in is wider than two strips [m]. The noise of a strip's mean falls with the square root
+of its width: strips of thinner layers are wider by the square of the ratio of the rises."""
+_OUTSIDE, _INSIDE = 0.024, 0.120
+"""The edge is searched from `_OUTSIDE` in front of its predicted place to `_INSIDE` behind this place [m]."""
+_CREASE = 0.045
+"""Nearer than this to the fold line, no rise is measured, because the crease is raised there [m]."""
+_RIM = 0.010
+"""Length ignored at the two ends of the edge, where depth is missing [m]."""
+_LOWEST_LOOP, _HIGHEST_LOOP = 0.002, 0.006
+"""The crease of an earlier fold forms a loop that stands above the stack. New layers press the loop down, so no rise
+is measured there. Cloth counts as part of a loop if it was higher than the stack's median height by more than the
+rise of the new layers; this limit is at least `_LOWEST_LOOP` and at most `_HIGHEST_LOOP` [m]."""
+_FLANK = 0.030
+"""Up to this distance beside such a loop, no rise is measured where the cloth was higher than the stack's median
+height by more than half of the new layers' rise [m]."""
+_MIN_RISE = 0.0010
+"""Minimum rise of the surface, because depth cannot resolve thinner moved layers [m]."""
+_SAMPLE = 0.002
+"""Distance of the samples [m]."""
 _TOLERANCE = 0.010
 """Huber threshold: in the fit of an edge, strips whose lag differs from the fit by more than this count
 less [m]."""
-
-
-@dataclass(frozen=True)
-class EdgeSettings:
-    """Lengths [m]."""
-
-    strips: int = 9
-    """Smallest number of strips into which the moved edge is divided along its length."""
-    strip_width: float = 0.012
-    strip_rise: float = 0.0042
-    """A strip may be as narrow as `strip_width` if the layers raise the surface by `strip_rise` or more, so that a
-    small corner that is turned in is wider than two strips. The noise of a strip's mean falls with the square root
-    of its width: strips of thinner layers are wider by the square of the ratio of the rises."""
-    outside: float = 0.024
-    inside: float = 0.120
-    """The edge is searched from `outside` in front of its predicted place to `inside` behind this place."""
-    crease: float = 0.045
-    """Nearer than this to the fold line, no rise is measured, because the crease is raised there."""
-    rim: float = 0.010
-    """Length ignored at the two ends of the edge, where depth is missing."""
-    loop: float = 0.006
-    min_loop: float = 0.002
-    """Cloth that was higher than the stack's median height by more than the new layers' rise, at least `min_loop`
-    and at most `loop`, belongs to the loop of an earlier crease. New layers press it down, so no rise is measured
-    there."""
-    flank: float = 0.030
-    """Up to `flank` beside such a loop, no rise is measured where cloth was higher than the stack's median height
-    by more than half of the new layers' rise."""
-    min_rise: float = 0.0010
-    """Minimum rise of the surface, because depth cannot resolve thinner moved layers."""
-    sample: float = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +129,6 @@ def moved_edge(
     view: TableView,
     R: Array,
     t: Array,
-    settings: EdgeSettings | None = None,
     flat: PredictedShape | None = None,
 ) -> MovedEdge | None:
     """Locate the edge by the rise of height during the fold; None if it cannot be measured.
@@ -149,51 +139,48 @@ def moved_edge(
     the moved layers are. Without it, they count as thick as they stand behind the edge. Loose layers stand higher
     there than at their edge, which is then found too far behind.
     """
-    settings = settings or EdgeSettings()
-    expected = _expected_edge(predicted, step, settings)
+    expected = _expected_edge(predicted, step)
     if expected is None:
         return None
     along, reach = expected
     line = step.line
-    depth = np.arange(-settings.outside, settings.inside, settings.sample)
+    depth = np.arange(-_OUTSIDE, _INSIDE, _SAMPLE)
     # Samples run from the predicted edge back towards the fold line. The line's normal points to the side that is
     # folded over, so the moved part now lies at negative distances.
     across = -(reach[:, None] - depth[None, :])
     places = line.point + along[:, None, None] * line.direction + across[..., None] * line.normal
     rise = _sampled(height, view, places @ R.T + t) - _sampled(before, view, places)
     height_before = _sampled(smooth_height(before), view, places)
-    rise[across > -settings.crease] = np.nan
+    rise[across > -_CREASE] = np.nan
     raised = height_before - _median(height_before[:, depth > 0])
-    layer = _layer(np.where(raised > settings.loop, np.nan, rise), depth, settings)
-    loop = raised > np.clip(layer, settings.min_loop, settings.loop)
-    near = binary_dilation(loop, iterations=round(settings.flank / settings.sample))
+    layer = _layer(np.where(raised > _HIGHEST_LOOP, np.nan, rise), depth)
+    loop = raised > np.clip(layer, _LOWEST_LOOP, _HIGHEST_LOOP)
+    near = binary_dilation(loop, iterations=round(_FLANK / _SAMPLE))
     pressed = loop | (near & (raised > 0.5 * layer))
-    crossing = _crossing_creases(rise, pressed, depth, layer, settings)
+    crossing = _crossing_creases(rise, pressed, depth, layer)
     raised[crossing & pressed] = 0.0
     rise[pressed & ~crossing] = np.nan
     raised[np.isnan(rise)] = np.nan
-    layer = _layer(rise, depth, settings)
-    if layer < settings.min_rise:
+    layer = _layer(rise, depth)
+    if layer < _MIN_RISE:
         return None
-    width = settings.strip_width * max(1.0, settings.strip_rise / layer) ** 2
-    count = max(settings.strips, round(len(rise) * settings.sample / width))
-    edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), settings.min_rise))
+    width = _STRIP_WIDTH * max(1.0, _STRIP_RISE / layer) ** 2
+    count = max(_STRIPS, round(len(rise) * _SAMPLE / width))
+    edge = layer if flat is None else min(layer, max(_thickness_moved(flat, step), _MIN_RISE))
     parts = [np.array_split(values, count) for values in (rise, raised, crossing)]
     behind = [_step_place(_mean(r), _mean(above), depth, edge) for r, above, _ in zip(*parts, strict=True)]
     # where the edge is oblique, its distance is shorter than that across the fold line
-    slope = [float(np.mean(part)) for part in np.array_split(np.gradient(reach, settings.sample), count)]
+    slope = [float(np.mean(part)) for part in np.array_split(np.gradient(reach, _SAMPLE), count)]
     lag, on_crease = np.array(behind) / np.hypot(1.0, slope), (bool(parts[2][0].all()), bool(parts[2][-1].all()))
-    noise = max(1.0, (width / (len(rise) * settings.sample / count)) ** 0.5)
+    noise = max(1.0, (width / (len(rise) * _SAMPLE / count)) ** 0.5)
     return MovedEdge(lag, layer, on_crease, noise)
 
 
-def _crossing_creases(
-    rise: Array, pressed: NDArray[np.bool_], depth: Array, layer: float, settings: EdgeSettings
-) -> NDArray[np.bool_]:
+def _crossing_creases(rise: Array, pressed: NDArray[np.bool_], depth: Array, layer: float) -> NDArray[np.bool_]:
     """Return for which rows the crease of the new layers visibly lies on the loop of the earlier crease, (n, 1):
     well behind the edge, the surface rose by more than the layers. The loop is then not pressed flat there."""
-    wide = max(1, round(settings.strip_width / settings.sample))
-    inner = depth > 0.5 * settings.inside
+    wide = max(1, round(_STRIP_WIDTH / _SAMPLE))
+    inner = depth > 0.5 * _INSIDE
     rows = np.zeros(len(rise), dtype=bool)
     for part in np.array_split(np.arange(len(rise)), max(1, len(rise) // wide)):
         rows[part] = pressed[part].any() and _median(rise[np.ix_(part, inner)]) > layer
@@ -213,20 +200,18 @@ def _thickness_moved(flat: PredictedShape, step: FoldStep) -> float:
     return thickness + float(np.median(spreads))
 
 
-def _layer(rise: Array, depth: Array, settings: EdgeSettings) -> float:
+def _layer(rise: Array, depth: Array) -> float:
     """Return the height of the moved layers [m], well behind the edge; 0 if nothing is known there.
 
     A low quantile is used, because the median can lie in a pile of cloth; a single layer next to the pile would
     then be missed.
     """
-    profiles = [_mean(part) for part in np.array_split(rise, settings.strips)]
-    inner = np.concatenate([p[depth > 0.5 * settings.inside] for p in profiles])
+    profiles = [_mean(part) for part in np.array_split(rise, _STRIPS)]
+    inner = np.concatenate([p[depth > 0.5 * _INSIDE] for p in profiles])
     return float(np.nanquantile(inner, 0.3)) if np.isfinite(inner).any() else 0.0
 
 
-def _expected_edge(
-    predicted: PredictedShape, step: FoldStep, settings: EdgeSettings
-) -> tuple[Array, Array] | None:
+def _expected_edge(predicted: PredictedShape, step: FoldStep) -> tuple[Array, Array] | None:
     """Return positions (n,) along the fold line, and the predicted distance (n,) to which the moved part reaches
     beyond the line there [m]; None if too little cloth was moved."""
     moved = step.line.signed_distance(fold_xy(step.earlier, predicted.material)) > 0
@@ -238,12 +223,12 @@ def _expected_edge(
         return None
     triangles = predicted.triangles[moved[predicted.triangles].all(axis=1)]
     sides = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    places = np.arange(along[moved].min(), along[moved].max(), settings.sample)
+    places = np.arange(along[moved].min(), along[moved].max(), _SAMPLE)
     farthest = _farthest(along[sides], reach[sides], places)
     outermost = places[farthest > 0.6 * farthest.max(initial=0.0)]
-    if not len(outermost) or np.ptp(outermost) < SHORTEST + 2.0 * settings.rim:
+    if not len(outermost) or np.ptp(outermost) < SHORTEST + 2.0 * _RIM:
         return None
-    inner = (places >= outermost[0] + settings.rim) & (places <= outermost[-1] - settings.rim)
+    inner = (places >= outermost[0] + _RIM) & (places <= outermost[-1] - _RIM)
     return places[inner], farthest[inner]
 
 

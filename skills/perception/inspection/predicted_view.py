@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.perception.rectification.table_view import TableView
+from skills.perception.registration.boundary import longest_contour
 from skills.vocabulary import PredictedShape
 
-__all__ = ["draw_shape", "move_view", "outline_of"]
+__all__ = ["draw_shape", "mask_iou", "move_view", "outline_of"]
 
 
 def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
@@ -29,10 +30,15 @@ def draw_shape(view: TableView, shape: PredictedShape) -> NDArray[np.float32]:
 
 def outline_of(view: TableView, mask: NDArray[np.bool_]) -> Array:
     """Return the longest boundary (n, 2) of a region [m]. Raises ValueError when the region is empty."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not contours:
+    if not mask.any():
         raise ValueError("the predicted shape lies outside of the view")
-    return view.to_table(max(contours, key=len).reshape(-1, 2).astype(float))
+    return view.to_table(longest_contour(mask))
+
+
+def mask_iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    """Compute the intersection over union of two masks (H, W); 0 if both are empty."""
+    union = np.count_nonzero(a | b)
+    return float(np.count_nonzero(a & b) / union) if union else 0.0
 
 
 def move_view(view: TableView, image: NDArray[np.float32], R: Array, t: Array) -> NDArray[np.float32]:

@@ -6,18 +6,34 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from robots.ports import Array, frozen
-from skills.perception.inspection.heights.stack_heights import StackHeights, stack_heights
-from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
+from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
+from skills.perception.rectification.heights import smooth_height, upper
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align
 from skills.vocabulary import PredictedShape
 
-__all__ = ["FoldTarget", "TargetView", "view_target"]
+__all__ = ["FoldTarget", "StackHeights", "TargetView", "stack_heights", "view_target"]
 
 MOST_LIFT = 0.030
 """Largest height by which the target is raised to the height of the observed garment [m]."""
+WINDOW = 5
+"""Side of the square over which the height is averaged [px]. The camera's noise in single pixels would raise the
+95th percentile; a larger square would lower the crest of a crease."""
+
+
+@dataclass(frozen=True)
+class StackHeights:
+    """95th percentiles of the height above the table [m]; NaN where too little is visible.
+
+    height_m: over the silhouette away from all creases, or over all of it if it lies near creases everywhere.
+    crease_height_m: over the silhouette near creases.
+    """
+
+    height_m: float
+    crease_height_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +92,13 @@ def view_target(
     outline = outline_of(view, np.isfinite(drawn))
     R, t = align(outline, contour)
     fitted = np.isfinite(move_view(view, drawn, R, t))
-    union = np.count_nonzero(mask | fitted)
     about = shape.vertices[:, :2].mean(axis=0)
 
     def heights(image: NDArray[np.float32], where: NDArray[np.bool_], at: Array) -> StackHeights:
         return stack_heights(image, where, view, at, margin)
 
     return TargetView(
-        iou=float(np.count_nonzero(mask & fitted) / union) if union else 0.0,
+        iou=mask_iou(mask, fitted),
         about=frozen(about),
         drift=frozen(R @ about + t - about),
         drift_rad=float(np.arctan2(R[1, 0], R[0, 0])),
@@ -91,3 +106,24 @@ def view_target(
         predicted=heights(expected, np.isfinite(expected), creases),
         flat=heights(flat, np.isfinite(flat), creases),
     )
+
+
+def stack_heights(
+    height: NDArray[np.float32], mask: NDArray[np.bool_], view: TableView, creases: Array, margin: float
+) -> StackHeights:
+    """Measure the heights of a garment. height: (H, W) above the table [m], NaN where unknown, and mask: (H, W) of
+    its silhouette, both in `view`. creases: (k, 2) points of all creases of the plan as they lie now [m]. margin:
+    distance from a crease up to which cloth is near it [m].
+
+    Each pixel counts at the place of the cloth that it shows, which its height determines.
+    """
+    smooth = smooth_height(height, WINDOW)
+    rows, columns = np.nonzero(mask & np.isfinite(height) & np.isfinite(smooth))
+    values = smooth[rows, columns].astype(float)
+    if not len(creases):
+        return StackHeights(upper(values), float("nan"))
+    places = view.to_table(np.stack([columns, rows], axis=1), values)
+    distance, _ = cKDTree(creases).query(places, distance_upper_bound=margin)
+    near = np.isfinite(distance)
+    away = upper(values[~near])
+    return StackHeights(away if np.isfinite(away) else upper(values), upper(values[near]))

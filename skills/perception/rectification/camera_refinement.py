@@ -9,8 +9,6 @@ the prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,39 +16,32 @@ from numpy.typing import NDArray
 from robots.ports import Array, frozen
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 
-__all__ = ["RefinementSettings", "refine_calibration"]
+__all__ = ["refine_calibration"]
 
 
-@dataclass(frozen=True)
-class RefinementSettings:
-    """Standard deviations, and maximum corrections. Lengths [m], angles [rad]."""
-
-    prior_position: float = 0.005
-    prior_angle: float = 0.005
-    plane_tilt: float = 0.0008
-    """Standard deviation of the measured plane's tilt."""
-    plane_height: float = 0.004
-    """Standard deviation of the measured plane's height. Depth sensors have a scale error of one per cent."""
-    edge_place: float = 0.0015
-    """Standard deviation of the position of the table's edges in the table frame."""
-    search: float = 0.04
-    largest_position: float = 0.03
-    largest_angle: float = 0.03
+_PRIOR_POSITION, _PRIOR_ANGLE = 0.005, 0.005
+"""Standard deviations of the given calibration [m, rad]."""
+_PLANE_TILT = 0.0008
+"""Standard deviation of the measured plane's tilt [rad]."""
+_PLANE_HEIGHT = 0.004
+"""Standard deviation of the measured plane's height [m]. Depth sensors have a scale error of one per cent."""
+_EDGE_PLACE = 0.0015
+"""Standard deviation of the position of the table's edges in the table frame [m]."""
+_SEARCH = 0.04
+"""Distance from its expected place up to which an edge is searched [m]."""
+_LARGEST_POSITION, _LARGEST_ANGLE = 0.03, 0.03
+"""Maximum corrections [m, rad]."""
 
 
 def refine_calibration(
-    frame: CameraFrame,
-    calibration: CameraCalibration,
-    table: Table,
-    settings: RefinementSettings | None = None,
+    frame: CameraFrame, calibration: CameraCalibration, table: Table
 ) -> Outcome[CameraCalibration]:
     """Correct the calibration by a picture of the empty table.
 
     Failures: CAMERA_FAULT when the depth picture shows no plane, or when the correction is larger than
-    `largest_position` or `largest_angle`: the calibration then belongs to another set-up. The outcome's notes
+    `_LARGEST_POSITION` or `_LARGEST_ANGLE`: the calibration then belongs to another set-up. The outcome's notes
     contain the size of the correction and the number of visible edges.
     """
-    settings = settings or RefinementSettings()
     plane = _table_plane(frame, calibration, table)
     if plane is None:
         return Outcome(
@@ -61,17 +52,15 @@ def refine_calibration(
             )
         )
     edges = [
-        (x, pixels)
-        for x in table.x
-        if (pixels := _edge_pixels(frame.rgb, calibration, table, x, settings)) is not None
+        (x, pixels) for x in table.x if (pixels := _edge_pixels(frame.rgb, calibration, table, x)) is not None
     ]
     correction = np.zeros(6)
     for _ in range(6):
-        r, J = _residuals(correction, calibration, plane, edges, settings)
+        r, J = _residuals(correction, calibration, plane, edges)
         correction = correction - np.linalg.solve(J.T @ J, J.T @ r)
     shift, turn = float(np.linalg.norm(correction[:3])), float(np.linalg.norm(correction[3:]))
     notes: dict[str, float | int | str] = {"shift_m": shift, "turn_rad": turn, "edges": len(edges)}
-    if shift > settings.largest_position or turn > settings.largest_angle:
+    if shift > _LARGEST_POSITION or turn > _LARGEST_ANGLE:
         return Outcome(
             failure=Failure(
                 FailureKind.CAMERA_FAULT,
@@ -100,23 +89,22 @@ def _residuals(
     calibration: CameraCalibration,
     plane: tuple[Array, float],
     edges: list[tuple[float, Array]],
-    settings: RefinementSettings,
 ) -> tuple[Array, Array]:
     def at(c: Array) -> Array:
         T = _corrected_pose(calibration.T_table_camera, c)
         normal, distance = plane
         up = T[:3, :3] @ normal
         parts = [
-            c[:3] / settings.prior_position,
-            c[3:] / settings.prior_angle,
-            up[:2] / settings.plane_tilt,
-            np.array([(T[2, 3] - distance) / settings.plane_height]),
+            c[:3] / _PRIOR_POSITION,
+            c[3:] / _PRIOR_ANGLE,
+            up[:2] / _PLANE_TILT,
+            np.array([(T[2, 3] - distance) / _PLANE_HEIGHT]),
         ]
         for x, rays in edges:
             d = rays @ T[:3, :3].T
             seen = T[0, 3] - d[:, 0] * T[2, 3] / d[:, 2]
             # Errors of neighbouring pixels are correlated: a whole edge counts as four independent measurements.
-            parts.append((seen - x) / (settings.edge_place * np.sqrt(len(rays) / 4.0)))
+            parts.append((seen - x) / (_EDGE_PLACE * np.sqrt(len(rays) / 4.0)))
         return np.concatenate(parts)
 
     r = at(correction)
@@ -162,19 +150,17 @@ def _table_plane(frame: CameraFrame, calibration: CameraCalibration, table: Tabl
     return normal, float(-middle @ normal)
 
 
-def _edge_pixels(
-    rgb: NDArray[np.uint8], calibration: CameraCalibration, table: Table, x: float, settings: RefinementSettings
-) -> Array | None:
+def _edge_pixels(rgb: NDArray[np.uint8], calibration: CameraCalibration, table: Table, x: float) -> Array | None:
     """Find rays (n, 3) in camera axes through the table's edge at this x [m]; None when the edge is not clearly
     visible.
 
-    Across the expected line, within `search`, the strongest change of colour is a point of the edge. A line is
+    Across the expected line, within `_SEARCH`, the strongest change of colour is a point of the edge. A line is
     fitted to these points, and points that are far from it are removed.
     """
     T = np.linalg.inv(calibration.T_table_camera)
     P = calibration.intrinsics.matrix @ T[:3]
     y = np.linspace(table.y[0] + 0.02, table.y[1] - 0.02, 160)
-    out = x + np.linspace(-settings.search, settings.search, 81)
+    out = x + np.linspace(-_SEARCH, _SEARCH, 81)
     grid = np.stack(np.broadcast_arrays(out[None, :], y[:, None], 0.0, 1.0), axis=-1)
     uvw = grid @ P.T
     uv = uvw[..., :2] / uvw[..., 2:]

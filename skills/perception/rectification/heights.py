@@ -19,7 +19,7 @@ LOFTY = 1.4
 """Largest ratio between the height of cloth and the one that its stated thickness gives: fabrics differ, and loose
 layers do not lie flat."""
 _FEWEST = 100
-"""Fewest pixels of which a percentile is taken."""
+"""A percentile is taken of more pixels than this."""
 _REDUCTION = 4
 """Edge length of a coarse pixel, in view pixels. The height is smoothed on coarse pixels."""
 _SIGMA = 1.0
@@ -37,8 +37,8 @@ def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np
 
 
 def upper(heights: Array) -> float:
-    """Return the 95th percentile of heights (n,) [m]; NaN for fewer than 100."""
-    return float(np.quantile(heights, 0.95)) if len(heights) >= _FEWEST else float("nan")
+    """Return the 95th percentile of heights (n,) [m]; NaN for `_FEWEST` or fewer."""
+    return float(np.quantile(heights, 0.95)) if len(heights) > _FEWEST else float("nan")
 
 
 def garment_height(mask: NDArray[np.bool_], height: NDArray[np.float32]) -> float:

@@ -109,13 +109,6 @@ class ContourTerms:
         # Not r @ r: BLAS would use threads, whose synchronisation takes milliseconds on a busy machine.
         return float((self.r * self.r).sum())
 
-    def jacobian(self) -> Array:
-        """Jacobian (m, 2 n); columns are the x and y of each vertex in turn."""
-        J = np.zeros((len(self.r), self.count, 2))
-        for k in range(3):
-            J[np.arange(len(self.r)), self.vertex[:, k]] += self.gradient[:, k]
-        return J.reshape(len(self.r), 2 * self.count)
-
     def normal_equations(self) -> tuple[Array, Array]:
         """Compute J^T J (2 n, 2 n) and J^T r (2 n,)."""
         return _normal(self.r, self.vertex, self.gradient, self.count)

@@ -24,7 +24,7 @@ from robots.errors import CellError, ConfigurationError, Failure, FailureKind, S
 from robots.ports import CameraFrame, Intrinsics, Side
 from skills.cloth.mesh import mesh_from_contour
 from skills.grasping.tare import TactileBias
-from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.height_expectation import CameraBias
 from skills.vocabulary import GraspId
 from tests.builders.contexts import context_with
 

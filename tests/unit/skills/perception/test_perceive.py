@@ -6,8 +6,8 @@ import pytest
 from robots.errors import FailureKind
 from robots.ports import CameraFrame
 from skills.perception.classify import Match
+from skills.perception.drawing import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.outline import polygon_area
-from skills.perception.overlay import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.perceive import perceive
 from skills.perception.settings import PerceptionSettings
 from tests.builders.silhouettes import Silhouette

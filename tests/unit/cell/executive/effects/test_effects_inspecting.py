@@ -19,10 +19,9 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.repair import RepairGoal
-from skills.perception.inspection.heights.camera_bias import CameraBias
-from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.height_expectation import CameraBias
 from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.target_view import TargetView
+from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.state_estimate.hypothesis import FoldState
 from skills.vocabulary import FoldLine, FoldStep, GarmentState, Outcome, PredictedShape
 from tests.builders.contexts import context_with

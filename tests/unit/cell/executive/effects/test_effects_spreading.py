@@ -25,7 +25,7 @@ from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.fold_plan.folding import SheetMesh
 from skills.fold_plan.plan import plan_folds
-from skills.perception.inspection.heights.camera_bias import CameraBias
+from skills.perception.inspection.height_expectation import CameraBias
 from skills.perception.rectification.table_view import TableView
 from skills.state_estimate.observation import Observation
 from skills.vocabulary import Outcome

@@ -13,11 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim import Claim, Displacement, claim_fold, claim_to_dict, displacement_of
-from skills.perception.inspection.heights.camera_bias import CameraBias
-from skills.perception.inspection.heights.height_expectation import IdealHeights, Normal
-from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.result import InspectionSettings
-from skills.perception.inspection.target_view import TargetView
+from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.vocabulary import FailureKind
 from tests.inspections import inspection
 

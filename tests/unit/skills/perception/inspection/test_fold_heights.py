@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.perception.inspection.fold_heights import (
+from skills.perception.inspection.figures import (
     extra_height,
     judged_area,
     missing_layer,

@@ -6,9 +6,8 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose
-from skills.perception.inspection.fold_heights import upper_height
+from skills.perception.inspection.figures import left_behind, upper_height
 from skills.perception.inspection.inspect import inspect
-from skills.perception.inspection.left_behind import left_behind
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.predicted_view import draw_shape
 from skills.perception.inspection.result import InspectionSettings

@@ -1,4 +1,5 @@
-"""Draws the perceived mask, contour, key points and confidence over a picture. Pure."""
+"""Draws what was perceived over a picture: mask, contour, key points and confidence, or the course of the
+registration, as in the paper. Pure."""
 
 from __future__ import annotations
 
@@ -13,12 +14,15 @@ from skills.perception.perceive import Perception
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation
 
-__all__ = ["draw_on_camera", "draw_on_view", "draw_overlay", "draw_region"]
+__all__ = ["draw_fitting", "draw_on_camera", "draw_on_view", "draw_overlay", "draw_region"]
 
 _TINT = (60, 160, 255)
 _CONTOUR = (40, 220, 90)
 _POINT = (255, 70, 60)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+_MARGIN = 45
+_GAP = 6
+_OBSERVED, _INITIAL, _FINAL = (255, 255, 255), (255, 150, 40), (40, 220, 90)
 
 
 def draw_overlay(
@@ -38,8 +42,8 @@ def draw_overlay(
         tinted = out[mask].astype(np.float32) * 0.65 + np.array(_TINT, np.float32) * 0.35
         out[mask] = np.round(tinted).astype(np.uint8)
     if contour is not None and len(contour) > 1:
-        cv2.polylines(out, [_fixed_point(contour)], True, (0, 0, 0), 3, cv2.LINE_AA, 4)
-        cv2.polylines(out, [_fixed_point(contour)], True, _CONTOUR, 1, cv2.LINE_AA, 4)
+        _line(out, contour, (0, 0, 0), 3)
+        _line(out, contour, _CONTOUR, 1)
     points = {name: np.asarray(p, dtype=float) for name, p in (keypoints or {}).items()}
     middle = np.mean(list(points.values()), axis=0) if points else np.zeros(2)
     for point in points.values():
@@ -67,11 +71,9 @@ def draw_on_view(perception: Perception) -> NDArray[np.uint8]:
 def draw_on_camera(perception: Perception, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Draw the perception over the camera's picture rgb (H, W, 3) from which it was made."""
     view, state = perception.view, perception.state
-    size = (rgb.shape[1], rgb.shape[0])
-    mask = cv2.warpPerspective(perception.mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
     return draw_overlay(
         rgb,
-        mask > 0,
+        _in_picture(perception.mask, view, rgb) > 0,
         view.to_image(state.contour),
         {name: view.to_image(p) for name, p in state.keypoints.items()},
         _title(perception),
@@ -83,25 +85,57 @@ def draw_region(
 ) -> NDArray[np.uint8]:
     """Draw the picture of a refusal over the camera's picture rgb (H, W, 3): area and outline of what was taken
     for the garment, and in red the outlines of the other things. title: one line at the top."""
-    size = (rgb.shape[1], rgb.shape[0])
-
-    def in_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-        warped = cv2.warpPerspective(mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
-        return np.asarray(warped, dtype=np.uint8)
-
     contour = view.to_image(view.to_table(segmentation.contour, 0.0)) if segmentation.found else None
-    out = draw_overlay(rgb, in_picture(segmentation.mask) > 0, contour, title=title)
-    others, _ = cv2.findContours(in_picture(segmentation.others), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    out = draw_overlay(rgb, _in_picture(segmentation.mask, view, rgb) > 0, contour, title=title)
+    others, _ = cv2.findContours(
+        _in_picture(segmentation.others, view, rgb), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
     cv2.drawContours(out, others, -1, _POINT, 2, cv2.LINE_AA)
     return out
+
+
+def draw_fitting(perception: Perception) -> NDArray[np.uint8]:
+    """Draw three panels side by side, RGB (H, W, 3), cropped around the garment in the rectified view."""
+    view, stages = perception.view, perception.registration.stages
+    dimmed = _dimmed(perception.rgb, perception.mask)
+    initial, steps = dimmed.copy(), dimmed.copy()
+    _line(initial, perception.segmentation.contour, _OBSERVED, 1)
+    _line(initial, view.to_pixel(stages[0]), _INITIAL, 2)
+    for i, stage in enumerate(stages):
+        share = i / max(len(stages) - 1, 1)
+        colour = tuple(round((1 - share) * a + share * b) for a, b in zip(_INITIAL, _FINAL, strict=True))
+        _line(steps, view.to_pixel(stage), colour, 2 if i == len(stages) - 1 else 1)
+    state = perception.state
+    names = {name: view.to_pixel(p) for name, p in state.keypoints.items()}
+    box = _crop(perception.segmentation.contour, dimmed.shape)
+    corner = np.array([box[1].start, box[0].start])
+    result = draw_overlay(
+        np.ascontiguousarray(perception.rgb[box]), None, view.to_pixel(state.contour) - corner,
+        {name: p - corner for name, p in names.items()},
+    )  # fmt: skip
+    captions = (
+        "template as laid on", f"{len(stages) - 1} updates of the reference",
+        f"{perception.garment}  {state.confidence:.2f}",
+    )  # fmt: skip
+    panels = [initial[box], steps[box], result]
+    return np.hstack([_captioned(panel, text) for panel, text in zip(panels, captions, strict=True)])
+
+
+def _in_picture(mask: NDArray[np.bool_], view: TableView, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Warp a mask of the view to the camera's picture rgb (h, w, 3): (h, w), 1 inside."""
+    size = (rgb.shape[1], rgb.shape[0])
+    warped = cv2.warpPerspective(mask.astype(np.uint8), view.homography, size, flags=cv2.INTER_NEAREST)
+    return np.asarray(warped, dtype=np.uint8)
 
 
 def _title(perception: Perception) -> str:
     return f"{perception.garment}  confidence {perception.state.confidence:.2f}"
 
 
-def _fixed_point(points: Array) -> NDArray[np.int32]:
-    return np.round(np.asarray(points) * 16).astype(np.int32)
+def _line(picture: NDArray[np.uint8], pixels: Array, colour: tuple[int, ...], width: int) -> None:
+    """Draw a closed line through pixels (n, 2) (column, row)."""
+    points = np.round(np.asarray(pixels) * 16).astype(np.int32)
+    cv2.polylines(picture, [points], True, colour, width, cv2.LINE_AA, 4)
 
 
 def _rounded(point: Array) -> tuple[int, int]:
@@ -125,3 +159,22 @@ def _text(out: NDArray[np.uint8], text: str, place: tuple[int, int], size: float
     box = out[top : place[1] + base, left : place[0] + width + 3]
     box[:] = (box * np.float32(0.35)).astype(np.uint8)
     cv2.putText(out, text, place, _FONT, size, (255, 255, 255), 1, cv2.LINE_AA)
+
+
+def _dimmed(rgb: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Darken the picture, the garment less than the rest, so that coloured lines are easy to see."""
+    share = np.where(mask, np.float32(0.75), np.float32(0.4))
+    return np.asarray(rgb * share[..., None], dtype=np.uint8)
+
+
+def _crop(contour: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    low, high = contour.min(axis=0) - _MARGIN, contour.max(axis=0) + _MARGIN
+    left, top = (max(int(v), 0) for v in low)
+    right, bottom = min(int(high[0]), shape[1]), min(int(high[1]), shape[0])
+    return slice(top, bottom), slice(left, right)
+
+
+def _captioned(panel: NDArray[np.uint8], text: str) -> NDArray[np.uint8]:
+    out = cv2.copyMakeBorder(panel, 26, 0, 0, _GAP, cv2.BORDER_CONSTANT, value=(24, 26, 30))
+    cv2.putText(out, text, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (235, 235, 235), 1, cv2.LINE_AA)
+    return np.asarray(out, dtype=np.uint8)

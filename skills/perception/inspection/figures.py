@@ -1,6 +1,9 @@
-"""Compares the heights of a folded garment with the prediction, to find piled cloth and missing layers."""
+"""The figures of an inspection: heights compared with the prediction, to find piled cloth and missing layers, and
+how far the garment still reaches beyond the fold line."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
@@ -9,11 +12,11 @@ from numpy.typing import NDArray
 from robots.ports import Array
 from skills.fold_plan.plan import RELEASE_CLEARANCE
 from skills.perception.inspection.result import InspectionSettings
-from skills.perception.rectification.heights import LOFTY
+from skills.perception.rectification.heights import LOFTY, upper
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldStep, GraspId
 
-__all__ = ["extra_height", "judged_area", "missing_layer", "piled_area", "upper_height"]
+__all__ = ["extra_height", "judged_area", "left_behind", "missing_layer", "piled_area", "upper_height"]
 
 
 def judged_area(
@@ -33,15 +36,13 @@ def judged_area(
 
 def upper_height(height: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
     """95th percentile of the heights (H, W) in the judged area [m]; NaN if too little of it is visible."""
-    samples = height[judged & np.isfinite(height)]
-    return float(np.quantile(samples, 0.95)) if len(samples) > 100 else float("nan")
+    return upper(height[judged & np.isfinite(height)])
 
 
 def extra_height(excess: NDArray[np.float32], judged: NDArray[np.bool_]) -> float:
     """95th percentile of the excess height (H, W) over a prediction in the judged area [m]; 0 if too little of it
     is visible."""
-    upper = upper_height(excess, judged)
-    return upper if np.isfinite(upper) else 0.0
+    return float(np.nan_to_num(upper_height(excess, judged)))
 
 
 def piled_area(excess: NDArray[np.float32], judged: NDArray[np.bool_], threshold: float, pixel: float) -> float:
@@ -92,3 +93,35 @@ def _lofty(step: FoldStep, grasp_id: GraspId, raised: float) -> float:
         return float("inf")
     below = max(float(step.targets[grasp_id][2]) - RELEASE_CLEARANCE, 0.0)
     return LOFTY * (below + grasp.height + raised)
+
+
+def left_behind(
+    view: TableView,
+    mask: NDArray[np.bool_],
+    predicted: NDArray[np.bool_],
+    step: FoldStep | None,
+    settings: InspectionSettings,
+) -> Mapping[str, float]:
+    """Measure how much further than predicted the garment reaches beyond the fold line [m], on the side from which
+    it was folded.
+
+    mask, predicted: (H, W) observed and predicted silhouette. The result's keys are the grasps, and 'middle' for
+    the place between two grasps; a value is NaN if too little is visible there. Empty without a step.
+    """
+    if step is None or not step.grasps:
+        return {}
+    line = step.line
+    places = {str(i): float((g.point - line.point) @ line.direction) for i, g in step.grasps.items()}
+    if len(places) == 2:
+        places["middle"] = sum(places.values()) / 2
+    coordinates = []
+    for region in (mask, predicted):
+        rows, columns = np.nonzero(region)
+        xy = view.to_table(np.stack([columns, rows], axis=1))
+        coordinates.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
+    excess = {}
+    for name, place in places.items():
+        seen, planned = (across[np.abs(along - place) < settings.strip] for along, across in coordinates)
+        enough = min(len(seen), len(planned)) > 50
+        excess[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
+    return excess

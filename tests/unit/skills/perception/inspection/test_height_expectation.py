@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.heights.height_expectation import (
-    Expected,
+from skills.perception.inspection.height_expectation import (
     IdealHeights,
     Normal,
     estimate_bending,
@@ -20,7 +19,7 @@ from skills.perception.inspection.heights.height_expectation import (
     rising,
     scaled_ideal_heights,
 )
-from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.target_view import StackHeights
 
 S = ClaimSettings()
 C = np.linspace(0.010, 0.020, 11)
@@ -58,9 +57,9 @@ def test_a_higher_first_crease_never_means_a_softer_fabric(a: float, b: float, s
 @given(lengths, st.floats(0.0, 0.002), st.floats(0.0, 0.002))
 def test_expected_heights_follow_the_table_with_its_slope(c: float, sigma: float, ideal: float) -> None:
     found = expected_heights(TABLE, Normal(c, sigma), ideal)
-    assert found.height.mean == pytest.approx(0.004 + 0.5 * c)
-    assert found.crease.mean == pytest.approx(0.004 + 1.2 * c)
-    assert found.crease.sigma == pytest.approx(math.hypot(1.2 * sigma, ideal), abs=1e-9)
+    assert found[0].mean == pytest.approx(0.004 + 0.5 * c)
+    assert found[1].mean == pytest.approx(0.004 + 1.2 * c)
+    assert found[1].sigma == pytest.approx(math.hypot(1.2 * sigma, ideal), abs=1e-9)
 
 
 def test_heights_above_the_stack_are_scaled_with_the_bending_length() -> None:
@@ -83,8 +82,8 @@ def test_a_table_is_made_to_rise_and_can_then_be_inverted() -> None:
 
 def test_the_limit_is_that_of_the_stack_or_of_the_ideal_fold_whichever_is_higher() -> None:
     none = Normal(0.0, 0.0)
-    low = judge_flatness(none, none, Expected(Normal(0.005, 0.0), Normal(0.02, 0.0)), Normal(0.004, 0.0), S)
-    high = judge_flatness(none, none, Expected(Normal(0.013, 0.0), Normal(0.02, 0.0)), Normal(0.004, 0.0), S)
+    low = judge_flatness(none, none, (Normal(0.005, 0.0), Normal(0.02, 0.0)), Normal(0.004, 0.0), S)
+    high = judge_flatness(none, none, (Normal(0.013, 0.0), Normal(0.02, 0.0)), Normal(0.004, 0.0), S)
     assert (low.height_limit_m, high.height_limit_m) == pytest.approx((0.014, 0.016))
     assert low.crease_height_limit_m == pytest.approx(0.030)
 
@@ -93,14 +92,14 @@ def test_the_limit_is_that_of_the_stack_or_of_the_ideal_fold_whichever_is_higher
     ("height", "crease", "flat"), [(0.0139, 0.0299, True), (0.0141, 0.02, False), (0.01, 0.0301, False)]
 )
 def test_both_heights_must_be_within_their_limits(height: float, crease: float, flat: bool) -> None:
-    expected = Expected(Normal(0.005, 0.0), Normal(0.02, 0.0))
+    expected = (Normal(0.005, 0.0), Normal(0.02, 0.0))
     found = judge_flatness(Normal(height, 0.0), Normal(crease, 0.0), expected, Normal(0.004, 0.0), S)
     assert found.flat is flat and found.probability == pytest.approx(float(flat), abs=1e-6)
 
 
 @given(st.floats(0.0, 0.05), st.floats(0.0, 0.05))
 def test_a_higher_fold_is_never_more_probably_flat(a: float, b: float) -> None:
-    expected, stack = Expected(Normal(0.010, 0.002), Normal(0.02, 0.003)), Normal(0.004, 0.001)
+    expected, stack = (Normal(0.010, 0.002), Normal(0.02, 0.003)), Normal(0.004, 0.001)
     low, high = (
         judge_flatness(Normal(h, 0.001), Normal(0.025, 0.001), expected, stack, S).probability
         for h in sorted((a, b))
@@ -121,7 +120,7 @@ def test_the_probability_of_being_flat_is_the_share_of_flat_folds() -> None:
             for name, value in zip(errors, (height, crease, ideal, ideal_crease, stack), strict=True)
         }
         judged = judge_flatness(
-            seen["height"], seen["crease"], Expected(seen["ideal"], seen["ideal_crease"]), seen["stack"], S
+            seen["height"], seen["crease"], (seen["ideal"], seen["ideal_crease"]), seen["stack"], S
         )
         told.append(judged.probability)
         within = height <= max(stack + S.stack_margin, ideal + S.ideal_margin)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.heights.camera_bias import estimate_camera_bias
+from skills.perception.inspection.height_expectation import estimate_camera_bias
 
 S = ClaimSettings()
 

@@ -1,4 +1,5 @@
-"""Expects the height of a fold whose fabric is known only as a class, and judges an observed height by it.
+"""Expects the height of a fold whose fabric is known only as a class, and judges an observed height by it. The
+camera's bias is estimated before, from the flat garment.
 
 An unpressed crease is as high as its fabric is stiff. The height allowed is therefore that of the ideal fold, made
 without grippers and settled, plus a margin. Its bending length is estimated from the first crease of the run. All
@@ -10,18 +11,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.heights.stack_heights import StackHeights
+from skills.perception.inspection.target_view import StackHeights
 from skills.vocabulary import Array, frozen
 
 __all__ = [
-    "Expected",
+    "CameraBias",
     "Flatness",
     "IdealHeights",
     "Normal",
     "estimate_bending",
+    "estimate_camera_bias",
     "expected_heights",
     "judge_flatness",
     "rising",
@@ -31,6 +35,13 @@ __all__ = [
 _Z = np.linspace(-6.0, 6.0, 601)
 _WEIGHT = np.exp(-0.5 * _Z**2) / np.exp(-0.5 * _Z**2).sum()
 _ERF = np.vectorize(math.erf, otypes=[float])
+RIM = 11
+"""Side of the square by which the silhouette is eroded [px]. At its rim, hems stand high and depths of cloth and
+table are mixed."""
+FEWEST = 1000
+"""Fewest pixels of which the median is taken."""
+PLAUSIBLE = 4.0
+"""An estimate further than this many standard deviations from the expected bias is not believed."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +59,7 @@ class Normal:
 @dataclass(frozen=True, eq=False)
 class IdealHeights:
     """Heights of the ideal fold for k bending lengths [m], each (k,). bending_lengths increases, and the heights
-    do not decrease with it.
-
-    Tables that were computed fold by fold are made so by `rising`.
+    do not decrease with it (see `rising`).
 
     height_m, crease_height_m: after the last step, away from and near the creases. first_crease_m: near the crease
     after the first step. All are of the middle of the upper layer, as in `StackHeights`.
@@ -63,11 +72,13 @@ class IdealHeights:
 
 
 @dataclass(frozen=True)
-class Expected:
-    """Heights of the ideal fold [m], away from and near the creases."""
+class CameraBias:
+    """Bias of the camera's heights [m], positive if cloth is seen too high, and its standard deviation [m].
+    measured: False if the expected value of the settings is used instead of an estimate."""
 
-    height: Normal
-    crease: Normal
+    value: float
+    sigma: float
+    measured: bool
 
 
 @dataclass(frozen=True)
@@ -81,9 +92,39 @@ class Flatness:
     crease_height_limit_m: float
 
 
+def estimate_camera_bias(
+    height: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    layers: int,
+    thickness: float,
+    thickness_sigma: float = 0.0,
+    settings: ClaimSettings | None = None,
+) -> CameraBias:
+    """Estimate the bias: the median height over the interior of a flat garment minus its true height.
+
+    height: (H, W) above the table [m], NaN where unknown. mask: (H, W) of the garment. layers: number of layers of
+    the flat garment, each `thickness` [m] thick, with the standard deviation `thickness_sigma`. The true height is
+    that of the middle of the upper layer, as in the simulation and the score.
+
+    If too little is visible, or if the estimate is implausible (for example because the garment is crumpled), the
+    result is the expected bias of the settings.
+    """
+    settings = settings or ClaimSettings()
+    expected = CameraBias(settings.camera_bias, settings.camera_bias_sigma, measured=False)
+    interior = cv2.erode(mask.astype(np.uint8), np.ones((RIM, RIM), np.uint8)) > 0
+    samples = height[interior & np.isfinite(height)]
+    if len(samples) < FEWEST:
+        return expected
+    value = float(np.median(samples)) - (layers - 0.5) * thickness
+    if abs(value - expected.value) > PLAUSIBLE * expected.sigma:
+        return expected
+    return CameraBias(value, (layers - 0.5) * thickness_sigma, measured=True)
+
+
 def rising(table: IdealHeights) -> IdealHeights:
-    """Return the table with each height at least that of the next softer fabric: a simulated fold can come to rest
-    a little lower than that of a softer fabric."""
+    """Return the table with heights that do not decrease with the bending length: each is raised to the largest
+    height of all softer fabrics. In the simulation, a fold can come to rest a little lower than that of a softer
+    fabric."""
     running = (np.maximum.accumulate(h) for h in (table.height_m, table.crease_height_m, table.first_crease_m))
     return IdealHeights(table.bending_lengths, *map(frozen, running))
 
@@ -136,31 +177,32 @@ def estimate_bending(table: IdealHeights, first_crease: Normal | None) -> Normal
     return Normal(float(np.clip(mean, c[0], c[-1])), math.sqrt(weight) * sigma)
 
 
-def expected_heights(table: IdealHeights, bending: Normal, ideal_sigma: float = 0.0) -> Expected:
-    """Return the heights of the ideal fold for a bending length [m]. ideal_sigma: error of the table [m]."""
+def expected_heights(table: IdealHeights, bending: Normal, ideal_sigma: float = 0.0) -> tuple[Normal, Normal]:
+    """Return the heights of the ideal fold for a bending length [m]: away from and near the creases [m].
+    ideal_sigma: error of the table [m]."""
 
     def at(heights: Array) -> Normal:
         mean, slope = _line_at(table.bending_lengths, heights, bending.mean)
         return Normal(mean, math.hypot(slope * bending.sigma, ideal_sigma))
 
-    return Expected(at(table.height_m), at(table.crease_height_m))
+    return at(table.height_m), at(table.crease_height_m)
 
 
 def judge_flatness(
-    height: Normal, crease: Normal | None, expected: Expected, stack: Normal, settings: ClaimSettings
+    height: Normal, crease: Normal | None, expected: tuple[Normal, Normal], stack: Normal, settings: ClaimSettings
 ) -> Flatness:
-    """Judge the observed heights [m]. crease: None if there is nothing near a crease. stack: height of the flat
-    stack, layers x thickness.
+    """Judge the observed heights [m]. crease: None if there is nothing near a crease. expected: see
+    `expected_heights`. stack: height of the flat stack, layers x thickness.
 
     Away from creases, the height may reach the larger of the flat stack plus `stack_margin` and the ideal height
     plus `ideal_margin`; near creases, the ideal height plus `crease_margin`.
     """
     bounds = (
         Normal(stack.mean + settings.stack_margin, stack.sigma),
-        Normal(expected.height.mean + settings.ideal_margin, expected.height.sigma),
+        Normal(expected[0].mean + settings.ideal_margin, expected[0].sigma),
     )
     limit = max(b.mean for b in bounds)
-    crease_bound = Normal(expected.crease.mean + settings.crease_margin, expected.crease.sigma)
+    crease_bound = Normal(expected[1].mean + settings.crease_margin, expected[1].sigma)
     low = height.mean <= limit and (crease is None or crease.mean <= crease_bound.mean)
     probability = _at_most_one(height, bounds) * (1.0 if crease is None else crease.at_most(crease_bound))
     return Flatness(low, probability, limit, crease_bound.mean)

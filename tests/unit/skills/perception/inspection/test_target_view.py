@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skills.perception.inspection.heights.stack_heights import stack_heights
 from skills.perception.inspection.predicted_view import draw_shape, outline_of
-from skills.perception.inspection.target_view import FoldTarget, view_target
+from skills.perception.inspection.target_view import FoldTarget, stack_heights, view_target
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera

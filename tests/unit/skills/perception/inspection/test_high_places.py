@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skills.perception.inspection.heights.high_places import EDGE, HighPlaces, find_high_places
+from skills.perception.inspection.high_places import EDGE, HighPlaces, find_high_places
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
 from tests.scenes import TABLE, camera
