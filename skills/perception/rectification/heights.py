@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array
 from skills.perception.rectification.table_view import RectifiedView
 
 __all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "table_height", "upper"]
@@ -36,7 +35,7 @@ def height_above(seen: RectifiedView, empty: RectifiedView | None) -> NDArray[np
     return np.asarray(seen.height - table_height(empty.height), dtype=np.float32)
 
 
-def upper(heights: Array) -> float:
+def upper(heights: NDArray[np.floating]) -> float:
     """Return the 95th percentile of heights (n,) [m]; NaN for `_FEWEST` or fewer."""
     return float(np.quantile(heights, 0.95)) if len(heights) > _FEWEST else float("nan")
 

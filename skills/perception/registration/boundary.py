@@ -54,7 +54,7 @@ def _trace(mask: NDArray[np.bool_]) -> Array:
     return pixels + 0.5 * outward_normals(smooth_closed(pixels, 2.0))
 
 
-def sample(image: NDArray[np.uint8] | NDArray[np.float32], pixels: Array) -> Array:
+def sample(image: NDArray[np.uint8] | NDArray[np.float32], pixels: NDArray[np.floating]) -> Array:
     """Sample an image (H, W) or (H, W, channels) at pixels (n, m, 2), bilinearly; outside the image, the nearest
     pixel counts. Returns (n, m) or (n, m, channels)."""
     columns, rows = np.moveaxis(pixels.astype(np.float32), -1, 0)

@@ -71,7 +71,7 @@ def _clean(mask: Mask) -> tuple[Mask, Mask, float]:
     # Close by one pixel only: between the two legs of trousers just a narrow strip of table is visible, and a
     # wider closing would fill it.
     cleaned = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((2, 2), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened(cleaned, 5).astype(np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened(cleaned > 0, 5).astype(np.uint8))
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < SMALLEST_AREA:
         return np.zeros(mask.shape, bool), np.zeros(mask.shape, bool), 0.0

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.registration.details.cloth_picture import ClothPicture, sample
+from skills.perception.registration.boundary import sample
+from skills.perception.registration.details.cloth_picture import ClothPicture
 from skills.perception.registration.energy import Boundary
 
 __all__ = ["locate_seam"]
