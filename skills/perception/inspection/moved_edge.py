@@ -39,8 +39,8 @@ _RIM = 0.010
 """Length ignored at the two ends of the edge, where depth is missing [m]."""
 _LOWEST_LOOP, _HIGHEST_LOOP = 0.002, 0.006
 """The crease of an earlier fold forms a loop that stands above the stack. New layers press the loop down, so no
-rise is measured there. Cloth counts as part of a loop if it was higher than the stack's median height by more than the
-rise of the new layers; this limit is at least `_LOWEST_LOOP` and at most `_HIGHEST_LOOP` [m]."""
+rise is measured there. Cloth counts as part of a loop if it was higher than the stack's median height by more than
+the rise of the new layers; this limit is at least `_LOWEST_LOOP` and at most `_HIGHEST_LOOP` [m]."""
 _FLANK = 0.030
 """Up to this distance beside such a loop, no rise is measured where the cloth was higher than the stack's median
 height by more than half of the new layers' rise [m]."""
