@@ -19,7 +19,7 @@ from skills.perception.outline import GarmentOutline, polygon_area, resample_clo
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.energy import Boundary, EnergyWeights
 from skills.perception.registration.register import FitSettings, fit
-from skills.perception.segmentation.segment import segment_watershed
+from skills.perception.segmentation.watershed import segment_watershed
 
 __all__ = ["paper_keypoints"]
 

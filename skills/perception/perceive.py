@@ -23,8 +23,8 @@ from skills.perception.registration.details.picture_refinement import refine_by_
 from skills.perception.registration.register import Registration, register
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.photograph import propose_garments
-from skills.perception.segmentation.segment import segmentations
 from skills.perception.settings import PerceptionSettings
+from skills.perception.silhouette import segmentations
 from skills.perception.usable_region import unusable
 from skills.perception.views import Views, open_views
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, GarmentState, Outcome, Table

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
-from skills.perception.monitoring.silhouette import find_silhouette
 from skills.perception.rectification.table_view import TableView
 from skills.perception.settings import PerceptionSettings
+from skills.perception.silhouette import find_silhouette
 from skills.perception.views import open_views
 from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 

@@ -22,12 +22,12 @@ from skills.perception.inspection.moved_edge import moved_edge
 from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
 from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
-from skills.perception.monitoring.silhouette import find_silhouette
 from skills.perception.rectification.heights import height_above, smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.settings import PerceptionSettings
+from skills.perception.silhouette import find_silhouette
 from skills.perception.views import open_views
 from skills.vocabulary import (
     CameraCalibration,

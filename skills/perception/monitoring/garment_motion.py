@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from robots.ports import Array
-from skills.perception.monitoring.silhouette import find_silhouette
 from skills.perception.rectification.heights import smooth_height
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Mask
 from skills.perception.segmentation.reference import segment_reference
 from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.perception.settings import PerceptionSettings
+from skills.perception.silhouette import find_silhouette
 from skills.perception.views import Views
 from skills.vocabulary import Outcome
 

@@ -10,8 +10,8 @@ from skills.perception.registration.boundary import refine_boundary
 from skills.perception.segmentation.colour_model import log_colour
 from skills.perception.segmentation.grabcut import segment_grabcut
 from skills.perception.segmentation.reference import segment_plain, segment_reference
-from skills.perception.segmentation.segment import segment_watershed
 from skills.perception.segmentation.table_model import light_change
+from skills.perception.segmentation.watershed import segment_watershed
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)

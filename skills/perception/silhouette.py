@@ -1,19 +1,46 @@
-"""Finds the garment's silhouette in a picture, without recognising it: after a fold, and before the hands go
-down."""
+"""Segments the garment in an opened picture by one of several methods. After a fold, and before the hands go down,
+it finds the garment's silhouette without recognising it.
+
+`reference` compares the picture with that of the empty table, `plain` with a smooth table colour that is fitted to
+the view's rim. `grabcut` also works on a patterned table. `watershed` is the paper's method.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from skills.perception.segmentation.grabcut import segment_grabcut
 from skills.perception.segmentation.mask import Segmentation
-from skills.perception.segmentation.segment import segmentations
+from skills.perception.segmentation.reference import segment_plain, segment_reference
+from skills.perception.segmentation.watershed import segment_watershed
 from skills.perception.settings import PerceptionSettings
 from skills.perception.usable_region import intrusion, touches_border
 from skills.perception.views import Views
 from skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["find_silhouette"]
+__all__ = ["find_silhouette", "segmentations"]
 
 _MARGIN = 2
 """A garment nearer than this to the border of the view is out of view [px]."""
+
+
+def segmentations(views: Views, method: str) -> Iterator[tuple[str, Segmentation]]:
+    """Yield the segmentations to try in turn, each with the name of its method.
+
+    method: 'reference', 'plain', 'grabcut' or 'watershed'. Without a picture of the empty table, 'reference' means
+    'plain' and, if that fails, 'grabcut'. Raises ValueError for another method.
+    """
+    rgb, valid = views.seen.rgb, views.seen.valid
+    if method == "reference" and views.empty is not None:
+        yield method, segment_reference(rgb, views.empty.rgb, valid, views.height)
+    elif method in ("reference", "plain"):
+        yield "plain", segment_plain(rgb, valid, views.height)
+    elif method == "watershed":
+        yield method, segment_watershed(rgb, valid)
+    elif method != "grabcut":
+        raise ValueError(f"method {method!r} is none of reference, plain, grabcut, watershed")
+    if method == "grabcut" or (method == "reference" and views.empty is None):
+        yield "grabcut", segment_grabcut(rgb, valid)
 
 
 def find_silhouette(views: Views, settings: PerceptionSettings) -> Outcome[Segmentation]:
