@@ -286,7 +286,12 @@ class InspectionConfig(_Group):
     claim_drift_deg: float = _number(0.5, 90.0, "degrees", "largest rotation since then")
     stack_margin: float = _number(0.0, 0.1, "m", "height allowed above the flat stack, away from creases")
     ideal_margin: float = _number(0.0, 0.1, "m", "height allowed above the ideal fold, away from creases")
-    crease_margin: float = _number(-0.05, 0.1, "m", "height allowed above the ideal fold, near creases; negative: only a pressed crease is flat")
+    crease_margin: float = _number(
+        -0.05,
+        0.1,
+        "m",
+        "height allowed above the ideal fold, near creases; negative: only a pressed crease is flat",
+    )
     height_sigma: float = _number(0.0, 0.05, "m", "error of an observed height away from creases (1 sigma)")
     crease_sigma: float = _number(0.0, 0.05, "m", "error of an observed height near creases (1 sigma)")
     first_crease_sigma: float = _number(
