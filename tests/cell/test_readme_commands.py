@@ -1,4 +1,4 @@
-"""The foldcell commands of README.md, performed in its order with one logs folder. .ci/run performs those of make."""
+"""The foldcell commands of README.md, performed in its order with one logs folder."""
 
 from __future__ import annotations
 
