@@ -26,7 +26,8 @@ from cell.control.checks import ExecutionLimits
 from cell.control.motion import Motion
 from cell.control.motions import hold_position, trajectory
 from cell.control.ticks import TICK_S
-from cell.runs.fold_run import FoldRequest, FoldResult, fold_once
+from cell.record.run_record import RunRecord
+from cell.runs.fold_run import FoldRequest, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
 from robots.baxter.model import load_model
 from robots.model import RobotModel
@@ -62,11 +63,11 @@ def compare(tell: Callable[[str], None], seeds: range) -> dict[str, Any]:
         runs = [_fold(model, seed, scale) for seed in seeds]
         name = f"errors_x{scale}"
         figures[f"{name}_folded"] = sum(result.result == "folded" for result, _ in runs)
-        recovered = [text for result, _ in runs for step in result.steps for text in step["recoveries"]]
+        recovered = [text for result, _ in runs for step in result.steps for text in step.recoveries]
         figures |= {f"{name}_recoveries": len(recovered), f"{name}_recovered_from": recovered}
         scores = [result.score for result, _ in runs if result.score]
         for key in SCORES:
-            figures[f"{name}_{key}"] = float(np.mean([s[key] for s in scores])) if scores else None
+            figures[f"{name}_{key}"] = float(np.mean([getattr(s, key) for s in scores])) if scores else None
         off = 1e3 * np.concatenate([tools for _, tools in runs])
         figures[f"{name}_tool_error_mm_rms"] = float(np.sqrt((off**2).mean()))
         figures[f"{name}_tool_error_mm_p99"] = float(np.quantile(off, 0.99))
@@ -75,7 +76,7 @@ def compare(tell: Callable[[str], None], seeds: range) -> dict[str, Any]:
     return figures
 
 
-def _fold(model: RobotModel, seed: int, scale: float) -> tuple[FoldResult, Array]:
+def _fold(model: RobotModel, seed: int, scale: float) -> tuple[RunRecord, Array]:
     """Perform one run. Return its result, and the distances (n,) between commanded and measured position of the
     tools [m], two for every tick of the arms' motions."""
     noise = scaled_errors(load_noise(), scale)

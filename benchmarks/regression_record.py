@@ -94,13 +94,23 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
     lines = [[e.cell_time, e.state, e.kind, e.name, _plain(e.payload)] for e in entries]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "events.json").write_text(json.dumps(lines, indent=1) + "\n")
-    kept = ("result", "state", "failure", "score", "steps", "robot_time_s", "stage_times_s")
-    score = {key: value for key, value in result.as_json().items() if key in kept}
-    (folder / "score.json").write_text(json.dumps(score, indent=1, sort_keys=True) + "\n")
+    (folder / "score.json").write_text(json.dumps(_score(result.as_json()), indent=1, sort_keys=True) + "\n")
     np.savez_compressed(folder / "commands.npz", **{name: np.array(rows) for name, rows in commands.rows.items()})
-    passed = (result.score or {}).get("passed")
+    passed = result.score.passed if result.score else None
     sent = len(commands.rows["arms"])
     tell(f"{script.stem}: {result.state}, passed {passed}, {len(lines)} lines, {sent} set-points")
+
+
+def _score(figures: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of a run with the keys of earlier records, so that all versions can be compared."""
+    kept = ("result", "state", "failure", "score", "steps", "robot_time_s", "stage_times_s")
+    failure = {k: v for k, v in (figures["failure"] or {}).items() if v or k != "setting"}
+    later = ("simulations", "duration_s")
+    steps = [
+        {"predicted_iou": step["aligned_iou"], **{k: v for k, v in step.items() if k not in later}}
+        for step in figures["steps"]
+    ]
+    return {key: figures[key] for key in kept} | {"failure": failure or None, "steps": steps}
 
 
 def differences(before: Path, after: Path) -> list[str]:

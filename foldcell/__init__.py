@@ -18,17 +18,18 @@ from foldcell.perceiving import PerceivedGarment, perceive
 from robots.errors import CellError, ConfigurationError, Failure, StorageError
 
 if TYPE_CHECKING:
-    from cell.states.fold_request import FoldResult
+    from cell.record.run_record import FoldRecord, RunRecord
     from cell.transcript.set_points import SetPoints
 
 __all__ = [
     "CellError",
     "ConfigurationError",
     "Failure",
-    "FoldResult",
+    "FoldRecord",
     "OptimisedFold",
     "PerceivedGarment",
     "Run",
+    "RunRecord",
     "SetPoints",
     "StorageError",
     "export",
@@ -42,10 +43,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import the cell's result types when they are first used."""
-    if name == "FoldResult":
-        from cell.states.fold_request import FoldResult
+    if name in {"FoldRecord", "RunRecord"}:
+        from cell.record import run_record
 
-        return FoldResult
+        return getattr(run_record, name)
     if name == "SetPoints":
         from cell.transcript.set_points import SetPoints
 

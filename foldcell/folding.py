@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
-    from cell.states.fold_request import FoldResult
+    from cell.record.run_record import RunRecord
 
 __all__ = ["fold"]
 
@@ -25,7 +25,7 @@ def fold(
     approve: bool = False,
     record: bool = True,
     quiet: bool = True,
-) -> FoldResult:
+) -> RunRecord:
     """Fold a garment once, as the command `fold` does, and wait for the end of the run.
 
     garment: a shipped name, a garment file, or 'auto' (the cell recognises it). seed: seed of the simulated cell,
@@ -34,11 +34,11 @@ def fold(
     ask at the terminal before each fold; with a robot the cell always asks. record: save recording, transcript and
     report in the run's folder. quiet: print no progress lines on standard output.
 
-    The result has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
+    The record has the keys of `fold --json` as attributes (times [s], lengths [m]): `result` is 'folded',
     'not_folded' or 'fault'; `failure` is the reason; `claim` is what the camera shows of the last fold; `score`
-    holds the scorer's figures (None on hardware); `steps` has one mapping per fold; `run_dir` is the folder for
-    `load_run`. If the function is called on the main thread, SIGINT and SIGTERM stop the cell during the run, and
-    `signal` of the result is the number of that signal.
+    holds the scorer's figures (None on hardware); `steps` has one `FoldRecord` per fold; `run_dir` is the folder
+    for `load_run`. If the function is called on the main thread, SIGINT and SIGTERM stop the cell during the run,
+    and `signal` of the record is the number of that signal.
 
     Raises ConfigurationError and StorageError before anything moves.
     """

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cell.journal.journal import Intent
+    from cell.journal.journal import Entry, Intent
+    from cell.record.run_record import FoldRecord, RunRecord
     from cell.transcript.set_points import SetPoints
 
 __all__ = ["Run", "load_run"]
@@ -24,12 +24,8 @@ class Run:
     or 'interrupted' if its process ended without ending the run. seed: None on hardware without a seed. started,
     ended: wall time [s since 1970]; ended is None for an interrupted run. versions: package -> version.
 
-    result: everything that `fold --json` prints; empty for an interrupted run. folds: `steps` of the result, one
-    mapping per fold. stage_times_s: state -> time spent in it. events: every line of the journal in order
-    (sequence, cell_time [s], wall_time [s since 1970], state, kind: 'event', 'intent' or 'result', name, answers:
-    sequence number of the intent that a result answers, payload). effects: every effect in order (name, state,
-    fold: index into `folds`, attempt, begun_s, ended_s, event, failure, what); ended_s is None if the run ended
-    during the effect.
+    record: what `fold` returned and `fold --json` printed; None for an interrupted run or a calibration. entries:
+    every line of the journal in order. effects: every effect in order, with its intent and result.
     """
 
     id: str
@@ -42,22 +38,14 @@ class Run:
     versions: Mapping[str, str]
     settings_hash: str
     folder: Path
-    result: Mapping[str, Any]
-    events: tuple[Mapping[str, Any], ...]
-    effects: tuple[Mapping[str, Any], ...]
+    record: RunRecord | None
+    entries: tuple[Entry, ...]
+    effects: tuple[Intent, ...]
 
     @property
-    def folds(self) -> tuple[Mapping[str, Any], ...]:
-        return tuple(self.result.get("steps") or ())
-
-    @property
-    def stage_times_s(self) -> Mapping[str, float]:
-        return dict(self.result.get("stage_times_s") or {})
-
-    @property
-    def robot_time_s(self) -> float | None:
-        """Duration of the run without waiting for an operator; None for a run without a result."""
-        return self.result.get("robot_time_s")
+    def folds(self) -> tuple[FoldRecord, ...]:
+        """The planned folds; empty for a run without a record."""
+        return self.record.steps if self.record else ()
 
     def set_points(self) -> SetPoints | None:
         """The set-points sent to the arms, read from the transcript; None for a run without a transcript.
@@ -95,6 +83,7 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     read.
     """
     from cell.journal.journal import Journal, performed
+    from cell.record.run_record import record_of
     from cell.support.files.paths import journal_path, logs_directory
     from robots.errors import ConfigurationError
 
@@ -103,40 +92,22 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     if named is None and folder.is_dir() and journal_path(folder.parent).is_file():
         named = folder.parent
     with Journal.open(journal_path(logs_directory(named)), readonly=True) as journal:
-        record = journal.run(str(run))
-        if record.status == "running":
-            raise ConfigurationError(
-                f"the run {record.id} has not ended (pid {record.pid})", "try again when it has"
-            )
-        entries = journal.entries(record.id)
+        row = journal.run(str(run))
+        if row.status == "running":
+            raise ConfigurationError(f"the run {row.id} has not ended (pid {row.pid})", "try again when it has")
+        entries = journal.entries(row.id)
     return Run(
-        id=record.id,
-        status=record.status,
-        garment=record.garment,
-        seed=record.seed,
-        driver=record.driver,
-        started=record.started,
-        ended=record.ended,
-        versions=record.versions,
-        settings_hash=record.settings_hash,
-        folder=record.directory,
-        result=record.summary,
-        events=tuple(dataclasses.asdict(entry) for entry in entries),
-        effects=tuple(_effect(effect) for effect in performed(entries)),
+        id=row.id,
+        status=row.status,
+        garment=row.garment,
+        seed=row.seed,
+        driver=row.driver,
+        started=row.started,
+        ended=row.ended,
+        versions=row.versions,
+        settings_hash=row.settings_hash,
+        folder=row.directory,
+        record=record_of(row.summary),
+        entries=tuple(entries),
+        effects=tuple(performed(entries)),
     )
-
-
-def _effect(effect: Intent) -> dict[str, Any]:
-    begun, ended = effect.begun, effect.result
-    came = ended.payload if ended else {}
-    return {
-        "name": begun.name,
-        "state": begun.state,
-        "fold": begun.payload.get("step"),
-        "attempt": begun.payload.get("attempt"),
-        "begun_s": begun.cell_time,
-        "ended_s": ended.cell_time if ended else None,
-        "event": came.get("event"),
-        "failure": came.get("kind"),
-        "what": came.get("what"),
-    }

@@ -17,12 +17,13 @@ from cell.executive.effects import EFFECTS
 from cell.hardware.driver import OpenCell
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import Journal
+from cell.record.run_record import RunRecord
 from cell.runs.checkpoint_writer import Interrupted
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
 from cell.simulation import Fault
 from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.fold_request import FoldRequest
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
 from robots.ports import Array, JointSetpoint, Ports
@@ -120,7 +121,7 @@ class Onlooker:
         request: FoldRequest,
         script: Callable[[Ports], object] = lambda ports: None,
         interrupted: Interrupted | None = None,
-    ) -> FoldResult:
+    ) -> RunRecord:
         """Run `fold_once` under observation."""
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("cell.runs.fold_run.EFFECTS", {e: self._watched(e, f) for e, f in EFFECTS.items()})

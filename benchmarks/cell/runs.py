@@ -11,9 +11,10 @@ from typing import Any
 from unittest.mock import patch
 
 from cell.config.cell_settings import load_settings
+from cell.record.run_record import RunRecord
 from cell.runs.checkpoint_writer import CheckpointWriter
 from cell.runs.fold_run import fold_once
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.fold_request import FoldRequest
 from cell.states.observers import Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect
@@ -53,7 +54,7 @@ def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
     """Perform `rounds` rounds, each with one run of each kind, after a run that warms up. Return the figures of
     the fastest run of each kind."""
     _fold({}, _Walls())
-    best: dict[str, tuple[float, FoldResult, _Walls, list[float]]] = {}
+    best: dict[str, tuple[float, RunRecord, _Walls, list[float]]] = {}
     for n in range(rounds):
         for kind, options in KINDS.items():
             walls = _Walls()
@@ -77,7 +78,7 @@ def measure(tell: Callable[[str], None], rounds: int) -> dict[str, Any]:
     return figures
 
 
-def _fold(options: dict[str, Any], walls: _Walls) -> FoldResult:
+def _fold(options: dict[str, Any], walls: _Walls) -> RunRecord:
     with tempfile.TemporaryDirectory() as folder:
         request = FoldRequest(GARMENT, SEED, "sim", load_settings(), None, Path(folder), quiet=True, **options)
         return fold_once(request, observers=(walls,))

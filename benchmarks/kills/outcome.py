@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.kills.durable_writes import DurableWrite
-from cell.journal.journal import Entry, RunRecord
+from cell.journal.journal import Entry, JournalRun
 from cell.runs.resumable import RESUMED_FROM
 
 __all__ = ["Outcome", "Resumed", "lost", "place_of", "resume_event"]
@@ -53,7 +53,7 @@ class Outcome:
 
     @classmethod
     def of(
-        cls, number: int, acknowledged: Sequence[DurableWrite], run: RunRecord, entries: Sequence[Entry],
+        cls, number: int, acknowledged: Sequence[DurableWrite], run: JournalRun, entries: Sequence[Entry],
         problems: Sequence[str], resumed: Resumed, seconds: float,
     ) -> Outcome:  # fmt: skip
         """Judge a killed run. run, entries: its journal after the kill; problems: those found already."""
@@ -63,7 +63,7 @@ class Outcome:
         return cls(number, place_of(acknowledged), state, missing, resumed.event, end, passed, seconds)
 
 
-def lost(acknowledged: Sequence[DurableWrite], run: RunRecord, entries: Sequence[Entry]) -> list[str]:
+def lost(acknowledged: Sequence[DurableWrite], run: JournalRun, entries: Sequence[Entry]) -> list[str]:
     """Return what the journal lacks of the acknowledged writes, and what in it is inconsistent."""
     found = {entry.sequence: entry for entry in entries}
     missing = []
@@ -109,7 +109,7 @@ def resume_event(entries: Sequence[Entry]) -> str:
     return next(left, "")
 
 
-def _end(run: RunRecord, entries: Sequence[Entry], resumed: Resumed) -> tuple[str, bool | None]:
+def _end(run: JournalRun, entries: Sequence[Entry], resumed: Resumed) -> tuple[str, bool | None]:
     """Describe the end, and whether the fold passed; None if there was nothing to resume."""
     if run.result == "folded" and resumed.exit_code == 64:
         return f"{ALREADY_FOLDED}, {'passed' if _passes(run.summary) else 'NOT PASSED'}", None

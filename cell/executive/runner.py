@@ -17,8 +17,7 @@ from cell.hardware.workcell import Workcell
 from cell.journal.journal import RunJournal
 from cell.states.commands import ABORTED, ANSWERS, CommandQueue
 from cell.states.observers import FAILING, Observer, Step
-from cell.states.run_context import Result, RunContext
-from cell.states.run_end import RunEnd
+from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from robots.errors import CellError, DriverError, Failure, FailureKind, InternalError, StorageError
 

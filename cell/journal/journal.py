@@ -26,7 +26,7 @@ from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock, is_held
 from robots.errors import CellError, ConfigurationError, InternalError, StorageError
 
-__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "RunJournal", "RunRecord", "performed", "to_json"]
+__all__ = ["NOT_BEGUN", "Entry", "Intent", "Journal", "JournalRun", "RunJournal", "performed", "to_json"]
 
 SCHEMA_VERSION = 1
 PAYLOAD_SCHEMA = 1
@@ -87,10 +87,59 @@ class Intent:
     begun: Entry
     result: Entry | None
 
+    @property
+    def name(self) -> str:
+        return self.begun.name
+
+    @property
+    def state(self) -> str:
+        return self.begun.state
+
+    @property
+    def fold(self) -> int | None:
+        """Index of the fold."""
+        return self.begun.payload.get("step")
+
+    @property
+    def attempt(self) -> int | None:
+        """Number of adjustments that recoveries had made to this fold."""
+        return self.begun.payload.get("attempt")
+
+    @property
+    def begun_s(self) -> float:
+        """Cell time [s]."""
+        return self.begun.cell_time
+
+    @property
+    def ended_s(self) -> float | None:
+        """Cell time [s]; None if the run ended during the effect."""
+        return self.result.cell_time if self.result else None
+
+    @property
+    def event(self) -> str | None:
+        """The event with which the effect ended."""
+        return self._outcome.get("event")
+
+    @property
+    def failure(self) -> str | None:
+        """Kind of the failure with which the effect ended; None if it did not fail."""
+        return self._outcome.get("kind")
+
+    @property
+    def what(self) -> str | None:
+        """That failure in words."""
+        return self._outcome.get("what")
+
+    @property
+    def _outcome(self) -> Mapping[str, Any]:
+        return self.result.payload if self.result else {}
+
 
 @dataclass(frozen=True)
-class RunRecord:
-    """One run. status: its result, or `running`, or `interrupted` if its process ended before the run did."""
+class JournalRun:
+    """The journal's row of a run. summary: its record as JSON (`cell.record.run_record`), or what else its end was
+    given; empty before the end. status: its result, or `running`, or `interrupted` if its process ended before the
+    run did."""
 
     id: str
     garment: str
@@ -184,12 +233,12 @@ class Journal:
 
     # reading
 
-    def runs(self) -> list[RunRecord]:
+    def runs(self) -> list[JournalRun]:
         """All runs in the order in which they began, each with its present status."""
         rows = self._read("SELECT * FROM runs ORDER BY rowid", ())
         return [self._record(row) for row in rows]
 
-    def run(self, name: str) -> RunRecord:
+    def run(self, name: str) -> JournalRun:
         """The run called `name`: an id, its first characters, a folder, or `last`.
 
         Raises ConfigurationError if there is no such run, or more than one.
@@ -249,13 +298,13 @@ class Journal:
         with self._mutex, self._errors():
             return self._connection.execute(sql, values).fetchall()
 
-    def _record(self, row: sqlite3.Row) -> RunRecord:
+    def _record(self, row: sqlite3.Row) -> JournalRun:
         folder = self.path.parent / row["id"]
         status = row["result"] or ("running" if is_held(folder / OWNER_FILE) else "interrupted")
         if status == "interrupted":  # the run may have ended after its row was read
             now = self._read("SELECT * FROM runs WHERE id = ?", (row["id"],))
             row, status = (now[0], now[0]["result"] or status) if now else (row, status)
-        return RunRecord(
+        return JournalRun(
             id=row["id"],
             garment=row["garment"],
             seed=row["seed"],

@@ -28,8 +28,7 @@ from cell.journal.frame_store import FrameStore
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, FirstLook, Plan, PressPlan, Recognition, Repair, Spread
-from cell.states.step_note import StepNote
+from cell.states.stages import Attempt, FirstLook, FoldNote, Plan, PressPlan, Recognition, Repair, Spread
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
@@ -43,7 +42,7 @@ from skills.state_estimate.estimate import StateEstimate
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
-SCHEMA = 3
+SCHEMA = 4
 LARGE = 2**16
 """Arrays of at least this size [bytes] get separate files, because most of them do not change between effects."""
 _OURS = ("cell.", "robots.", "skills.")
@@ -115,7 +114,7 @@ def _schema() -> str:
     where the fields can change while the version stays the same."""
     kinds = (
         RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
-        Repair, RepairPlan, Spread, StateEstimate, Fit, StepNote, Inspection, TargetView, StackHeights, Claim,
+        Repair, RepairPlan, Spread, StateEstimate, Fit, FoldNote, Inspection, TargetView, StackHeights, Claim,
     )  # fmt: skip
     fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
     return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"

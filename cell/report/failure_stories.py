@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.record.words import COMMANDS, laying_in_words, plain, recovery_in_words
 from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
 from cell.report.camera_pictures.question_picture import OUTLINE, draw_failure, draw_plan
-from cell.report.recovery_words import laying_in_words, recovery_in_words
-from cell.states.commands import COMMAND_WORDS
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event
@@ -109,7 +108,7 @@ class FailureStories:
             self._settle(t, step.effect, settled)
 
     def _failed(self, t: float, step: Step, before: RunContext, failure: Failure) -> None:
-        title = f"{failure.kind.value} while {step.target.value}".replace("_", " ")
+        title = plain(f"{failure.kind} while {step.target}")
         story, frame = self._open, self._context.sight.frame
         if story is None:
             story = self._open = _Open(t, title, failure.what, self._scene_before(before))
@@ -137,9 +136,8 @@ class FailureStories:
             picture = draw_plan(frame, self._calibration, self._context)
             story.done.append(Scene(t, _planned(self._context), _small(picture)))
         elif "command" in result.record:
-            story.done.append(
-                Scene(t, f"the operator answered: {COMMAND_WORDS[Event(str(result.record['command']))]}")
-            )
+            answer = COMMANDS[Event(str(result.record["command"]))]
+            story.done.append(Scene(t, f"the operator answered: {answer}"))
 
     def _estimated(self, t: float, story: _Open, before: RunContext) -> bool:
         """Add the estimate that was just made. Returns whether one was made."""
@@ -175,7 +173,7 @@ class FailureStories:
 
 def _planned(context: RunContext) -> str:
     assert context.plan is not None
-    fold = context.plan.steps[context.fold.index].name.replace("_", " ")
+    fold = plain(context.plan.steps[context.fold.index].name)
     repair = context.fold.repair
     return f"fold {fold}, once more" if repair is None else f"fold {fold}: {repair.in_words()}"
 
@@ -196,7 +194,8 @@ def _settled(effect: Effect, event: Event) -> str:
 def _seen(effect: Effect, context: RunContext) -> list[Array]:
     """Return the outlines (n, 2) of the garment as the effect has seen it [m]."""
     if effect is not Effect.RECOGNISE:
-        return [context.done[-1].observed] if context.done and len(context.done[-1].observed) >= 3 else []
+        last = context.done[-1].inspected if context.done else None
+        return [last.contour] if last is not None and len(last.contour) >= 3 else []
     if context.fold.index and context.plan is not None:
         return outline(context.plan.vertices, context.plan.mesh.triangles)
     return [] if context.recognition is None else [context.recognition.perception.state.contour]

@@ -23,14 +23,13 @@ from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
-from cell.journal.journal import Entry, Journal, RunRecord
+from cell.journal.journal import Entry, Journal, JournalRun
 from cell.runs.resumable import RESUMED_FROM
 from cell.runs.run_inputs import initial_checkpoint, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.states.observers import Observer, Step
-from cell.states.run_context import Result, RunContext
-from cell.states.run_end import RunEnd
+from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import journal_path
 from cell.transcript.channels import Channel
@@ -86,7 +85,7 @@ class Verdict:
 
 
 def decide_again(
-    run: RunRecord,
+    run: JournalRun,
     entries: Sequence[Entry],
     observers: tuple[Observer, ...] = (),
     tell: Callable[[str], None] = lambda text: None,
@@ -190,7 +189,7 @@ class _Beginning:
     first: Event
 
     @classmethod
-    def of(cls, run: RunRecord, entries: Sequence[Entry]) -> Self:
+    def of(cls, run: JournalRun, entries: Sequence[Entry]) -> Self:
         """Read how a run began. Raises StorageError or ConfigurationError if the run's initial checkpoint cannot
         be read."""
         lines = tuple(e for e in entries[:1] if e.name == RESUMED_FROM)
@@ -268,7 +267,7 @@ def _why_incomplete(
     return Deviation(answers.cell_time, place, replay.state, replay.effect, then, now), None
 
 
-def _was_cut_off(run: RunRecord) -> bool:
+def _was_cut_off(run: JournalRun) -> bool:
     """Whether the journal of a run may lack its last lines."""
     failure = run.summary.get("failure") or {}
     return run.status == "interrupted" or failure.get("kind") == FailureKind.UNRECORDED

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cell.journal.checkpoint_file import CHECKPOINT, has_checkpoint
 from cell.journal.frame_store import FRAMES
-from cell.journal.journal import Journal, RunRecord
+from cell.journal.journal import Journal, JournalRun
 from cell.runs.checkpoint_writer import WORLD
 from cell.runs.resumable import resumable
 from cell.runs.run_inputs import BEGAN_WITH
@@ -28,7 +28,7 @@ class PrunableRun:
     """A run whose recordings may be removed. paths: the files and folders of its recordings; bytes: their total
     size."""
 
-    run: RunRecord
+    run: JournalRun
     paths: tuple[Path, ...]
     bytes: int
 
@@ -60,7 +60,7 @@ def prune(run: PrunableRun) -> None:
         ) from e
 
 
-def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, RunRecord, bool]]:
+def _runs(logs: Path, unfinished: bool) -> Iterator[tuple[float, JournalRun, bool]]:
     """Yield every run: (start [s since 1970], record, whether its recordings are needed). The yielded start never
     decreases within a journal, even if the clock was set back."""
     # each run of a campaign has its own journal, in CAMPAIGN/GARMENT-seedN or CAMPAIGN/VARIANT/GARMENT-seedN

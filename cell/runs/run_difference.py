@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cell.journal.journal import Entry, Intent, RunRecord, performed
+from cell.journal.journal import Entry, Intent, JournalRun, performed
 from cell.runs.request_file import SETTINGS
 
 __all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
@@ -56,7 +56,7 @@ class RunDifference:
 
 
 def run_difference(
-    first: RunRecord, first_entries: Sequence[Entry], second: RunRecord, second_entries: Sequence[Entry]
+    first: JournalRun, first_entries: Sequence[Entry], second: JournalRun, second_entries: Sequence[Entry]
 ) -> RunDifference:
     """Compare two runs of the journal. Raises StorageError if a run's settings cannot be read."""
     a, b = ([_decision(x) for x in performed(entries)] for entries in (first_entries, second_entries))
@@ -74,11 +74,10 @@ def run_difference(
 
 
 def _decision(intent: Intent) -> Decision:
-    begun, outcome = intent.begun, intent.result.payload if intent.result else {}
-    return Decision(begun.name, begun.state, begun.payload.get("step"), outcome.get("event"), outcome.get("kind"))
+    return Decision(intent.name, intent.state, intent.fold, intent.event, intent.failure)
 
 
-def _settings(record: RunRecord) -> dict[str, Any]:
+def _settings(record: JournalRun) -> dict[str, Any]:
     """Return the settings by dotted key. Driver, garment and seed count as settings."""
     from cell.config.yaml_file import read_yaml
 
@@ -87,7 +86,7 @@ def _settings(record: RunRecord) -> dict[str, Any]:
     return {"garment": record.garment, "seed": record.seed, "driver": record.driver, **stated}
 
 
-def _figures(record: RunRecord) -> dict[str, Any]:
+def _figures(record: JournalRun) -> dict[str, Any]:
     kept = {k: v for k, v in record.summary.items() if k not in TIMES}
     return {"status": record.status, **dict(_flat(kept))}
 

@@ -6,7 +6,7 @@ The stop does not use this queue. It has its own port (robots.ports.Stop).
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from threading import Condition
 
@@ -14,23 +14,12 @@ from cell.states.plan_edit import PlanEdit
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 
-__all__ = ["ABORTED", "ANSWERS", "COMMAND_WORDS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
+__all__ = ["ABORTED", "ANSWERS", "OPERATOR_EVENTS", "CommandQueue", "QueuedCommand"]
 
 ANSWERS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.EDIT})
 """Commands that answer a question. When the next question is asked, earlier answers are dropped."""
 OPERATOR_EVENTS = frozenset({Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT})
 """Commands of one word. EDIT needs a `PlanEdit` beside it."""
-COMMAND_WORDS: Mapping[Event, str] = {
-    Event.APPROVE: "approve",
-    Event.RETRY: "look again",
-    Event.SKIP: "skip",
-    Event.PAUSE: "pause",
-    Event.RESUME: "resume",
-    Event.ABORT: "end run",
-    Event.EDIT: "change the plan",
-}
-"""The commands as a person reads them, on the terminal, on the page and in the report. Scripts use the events'
-names."""
 ABORTED = Failure(
     FailureKind.ABORTED, "the operator ended the run", "lay the garment out again and start a new run"
 )

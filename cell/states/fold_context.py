@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import Adjustment
-from cell.states.stages import Attempt, Repair, Spread
-from cell.states.step_note import StepNote
+from cell.states.stages import Attempt, FoldNote, Repair, Spread
 from robots.ports import ArmTrajectory, Side
 from skills.fold_plan.repair import RepairGoal
 from skills.grasping.confirm import Held
@@ -44,8 +40,8 @@ class FoldContext:
     biases: Mapping[Side, TactileBias] = field(default_factory=dict)
     """For each hand in use: its tactile bias, measured above the garment."""
     table_contact: Mapping[Side, float] = field(default_factory=dict)
-    """Height at which each hand felt the table through the cloth in its last grasp of a whole stack, corrected
-    for what arm and tips give way [m]. It shows the error of the hand's height."""
+    """Height at which each hand felt the table through the cloth in its last grasp of a whole stack, minus the
+    deflection of arm and fingertips [m]. It shows the error of the hand's height."""
     touched: bool = False
     """Whether the hands may have moved the garment since it was last found."""
     estimate: StateEstimate | None = None
@@ -97,33 +93,10 @@ class FoldContext:
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)
 
-    def note(self) -> StepNote | None:
-        """Return the fold's record for the report, or None before the fold was planned, and while it is pulled. If
-        the fold was not inspected, the figures of the inspection are NaN or empty."""
+    def note(self) -> FoldNote | None:
+        """Return the fold as it is now, for the record. None before the fold was planned, and while the garment is
+        pulled."""
         if isinstance(self.repair, Spread):
             return None
         attempt = self.repair.failed if self.repair else self.attempt
-        if attempt is None:
-            return None
-        inspection, claim = attempt.inspection, attempt.claim
-        held = inspection is not None and inspection.diagnosis is None and (claim is None or claim.holds)
-        return StepNote(
-            name=attempt.step.name,
-            accepted=held,
-            source=attempt.trajectory.source,
-            dissimilarity_m=attempt.dissimilarity_m,
-            aligned_iou=inspection.iou_aligned if inspection else math.nan,
-            observed_iou=inspection.iou if inspection else math.nan,
-            drift_m=inspection.drift_m if inspection else math.nan,
-            height_m=inspection.height_m if inspection else math.nan,
-            grasps=self.grasps,
-            pressed=attempt.pressed,
-            inspected=inspection,
-            predicted=attempt.predicted,
-            observed=inspection.contour if inspection else np.zeros((0, 2)),
-            trajectory=attempt.trajectory,
-            plan_frames=attempt.plan_frames,
-            pictures=attempt.pictures,
-            claim=claim,
-            carrying_s=attempt.carrying_s,
-        )
+        return None if attempt is None else FoldNote(attempt, self.grasps)

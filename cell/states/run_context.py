@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from cell.states.estimate_note import EstimateNote
 from cell.states.fold_context import FoldContext
-from cell.states.stages import Attempt, FirstLook, Plan, Recognition
-from cell.states.step_note import StepNote
-from cell.states.transition_table import Event
+from cell.states.stages import Attempt, EstimateNote, FirstLook, FoldNote, Plan, Recognition
+from cell.states.transition_table import Event, State
 from robots.errors import Failure
 from robots.ports import CameraFrame
 from skills.perception.inspection.claim import Claim
 from skills.vocabulary import CameraCalibration, FoldStep
 
-__all__ = ["Result", "RunContext", "Sight"]
+__all__ = ["Result", "RunContext", "RunEnd", "Sight"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ class RunContext:
     """Number of these recoveries before the operator's last RETRY. They no longer count against the limits."""
     estimates: tuple[EstimateNote, ...] = ()
     """The estimates of the garment's state after failures."""
-    done: tuple[StepNote, ...] = ()
+    done: tuple[FoldNote, ...] = ()
     """The completed folds."""
     layer_thickness: float | None = None
     """Thickness of a layer between the pads, as an accepted fold has shown it [m]; None before the first one."""
@@ -100,7 +98,7 @@ class RunContext:
         """Number of retries in the present step."""
         return self.retries.count(self.fold.index)
 
-    def notes(self) -> dict[str, StepNote]:
+    def notes(self) -> dict[str, FoldNote]:
         """Return fold name -> note for the completed folds and the present fold. Skipped folds have no note."""
         notes, present = {note.name: note for note in self.done}, self.fold.note()
         return notes if present is None or present.name in notes else {**notes, present.name: present}
@@ -108,7 +106,7 @@ class RunContext:
     def claim(self) -> Claim | None:
         """Return the claim about the last fold, or None before the last fold was inspected."""
         note = self.notes().get(self.steps[-1].name) if self.steps else None
-        return note.claim if note else None
+        return note.attempt.claim if note else None
 
     def with_attempt(self, attempt: Attempt) -> RunContext:
         return replace(self, fold=replace(self.fold, attempt=attempt))
@@ -133,3 +131,15 @@ class Result:
     record: Mapping[str, object] = field(default_factory=dict)
     within: tuple[tuple[float, str], ...] = ()
     """Events that happened during the effect: (cell time [s], name). They are already in the journal."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnd:
+    """Terminal state and last context of a run. started, ended: cell time [s]. stage_times: cell time spent in
+    each state [s]."""
+
+    state: State
+    context: RunContext
+    started: float
+    ended: float
+    stage_times: Mapping[str, float]

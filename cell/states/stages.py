@@ -20,7 +20,17 @@ from skills.perception.perceive import Perception
 from skills.state_estimate.comparison import Fit
 from skills.vocabulary import FoldStep, GarmentState, Grasp, GraspId, GraspTrajectory, PredictedShape, ToolPath
 
-__all__ = ["Attempt", "FirstLook", "Plan", "PressPlan", "Recognition", "Repair", "Spread"]
+__all__ = [
+    "Attempt",
+    "EstimateNote",
+    "FirstLook",
+    "FoldNote",
+    "Plan",
+    "PressPlan",
+    "Recognition",
+    "Repair",
+    "Spread",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +133,41 @@ class Attempt:
     def grasp_of(self, arm: Side) -> Grasp:
         """The grasp that this arm makes. The motion planner may have swapped the grasps between the arms."""
         return self.step.grasps[self.motion.postures[arm].path]
+
+
+@dataclass(frozen=True, eq=False)
+class FoldNote:
+    """A fold that was planned, in the state that it has reached. grasps: number of times that the hands approached
+    its grasps."""
+
+    attempt: Attempt
+    grasps: int
+
+    @property
+    def name(self) -> str:
+        return self.attempt.step.name
+
+    @property
+    def inspected(self) -> Inspection | None:
+        """The last inspection."""
+        return self.attempt.inspection
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the inspection found nothing wrong, and the claim holds if one was made."""
+        seen, claim = self.attempt.inspection, self.attempt.claim
+        return seen is not None and seen.diagnosis is None and (claim is None or claim.holds)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateNote:
+    """An estimate of the garment's state. fold: index of the fold; t: cell time [s]; says: the state in words;
+    picture: (H, W, 3) the candidates drawn over the picture."""
+
+    fold: int
+    t: float
+    says: str
+    picture: NDArray[np.uint8]
 
 
 _DESTINATIONS = {

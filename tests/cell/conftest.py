@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cell.journal.journal import Entry, Journal, RunRecord
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.journal.journal import Entry, Journal, JournalRun
+from cell.record.run_record import RunRecord
+from cell.states.fold_request import FoldRequest
 from tests.runs import Onlooker, fold_request
 
 SETTINGS = {"optimiser": {"simulations": 2, "use_library": False}, "recorder": {"key_frames": 6}}
@@ -22,9 +23,9 @@ class Seen:
     """A finished run with its result, its journal and its folder."""
 
     request: FoldRequest
-    result: FoldResult
+    result: RunRecord
     onlooker: Onlooker
-    record: RunRecord
+    record: JournalRun
     entries: tuple[Entry, ...]
 
     @property

@@ -31,10 +31,10 @@ def test_a_small_towel_is_folded_without_a_part_of_the_method(variant: str, tmp_
     request = fold_request(tmp_path, settings_of(variant), garment=once_folded_towel(tmp_path), record=False)
     result = fold_once(request)
     assert (result.result, result.failure) == ("folded", None)
-    assert all(step["done"] for step in result.steps)
-    inspected = [step["accepted"] is not None for step in result.steps]
+    assert all(step.done for step in result.steps)
+    inspected = [step.accepted is not None for step in result.steps]
     assert not any(inspected) if variant == "one_look" else all(inspected)
-    assert {step["source"] for step in result.steps} == {"library"}
+    assert {step.source for step in result.steps} == {"library"}
 
 
 def test_the_settings_for_initial_arcs_are_those_of_the_run_on_the_api_page() -> None:

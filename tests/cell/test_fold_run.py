@@ -15,6 +15,7 @@ import pytest
 from cell.config.trajectory_library.library_file import load_library
 from cell.executive.machine import Executive
 from cell.journal.journal import Entry
+from cell.record.run_record import NOTHING_LOST, read_record, record_of
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from cell.support.process.lock import is_held
 from robots.baxter.model import load_model
@@ -32,24 +33,22 @@ NEAR_THE_TABLE = frozenset({Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEA
 def test_the_towel_ends_folded_with_exit_code_0(seen: Any) -> None:
     result = seen.result
     assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
-    assert all(step["done"] for step in result.steps)
+    assert all(step.done for step in result.steps)
     assert result.failure is None
 
 
 def test_the_score_is_marked_as_simulated(seen: Any) -> None:
     score = seen.result.score
-    assert seen.result.simulated and score["simulated"]
-    limits = score["limits"]
-    within = [score[k] >= v if k == "iou" else score[k] <= v for k, v in limits.items()]
-    assert score["passed"] is all(within)
-    assert 0.5 < score["iou"] <= 1.0
+    assert seen.result.simulated and score.simulated
+    assert score.passed is (not score.failed)
+    assert 0.5 < score.iou <= 1.0
 
 
 def test_the_observed_height_grows_with_each_fold_and_agrees_with_the_score(seen: Any) -> None:
-    steps = seen.result.as_json()["steps"]
-    assert all(step["done"] for step in steps)
-    assert 0.004 < steps[0]["observed_height_m"] < steps[1]["observed_height_m"]
-    assert steps[-1]["observed_height_m"] == pytest.approx(seen.result.score["height_m"], abs=0.007)
+    steps = seen.result.steps
+    assert all(step.done for step in steps)
+    assert 0.004 < steps[0].observed_height_m < steps[1].observed_height_m
+    assert steps[-1].observed_height_m == pytest.approx(seen.result.score.height_m, abs=0.007)
 
 
 def test_the_json_result_has_all_documented_keys(seen: Any) -> None:
@@ -64,7 +63,7 @@ def test_the_json_result_has_all_documented_keys(seen: Any) -> None:
         # a fold before the last may count as done without being accepted
         assert step["accepted"] in {True, False}
         assert step["source"] in {"library", "optimised"}
-        assert 0.5 < step["aligned_iou"] == step["predicted_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
+        assert 0.5 < step["aligned_iou"] <= 1.0 and 0.5 < step["observed_iou"] <= 1.0
         assert step["attempts"] >= 1 and isinstance(step["recoveries"], list)
     assert {"passed", "iou", "correspondence_m", "edges_m", "drift_m", "height_m"} <= figures["score"].keys()
 
@@ -113,6 +112,7 @@ def test_the_summary_in_the_journal_equals_the_result(seen: Any) -> None:
     kept = json.loads((seen.folder / "result.json").read_text(encoding="utf-8"))
     summary = {k: v for k, v in seen.record.summary.items() if k != "schema"}
     assert kept == summary == json.loads(json.dumps(seen.result.as_json()))
+    assert read_record(seen.folder) == record_of(summary) == seen.result
     assert (seen.record.status, seen.record.result) == (seen.result.result, seen.result.result)
     assert seen.record.settings_hash == seen.request.settings.fingerprint()
     assert seen.record.versions["foldcell"]
@@ -215,7 +215,7 @@ def test_the_run_folder_is_complete(seen: Any) -> None:
 def test_the_recording_holds_every_series_and_every_transition(seen: Any) -> None:
     import rerun.chunk
 
-    assert seen.result.recording == {"dropped": 0, "live_dropped": 0, "errors": [], "live_errors": []}
+    assert seen.result.recording == NOTHING_LOST
     rows: dict[str, int] = {}
     for chunk in rerun.chunk.RrdReader(str(seen.folder / "run.rrd")).stream():
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
@@ -260,7 +260,7 @@ def test_the_report_names_every_step_and_the_robot_time(seen: Any) -> None:
     text = re.sub(r"<[^>]+>", " ", (seen.folder / "report.html").read_text(encoding="utf-8"))
     assert "simulated" in text
     for step in seen.result.steps:
-        assert step["name"] in text.lower()
+        assert step.name in text.lower()
     assert f"{seen.result.robot_time_s:.1f}" in text
 
 
@@ -269,11 +269,11 @@ def test_optimised_trajectories_are_saved_in_the_user_library(seen: Any) -> None
     assert [r for path, r in loaded.refused if path.parent == seen.request.logs] == []
     kept = json.loads((seen.request.logs / "library.json").read_text(encoding="utf-8"))
     assert {entry["step"] for entry in kept["entries"]} == {
-        seen.result.steps[e.payload["step"]]["name"]
+        seen.result.steps[e.payload["step"]].name
         for e in seen.entries
         if e.kind == "intent" and e.name == "choose_trajectory"
     }
-    assert {s["source"] for s in seen.result.steps if s["done"]} == {"optimised"}
+    assert {s.source for s in seen.result.steps if s.done} == {"optimised"}
 
 
 # reproducibility

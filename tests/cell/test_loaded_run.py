@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 def test_load_run_returns_the_result_of_a_run(seen: Any) -> None:
     run = foldcell.load_run(seen.folder)
-    assert isinstance(seen.result, foldcell.FoldResult)
+    assert isinstance(seen.result, foldcell.RunRecord)
     assert run.status == seen.result.result == "folded"
-    assert json.loads((run.folder / "result.json").read_text()) == {
-        k: v for k, v in run.result.items() if k != "schema"
-    }
-    assert [fold["name"] for fold in run.folds] == [step["name"] for step in seen.result.steps]
-    assert all(effect["ended_s"] >= effect["begun_s"] for effect in run.effects)
+    assert run.record == seen.result and run.folds == seen.result.steps
+    assert all(effect.ended_s >= effect.begun_s for effect in run.effects)
 
 
 def test_load_run_returns_the_set_points_of_a_run(seen: Any) -> None:

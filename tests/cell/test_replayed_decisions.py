@@ -18,7 +18,7 @@ import yaml
 from cell.commands.main import main
 from cell.hardware.driver import OpenCell
 from cell.journal.frame_store import FRAMES, FrameStore
-from cell.journal.journal import RunRecord
+from cell.journal.journal import JournalRun
 from cell.runs.decide_again import Verdict, decide_again
 from cell.runs.fold_run import fold_once
 from cell.states.commands import CommandQueue
@@ -37,14 +37,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 @pytest.fixture
-def copied(seen: Any, tmp_path: Path) -> RunRecord:
+def copied(seen: Any, tmp_path: Path) -> JournalRun:
     """A copy of the run that a test may damage."""
     folder = tmp_path / seen.record.id
     shutil.copytree(seen.folder, folder, ignore=shutil.ignore_patterns("run.rrd", "*.html", "*.png"))
     return replace(seen.record, directory=folder)
 
 
-def altered(run: RunRecord, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
+def altered(run: JournalRun, alter: Callable[[list[Exchange]], list[Exchange]]) -> None:
     """Replace a run's transcript by an altered one."""
     transcript = Transcript(run.directory / TRANSCRIPT)
     write_transcript(run.directory, transcript.constants, alter(list(transcript)))
@@ -59,7 +59,7 @@ def places(exchanges: list[Exchange], channel: Channel) -> list[int]:
     return [i for i, e in enumerate(exchanges) if e.channel is channel]
 
 
-def decided(seen: Any, run: RunRecord) -> Verdict:
+def decided(seen: Any, run: JournalRun) -> Verdict:
     return decide_again(run, seen.entries)
 
 
@@ -89,7 +89,7 @@ def test_the_transcript_is_smaller_than_8_mb(seen: Any) -> None:
     assert (seen.folder / TRANSCRIPT).stat().st_size < 8e6
 
 
-def test_a_truncated_transcript_is_compared_up_to_its_end(seen: Any, copied: RunRecord) -> None:
+def test_a_truncated_transcript_is_compared_up_to_its_end(seen: Any, copied: JournalRun) -> None:
     altered(copied, lambda exchanges: exchanges[:4000])
     verdict = decided(seen, copied)
     assert verdict.same and verdict.exchanges == 4000
@@ -131,7 +131,7 @@ def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Pat
     """The run is not marked as simulated and its clock is irregular: decisions depend on the readings alone."""
     request, operator = fold_request(tmp_path, record=True), GivesUp()
     result = fold_once(request, operator.begin, (operator,))
-    assert result.failure is not None and result.failure["kind"] == "aborted"
+    assert result.failure is not None and result.failure.kind == "aborted"
     transcript = Transcript(Path(result.run_dir) / TRANSCRIPT)
     assert not transcript.constants.simulated
     times = [e.answer for e in transcript if e.channel is Channel.NOW]
@@ -143,7 +143,7 @@ def test_a_run_on_a_wall_clock_is_replayed_with_the_same_decisions(tmp_path: Pat
 # replays with a difference
 
 
-def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any, copied: RunRecord) -> None:
+def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any, copied: JournalRun) -> None:
     """The head reading is altered, so no picture is taken."""
     pictures: list[int] = []
 
@@ -162,7 +162,7 @@ def test_an_altered_arm_reading_is_reported_where_it_changes_a_command(seen: Any
     assert there.cell_time_s == photograph.cell_time
 
 
-def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copied: RunRecord) -> None:
+def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copied: JournalRun) -> None:
     """The garment is erased from the picture."""
 
     def erase(exchanges: list[Exchange]) -> list[Exchange]:
@@ -186,7 +186,7 @@ def test_an_altered_picture_is_reported_where_recognition_fails(seen: Any, copie
     assert "no_garment" in there.now
 
 
-def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: RunRecord) -> None:
+def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: JournalRun) -> None:
     """One arm reading of the first motion is off by 0.5 rad, so the arms are commanded to hold."""
     at: list[int] = []
 
@@ -208,7 +208,7 @@ def test_a_straying_arm_is_reported_at_the_tick_it_strays(seen: Any, copied: Run
     assert "tactile" in there.then and "a reading of the arms" in there.now
 
 
-def test_changed_settings_are_reported_at_the_first_decision_they_change(seen: Any, copied: RunRecord) -> None:
+def test_changed_settings_are_reported_at_the_first_decision_they_change(seen: Any, copied: JournalRun) -> None:
     path = copied.directory / "cell.yaml"
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
     settings["computing"]["perception_s"] += 0.25
@@ -255,25 +255,25 @@ class Enough:
 # missing files
 
 
-def test_replay_without_the_pictures_is_a_storage_error(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_pictures_is_a_storage_error(seen: Any, copied: JournalRun) -> None:
     shutil.rmtree(copied.directory / FRAMES)
     with pytest.raises(StorageError, match="missing or damaged"):
         decided(seen, copied)
 
 
-def test_replay_without_the_transcript_is_a_storage_error(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_transcript_is_a_storage_error(seen: Any, copied: JournalRun) -> None:
     (copied.directory / TRANSCRIPT).unlink()
     with pytest.raises(StorageError, match="has no transcript"):
         decided(seen, copied)
 
 
-def test_replay_without_the_request_is_a_configuration_error(seen: Any, copied: RunRecord) -> None:
+def test_replay_without_the_request_is_a_configuration_error(seen: Any, copied: JournalRun) -> None:
     (copied.directory / "request.json").unlink()
     with pytest.raises(ConfigurationError, match="the request of the run"):
         decided(seen, copied)
 
 
-def test_replay_with_invalid_settings_is_a_configuration_error(seen: Any, copied: RunRecord) -> None:
+def test_replay_with_invalid_settings_is_a_configuration_error(seen: Any, copied: JournalRun) -> None:
     path = copied.directory / "cell.yaml"
     path.write_text(path.read_text(encoding="utf-8") + "oven: hot\n", encoding="utf-8")
     with pytest.raises(ConfigurationError, match="oven"):

@@ -24,4 +24,4 @@ def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
     result = fold_once(fold_request(tmp_path, FEW_SIMULATIONS, garment=script.garment_named, seed=script.seed))
     assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
     assert result.failure is None
-    assert all(step["done"] for step in result.steps)
+    assert all(step.done for step in result.steps)

@@ -78,8 +78,8 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     result = fold_once(request)
     operator.join(10.0)
     assert not operator.is_alive()
-    assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
-    assert [step["done"] for step in result.steps] == [True, False], "the paused fold was completed"
+    assert (result.state, result.exit_code, result.failure.kind) == ("not_folded", 2, "aborted")
+    assert [step.done for step in result.steps] == [True, False], "the paused fold was completed"
     noted = [answer["noted"] for answer in operator.answers if "noted" in answer]
     assert noted == ["approve", "pause", "resume", "abort"]
     states = [board["state"] for board in operator.boards]

@@ -69,7 +69,7 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
     result = onlooker.fold(request)
     monkeypatch.undo()
     assert (result.result, result.state, result.exit_code) == ("fault", "fault", 3)
-    assert result.failure["kind"] == "unrecorded" and "free the garment from the hands" in result.failure["hint"]
+    assert result.failure.kind == "unrecorded" and "free the garment from the hands" in result.failure.hint
     assert [effect for effect, _ in onlooker.performed[-2:]] == [Effect.FOLD, Effect.HOLD]
     held = [s for s in onlooker.set_points if s.effect is Effect.HOLD]
     assert len(held) == 1 and not np.any(held[0].qd)
@@ -88,7 +88,7 @@ def test_a_run_without_a_garment_ends_not_folded(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path)
     result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
     assert (result.state, result.exit_code) == ("not_folded", 2)
-    assert result.failure["kind"] == "no_garment" and result.failure["hint"]
+    assert result.failure.kind == "no_garment" and result.failure.hint
     assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN, Event.LOOK_AGAIN, Event.GIVE_UP]
     assert onlooker.count(Effect.LOOK) == 3 and onlooker.count(Effect.APPROACH) == 0
     assert onlooker.performed[-2][0] is Effect.MAKE_SAFE and parked(onlooker)
@@ -103,7 +103,7 @@ def test_a_broken_camera_is_retried_before_the_run_ends(kind: FaultKind, tmp_pat
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert 1 <= onlooker.events(Effect.CHOOSE_RECOVERY).count(Event.LOOK_AGAIN) <= 4
     expected = {FaultKind.CAMERA_FREEZE: {"camera_fault", "no_garment"}}.get(kind, {"camera_fault"})
-    assert set(onlooker.kinds()) <= expected and result.failure["kind"] in expected
+    assert set(onlooker.kinds()) <= expected and result.failure.kind in expected
     assert onlooker.count(Effect.APPROACH) == 0 and parked(onlooker)
 
 
@@ -177,7 +177,7 @@ def test_a_run_ends_when_the_optimiser_always_fails(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("cell.planning.fold_planning.optimise_fold", lambda *_, **__: Outcome(failure=failure))
     onlooker = Onlooker()
     result = onlooker.fold(fold_request(tmp_path))
-    assert (result.state, result.failure["kind"]) == ("not_folded", "optimiser_failed")
+    assert (result.state, result.failure.kind) == ("not_folded", "optimiser_failed")
     assert onlooker.count(Effect.CHOOSE_TRAJECTORY) == 2 and onlooker.count(Effect.APPROACH) == 0
 
 
@@ -191,7 +191,7 @@ def test_a_crashing_skill_ends_the_run_as_a_fault_with_parked_arms(
     onlooker, request = Onlooker(), fold_request(tmp_path)
     result = onlooker.fold(request)
     assert (result.result, result.exit_code) == ("fault", 3)
-    assert result.failure["kind"] == "skill_crashed"
+    assert result.failure.kind == "skill_crashed"
     assert onlooker.performed[-2] == (Effect.MAKE_SAFE, Event.DONE) and parked(onlooker)
     assert any("Traceback" in str(e.payload) for e in told(request))
 
@@ -217,7 +217,7 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
     ways = {step.name: step.variant for step in onlooker.results[-1].context.steps}
     assert {name for name, way in ways.items() if way != first[name]} == {which}
     assert (result.result, result.exit_code) == ("folded", 0)
-    assert result.score is not None and result.score["passed"], result.score
+    assert result.score is not None and result.score.passed, result.score
     again = decided_again(request.logs)
     assert again.same and again.broken_off is None, "the replay chooses the other variant too"
 
@@ -238,14 +238,12 @@ def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
         Effect.GRASP,
     ]  # fmt: skip
     assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second grasp holds"
-    assert result.steps[0]["recoveries"] == ["missed_grasp -> grasp_again (lower)"]
-    assert result.steps[0]["attempts"] == 2
-    assert not result.steps[0]["done"] and result.steps[0]["accepted"] is None, "the fold was not inspected"
-    assert result.steps[0]["source"], "the attempted trajectory is reported nevertheless"
+    assert result.steps[0].recoveries == ("missed_grasp -> grasp_again (lower)",)
+    assert result.steps[0].attempts == 2
+    assert not result.steps[0].done and result.steps[0].accepted is None, "the fold was not inspected"
+    assert result.steps[0].source, "the attempted trajectory is reported nevertheless"
     assert (result.state, result.exit_code) == ("not_folded", 2)
-    assert result.failure["kind"] == "aborted", (
-        "the missed grasp was recovered, so it is not the reason of the end"
-    )
+    assert result.failure.kind == "aborted", "the missed grasp was recovered, so it is not the reason of the end"
     assert parked(onlooker), "after an abort with cloth in the hands, the hands open and the arms park"
     again = decided_again(request.logs)
     assert again.same and again.broken_off is None, "the replay repeats the recovery and the abort"
@@ -316,7 +314,7 @@ def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
     onlooker.at_set_point = press
     result = onlooker.fold(request)
     assert (result.state, result.result, result.exit_code) == ("stopped", "not_folded", 2)
-    assert result.failure["kind"] == "stopped" and "the button" in result.failure["what"]
+    assert result.failure.kind == "stopped" and "the button" in result.failure.what
     assert onlooker.set_points[-1].t == stopped_at[0], "no set-point follows the stop"
     assert onlooker.performed[-2:] == [(Effect.FOLD, Event.FAILED), (Effect.HOLD, Event.DONE)]
     assert max(onlooker.openings) < 0.02, "the stop does not open the hands"
@@ -342,7 +340,7 @@ def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
     onlooker.before[Effect.CHOOSE_TRAJECTORY] = lambda ports, c, n: threading.Timer(1.0, press, [ports]).start()
     result = onlooker.fold(request)
     assert time.monotonic() - pressed[0] < 15.0
-    assert (result.state, result.failure["kind"]) == ("stopped", "stopped")
+    assert (result.state, result.failure.kind) == ("stopped", "stopped")
     assert not (request.logs / "library.json").exists()
     again = decided_again(request.logs)
     assert again.same and again.broken_off is None and again.wall_time_s < 15.0, (
@@ -359,7 +357,7 @@ def test_a_signal_stops_the_run_and_is_named_as_its_reason(
     onlooker.before[Effect.LOOK] = lambda ports, commands, n: os.kill(os.getpid(), number)
     result = onlooker.fold(request)
     assert (result.state, result.exit_code, result.signal) == ("stopped", code, number)
-    assert number.name in result.failure["what"]
+    assert number.name in result.failure.what
     assert signal.getsignal(number) is before, "the signal handler is restored"
     assert onlooker.performed[-1][0] is Effect.HOLD
 
@@ -372,7 +370,7 @@ def test_an_aborted_run_has_a_recording_and_a_report(tmp_path: Path) -> None:
     onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, record_truth=True)
     onlooker.after[Effect.LOOK] = abort
     result = onlooker.fold(request)
-    assert (result.state, result.exit_code, result.failure["kind"]) == ("not_folded", 2, "aborted")
+    assert (result.state, result.exit_code, result.failure.kind) == ("not_folded", 2, "aborted")
     folder = Path(result.run_dir)
     assert {"cell.yaml", "report.html", "result.json", "run.rrd"} <= {p.name for p in folder.iterdir()}
-    assert result.recording["errors"] == []
+    assert result.recording.errors == ()

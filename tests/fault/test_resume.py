@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from cell.journal.journal import Journal
+from cell.record.run_record import RunRecord
 from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted, interrupted_run
 from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.states.fold_request import FoldRequest
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from cell.support.files.packing import packed
@@ -34,7 +35,7 @@ def last_run(request: FoldRequest) -> Interrupted:
         return interrupted_run(journal, "last", request.logs)
 
 
-def after_the_restart(request: FoldRequest) -> tuple[FoldResult, Onlooker]:
+def after_the_restart(request: FoldRequest) -> tuple[RunRecord, Onlooker]:
     """Resume the journal's last run. Returns the result and the onlooker."""
     onlooker, interrupted = Onlooker(), last_run(request)
     return onlooker.fold(interrupted.request, interrupted=interrupted), onlooker
@@ -57,7 +58,7 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
 
     stopping.at_set_point = stop
     first = stopping.fold(request)
-    assert (first.state, [s["done"] for s in first.steps]) == ("stopped", [True, False])
+    assert (first.state, [s.done for s in first.steps]) == ("stopped", [True, False])
     last = stopping.set_points[-1]
     result, resumed = after_the_restart(request)
     begun = resumed.set_points[0]
@@ -66,8 +67,8 @@ def test_a_run_stopped_with_lifted_cloth_is_resumed_and_folds_it(tmp_path: Path)
     assert resumed.performed[0][0] is Effect.REENTER and resumed.count(Effect.PHOTOGRAPH_TABLE) == 0
     assert [e for e, _ in resumed.performed][1:4] == [Effect.LOOK, Effect.ESTIMATE, Effect.RECOGNISE]
     assert resumed.count(Effect.FOLD) == 1, "the first fold was already made"
-    assert (result.result, [s["done"] for s in result.steps]) == ("folded", [True, True])
-    assert result.score is not None and result.score["passed"], result.score
+    assert (result.result, [s.done for s in result.steps]) == ("folded", [True, True])
+    assert result.score is not None and result.score.passed, result.score
     assert np.abs(resumed.last_q - load_model().q_park).max() < 0.02
 
 
@@ -100,7 +101,7 @@ def test_a_run_that_died_after_its_first_fold_inspects_it_and_does_not_repeat_it
     assert resumed.performed[:3] == [
         (Effect.REENTER, Event.LOOK_AFTER), (Effect.LOOK, Event.DONE), (Effect.INSPECT, Event.NEXT_FOLD),
     ]  # fmt: skip
-    assert [step["done"] for step in result.steps] == [True, False], "the second fold was next"
+    assert [step.done for step in result.steps] == [True, False], "the second fold was next"
     after = decided_again(request.logs)
     assert after.same and after.broken_off is None, "the replay starts from the context at the resume"
     assert after.set_points == len(resumed.set_points)

@@ -13,7 +13,7 @@ from cell.campaigns.dashboard.entries import RunEntry, mapping
 from cell.campaigns.dashboard.figure_texts import figure_text, value_text
 from cell.campaigns.dashboard.history import RESULT
 from cell.campaigns.trials.trial import TRIAL
-from cell.journal.journal import Entry, Journal, RunRecord
+from cell.journal.journal import Entry, Journal, JournalRun
 from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
 from cell.runs.run_difference import RunDifference, run_difference
 from cell.support.files.paths import journal_path
@@ -79,7 +79,7 @@ class Comparison:
 class _Loaded:
     entry: RunEntry
     figures: Mapping[str, Any]
-    record: RunRecord | None
+    record: JournalRun | None
     entries: Sequence[Entry]
     notice: str
 

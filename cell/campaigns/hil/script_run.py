@@ -15,7 +15,8 @@ from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import load_garment
 from cell.hardware.driver import is_simulated
 from cell.hardware.robot_model import load_robot
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.record.run_record import RunRecord
+from cell.states.fold_request import FoldRequest
 from cell.states.transition_table import State
 from robots.errors import CellError, ConfigurationError
 
@@ -29,7 +30,7 @@ class ScriptResult:
 
     script: Script
     broken: tuple[str, ...]
-    result: FoldResult | None
+    result: RunRecord | None
     seconds: float
 
     @property

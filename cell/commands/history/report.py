@@ -8,7 +8,7 @@ from typing import Any
 from cell.commands.history.runs import run_figures
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
-from cell.journal.journal import NOT_BEGUN, Entry, Journal, RunRecord, performed
+from cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
 from cell.runs.resumable import resumable
 from cell.support.files.paths import command_for, journal_path, logs_directory
 
@@ -27,20 +27,20 @@ def run(options: argparse.Namespace) -> int:
     with Journal.open(journal_path(logs), readonly=True) as journal:
         record = journal.run(options.name)
         figures = run_figures(journal, record)
-        entries = journal.entries(record.id)
+        effects = performed(journal.entries(record.id))
         figures["resumable"] = resumable(journal, record.id)
     page = record.directory / "report.html"
     figures |= {
         "summary": record.summary,
-        "effects": _effects(entries),
+        "effects": [_effect_figures(effect) for effect in effects],
         "report": str(page) if page.is_file() else None,
     }
     if options.json:
         print_json(figures)
         return 0
     print(f"{record.id}: {record.status}")
-    for effect in figures["effects"]:
-        print(f"  {effect['begun_s']:8.1f} s  {effect['name']:<20} {_ending(effect)}")
+    for effect in effects:
+        print(f"  {effect.begun_s:8.1f} s  {effect.name:<20} {_ending(effect)}")
     if record.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
     if reason := record.summary.get("reason"):
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _no_page(record: RunRecord) -> str:
+def _no_page(record: JournalRun) -> str:
     """Return the reason why there is no page, and the command that opens the recording if there is one."""
     recorded = (record.directory / "run.rrd").is_file()
     command = command_for(f"replay {record.id}", record.directory.parent)
@@ -69,30 +69,15 @@ def _no_page(record: RunRecord) -> str:
     return f"none: see {record.directory}"
 
 
-def _effects(entries: list[Entry]) -> list[dict[str, Any]]:
-    """Return every effect in order, with its result."""
-    effects = []
-    for effect in performed(entries):
-        begun, ended = effect.begun, effect.result
-        effects.append(
-            {
-                "name": begun.name,
-                "state": begun.state,
-                "begun_s": begun.cell_time,
-                "ended_s": ended.cell_time if ended else None,
-                "event": ended.payload.get("event") if ended else None,
-                "failure": ended.payload.get("kind") if ended else None,
-                "what": ended.payload.get("what") if ended else None,
-            }
-        )
-    return effects
+def _effect_figures(effect: Intent) -> dict[str, Any]:
+    names = ("name", "state", "begun_s", "ended_s", "event", "failure", "what")
+    return {name: getattr(effect, name) for name in names}
 
 
-def _ending(effect: dict[str, Any]) -> str:
-    if effect["ended_s"] is None:
+def _ending(effect: Intent) -> str:
+    if effect.ended_s is None:
         return "begun, not finished"
-    took = f"{effect['ended_s'] - effect['begun_s']:.1f} s"
-    if effect["failure"]:
-        return f"{took}  {effect['failure']}: {effect['what']}"
-    event = effect["event"]
-    return took if event in (None, "done") else f"{took}  {event}"
+    took = f"{effect.ended_s - effect.begun_s:.1f} s"
+    if effect.failure:
+        return f"{took}  {effect.failure}: {effect.what}"
+    return took if effect.event in (None, "done") else f"{took}  {effect.event}"

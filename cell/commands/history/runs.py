@@ -11,7 +11,7 @@ from typing import Any
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.journal.checkpoint_file import has_checkpoint
-from cell.journal.journal import Journal, RunRecord
+from cell.journal.journal import Journal, JournalRun
 from cell.support.files.paths import command_for, journal_path, logs_directory
 from robots.errors import ConfigurationError
 
@@ -109,7 +109,7 @@ def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:
         return [run_figures(journal, r) for r in (records[-last:] if last else records)]
 
 
-def run_figures(journal: Journal, record: RunRecord) -> dict[str, Any]:
+def run_figures(journal: Journal, record: JournalRun) -> dict[str, Any]:
     """Return the figures of one run. `last_intent` is the last effect that a run without an end has begun."""
     figures: dict[str, Any] = {
         "run": record.id,

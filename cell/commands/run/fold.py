@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cell.commands.options import json_option, run_options
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.journal.checkpoint_file import has_checkpoint
-from cell.report.recording_losses import recording_losses
+from cell.record.run_record import FoldRecord, RunRecord, ScoreRecord
+from cell.record.words import figure, figure_name, length, lost_in_words, missed_in_words, percent, plain
+from cell.states.transition_table import State
 from cell.support.files.paths import command_for, logs_directory, prepare_logs
-
-if TYPE_CHECKING:
-    from cell.states.fold_request import FoldResult
+from skills.perception.inspection.claim import Claim
 
 __all__ = ["add_options", "run", "tell"]
 
@@ -38,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     logs = prepare_logs(logs_directory(options.logs))
     from cell.runs.fold_run import FoldRequest, fold_once
 
-    result = fold_once(
+    record = fold_once(
         FoldRequest(
             garment=options.garment,
             seed=options.seed,
@@ -55,110 +53,88 @@ def run(options: argparse.Namespace) -> int:
             quiet=options.json,
         )
     )
-    return tell(result, options.json)
+    return tell(record, options.json)
 
 
-def tell(result: FoldResult, json: bool) -> int:
-    """Print the result of a run, in a few lines or as JSON. Returns the exit code."""
+def tell(record: RunRecord, json: bool) -> int:
+    """Print the record of a run, in a few lines or as JSON. Returns the exit code."""
     if json:
-        print_json(result.as_json())
+        print_json(record.as_json())
     else:
-        _summary(result.as_json())
-    return int(result.exit_code)
+        _summary(record)
+    return record.exit_code
 
 
-def _summary(figures: dict) -> None:
-    unwritten = figures.get("unwritten") or ()
-    fault = "FAULT" if unwritten else "FAULT (see the report)"
-    words = {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}
-    result = str(figures.get("result"))
-    if figures.get("state") == "stopped":
-        words[result] = "STOPPED (the arms hold their position; the grippers do not open)"
-    seed = f", seed {figures.get('seed')}" if figures.get("simulated", True) else ""  # a real cell has no seed
-    print(f"\n{figures.get('garment')}{seed}: {words.get(result, result)}")
-    if figures.get("resumed_from"):
-        print(f"  resumed {figures['resumed_from']}")
-    seen = figures.get("recognised")
-    if seen:
-        print(f"  recognised {seen['garment'].replace('_', ' ')}, confidence {seen['confidence']:.2f} of 1")
-    failure = figures.get("failure")
-    if failure:
-        print(f"  {failure['what']}" + (f" ({failure['hint']})" if failure.get("hint") else ""))
-        if failure.get("setting"):
-            print(f"  the limit is {failure['setting']}")
-    for step in figures.get("steps") or []:
-        overlap = step.get("observed_iou")
-        seen = f", observed overlap {overlap:.3f}" if isinstance(overlap, float) else ""
-        if isinstance(step.get("observed_height_m"), float):
-            seen += f", {_mm(step['observed_height_m'])} high"
-            seen += "".join(f", pressed from {_mm(height)}" for height in step.get("pressed_from_m") or ())
-        made = step.get("source")
-        if not step.get("done"):
-            made = "not accepted" if step.get("accepted") is False else "not finished"
-            made = made if step.get("attempts") else "not made"
-        print(f"  {step.get('name')}: {made}{seen}, attempts {step.get('attempts')}")
-    claim = figures.get("claim")
-    if claim:
-        print(f"  claim (camera): {_claimed(claim)}")
-    score = figures.get("score")
-    if score:
-        verdict = "passed" if score.get("passed") else "not passed"
-        if result == "folded" and not score.get("passed"):
-            verdict += f" ({_missed(score)})"
-        ideal = score.get("ideal_height_m")
-        print(
-            f"  score (simulated, cloth: {figures.get('world')}): {verdict}, IoU {_figure(score.get('iou'))},"
-            f" correspondence {_mm(score.get('correspondence_m'))}, edges {_mm(score.get('edges_m'))},"
-            f" drift {_mm(score.get('drift_m'))}, height {_mm(score.get('height_m'))}"
-            + (f" (of an ideal fold: {_mm(ideal)})" if ideal is not None else "")
-        )
-    print(
-        f"  robot time {figures.get('robot_time_s', 0.0):.1f} s, wall time {figures.get('wall_time_s', 0.0):.1f} s"
-    )
-    lost = recording_losses(figures.get("recording") or {})
-    for what in (*unwritten, *lost):
-        print(f"  not kept   {what}")
-    folder = figures.get("run_dir")
-    if folder and figures.get("state") in {"stopped", "fault"} and has_checkpoint(Path(folder)):
-        resume = command_for(f"resume {Path(folder).name}", Path(folder).parent)
-        print(f"  resume     {resume}   (the arms release the garment, park, and the camera looks again)")
-    if folder:
-        if not unwritten:
-            print(f"  report     {folder}/report.html")
-        if not lost or Path(folder, "run.rrd").exists():
-            replay = command_for("replay last", Path(folder).parent)
-            print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})")
+def _summary(run: RunRecord) -> None:
+    seed = f", seed {run.seed}" if run.simulated else ""  # a real cell has no seed
+    print(f"\n{run.garment}{seed}: {_result(run)}")
+    if run.resumed_from:
+        print(f"  resumed {run.resumed_from}")
+    if run.recognised:
+        print(f"  recognised {plain(run.recognised.garment)}, confidence {run.recognised.confidence:.2f} of 1")
+    if run.failure:
+        print(f"  {run.failure.what}" + (f" ({run.failure.hint})" if run.failure.hint else ""))
+        if run.failure.setting:
+            print(f"  the limit is {run.failure.setting}")
+    for fold in run.steps:
+        print(f"  {fold.name}: {_fold(fold)}, attempts {fold.attempts}")
+    if run.claim:
+        print(f"  claim (camera): {_claim(run.claim)}")
+    if run.score:
+        print(f"  score (simulated, cloth: {run.world}): {_score(run, run.score)}")
+    print(f"  robot time {run.robot_time_s:.1f} s, wall time {run.wall_time_s:.1f} s")
+    _files(run)
 
 
-def _claimed(claim: dict) -> str:
-    parts = ", ".join(f"{part} {'yes' if claim.get(part) else 'no'}" for part in ("shape", "flat"))
+def _result(run: RunRecord) -> str:
+    if run.state is State.STOPPED:
+        return "STOPPED (the arms hold their position; the grippers do not open)"
+    fault = "FAULT" if run.unwritten else "FAULT (see the report)"
+    return {"folded": "folded", "not_folded": "NOT FOLDED (the cell is safe)", "fault": fault}[run.result]
+
+
+def _fold(fold: FoldRecord) -> str:
+    made = fold.source
+    if not fold.done:
+        made = "not accepted" if fold.accepted is False else "not finished" if fold.attempts else "not made"
+    overlap = "" if fold.observed_iou is None else f", observed overlap {fold.observed_iou:.3f}"
+    if fold.observed_height_m is None:
+        return f"{made}{overlap}"
+    pressed = "".join(f", pressed from {length(height, 0)}" for height in fold.pressed_from_m)
+    return f"{made}{overlap}, {length(fold.observed_height_m, 0)} high{pressed}"
+
+
+def _claim(claim: Claim) -> str:
+    verdicts = (("shape", claim.shape), ("flat", claim.flat))
+    parts = (f"{part} {'yes' if holds else 'no'}" for part, holds in verdicts)
     return (
-        f"{parts}, reliability {100 * claim.get('reliability', 0.0):.0f} %,"
-        f" height {_mm(claim.get('height_m'))} (at most {_mm(claim.get('height_limit_m'))}),"
-        f" creases {_mm(claim.get('crease_height_m'))} (at most {_mm(claim.get('crease_height_limit_m'))})"
+        f"{', '.join(parts)},"
+        f" reliability {percent(claim.reliability)},"
+        f" height {length(claim.height_m, 0)} (at most {length(claim.height_limit_m, 0)}),"
+        f" creases {length(claim.crease_height_m, 0)} (at most {length(claim.crease_height_limit_m, 0)})"
     )
 
 
-def _missed(score: dict) -> str:
-    """Return the figures of the score that are beyond their limits, each with its limit."""
-    missed = []
-    for name, limit in (score.get("limits") or {}).items():
-        value, word = score[name], name.rpartition("_")[0] or name
-        if name == "iou" and value < limit:
-            missed.append(f"IoU {value:.3f}, limit {limit:.3f}")
-        elif name.endswith("_m") and value > limit:
-            missed.append(f"{word} {1e3 * value:.1f} mm, limit {1e3 * limit:.1f}")
-        elif name.endswith("_rad") and value > limit:
-            missed.append(f"turn {math.degrees(value):.1f} degrees, limit {math.degrees(limit):.1f}")
-    ideal = score.get("ideal") or {}
-    if ideal.get("reason"):
-        missed.append(f"the heights are not judged, because the ideal fold is not valid: {ideal['reason']}")
-    return "; ".join(missed)
+def _score(run: RunRecord, score: ScoreRecord) -> str:
+    verdict = "passed" if score.passed else "not passed"
+    if run.result == "folded" and not score.passed:
+        verdict += f" ({missed_in_words(score)})"
+    names = ("iou", "correspondence_m", "edges_m", "drift_m", "height_m")
+    figures = ", ".join(f"{figure_name(name)} {figure(name, getattr(score, name))}" for name in names)
+    ideal = "" if score.ideal_height_m is None else f" (of an ideal fold: {length(score.ideal_height_m)})"
+    return f"{verdict}, {figures}{ideal}"
 
 
-def _figure(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
-
-
-def _mm(value: float | None) -> str:
-    return "-" if value is None else f"{1e3 * value:.0f} mm"
+def _files(run: RunRecord) -> None:
+    """Print the files that the run left or could not keep, and how it can be resumed."""
+    folder, lost = Path(run.run_dir), lost_in_words(run.recording)
+    for what in (*run.unwritten, *lost):
+        print(f"  not kept   {what}")
+    if run.state in {State.STOPPED, State.FAULT} and has_checkpoint(folder):
+        resume = command_for(f"resume {folder.name}", folder.parent)
+        print(f"  resume     {resume}   (the arms release the garment, park, and the camera looks again)")
+    if not run.unwritten:
+        print(f"  report     {folder}/report.html")
+    if not lost or (folder / "run.rrd").exists():
+        replay = command_for("replay last", folder.parent)
+        print(f"  recording  {folder}/run.rrd   ({'incomplete; ' if lost else ''}{replay})")

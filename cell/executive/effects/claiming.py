@@ -95,7 +95,7 @@ def _first_crease(context: RunContext, plan: Plan) -> TargetView | None:
     note = context.done[0]
     if note.name != plan.steps[0].name or not note.accepted:
         return None
-    looks = (*note.pressed, note.inspected)
+    looks = (*note.attempt.pressed, note.inspected)
     return None if looks[0] is None else looks[0].target
 
 

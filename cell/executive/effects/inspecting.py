@@ -257,7 +257,7 @@ def _with_step_note(context: RunContext, inspecting: bool) -> RunContext:
     note, plan = context.fold.note(), context.plan
     if note is None or plan is None or not (context.fold.carried or note.inspected):  # the operator skipped it
         return context
-    plan = replace(plan, vertices=note.predicted.vertices)
+    plan = replace(plan, vertices=note.attempt.predicted.vertices)
     if note.inspected is None and not inspecting:
         return replace(context, done=(*context.done, note), plan=plan)
     if note.inspected is None:

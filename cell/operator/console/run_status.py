@@ -15,23 +15,19 @@ from typing import Any
 
 from cell.executive.machine import complete_table
 from cell.journal.checkpoint_file import has_checkpoint
-from cell.operator.console.facts import RECOGNISED, consequences, plan_facts
-from cell.report.run_events import RunEvents
-from cell.states.commands import ANSWERS, COMMAND_WORDS, OPERATOR_EVENTS
+from cell.operator.console.questions import RECOGNISED, consequences, plan_facts, question
+from cell.record.run_record import RunRecord
+from cell.record.run_record_builder import RunRecordBuilder
+from cell.record.words import COMMANDS, capital, claim_in_words, plain
+from cell.states.commands import ANSWERS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
-from cell.states.stages import Spread
 from cell.states.transition_table import TERMINAL, Event, State
 from cell.support.files.paths import command_for
-from robots.errors import Failure
-from skills.perception.inspection.claim import Claim
 
 __all__ = ["ORDER", "RunStatus"]
 
 ORDER = (Event.APPROVE, Event.RETRY, Event.SKIP, Event.PAUSE, Event.RESUME, Event.ABORT)
-UNPREDICTED = (
-    "the garment lies in no known state, so the end of a pull cannot be predicted; the cell looks after it"
-)
 ASKING = (State.AWAITING_APPROVAL, State.AWAITING_PRESSING, State.ASKING)
 REMARKS_SHOWN = 60
 
@@ -43,13 +39,16 @@ _ALLOWED: Mapping[State, frozenset[Event]] = {
 
 class RunStatus:
     """The status of one run. `snapshot` returns the content of the page. `version` grows with every change of the
-    content."""
+    content. record: the record that grows with the run."""
 
-    def __init__(self, run_id: str, garment: str, seed: int, simulated: bool) -> None:
+    def __init__(self, record: RunRecordBuilder) -> None:
         self._lock = threading.Lock()
-        self._remarks = RunEvents()
-        shown_seed = seed if simulated else None
-        self._about = {"run": run_id, "garment": Path(garment).stem, "seed": shown_seed, "simulated": simulated}
+        self.record = record
+        request, simulated = record.request, record.simulated
+        self._about = {
+            "run": record.folder.name, "garment": Path(request.garment).stem,
+            "seed": request.seed if simulated else None, "simulated": simulated,
+        }  # fmt: skip
         self._state = State.IDLE
         self._context = RunContext()
         self._question = 0
@@ -72,7 +71,6 @@ class RunStatus:
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         with self._lock:
-            self._remarks.performed(t, step, result)
             self._context = result.context
             self.version += 1
 
@@ -101,15 +99,16 @@ class RunStatus:
             self._pausing = command is Event.PAUSE or (self._pausing and command in ANSWERS)
             self.version += 1
 
-    def finish(self, state: State, failure: Failure | None, folder: Path) -> None:
-        """Set how the run ended, and its folder."""
+    def finish(self, record: RunRecord) -> None:
+        """Set how the run ended."""
+        folder, failure = Path(record.run_dir), record.failure
         with self._lock:
-            unfinished = state in {State.STOPPED, State.FAULT} and not self._context.through
+            unfinished = record.state in {State.STOPPED, State.FAULT} and not self._context.through
             resumable = unfinished and has_checkpoint(folder)
             self._end = {
-                "result": state.value, "report": str(folder / "report.html"),
+                "result": record.state.value, "report": str(folder / "report.html"),
                 "what": failure.what if failure else "", "hint": failure.hint if failure else "",
-                "claim": _claimed(self._context.claim()),
+                "claim": claim_in_words(record.claim),
                 "go_on": command_for(f"resume {folder.name}", folder.parent) if resumable else "",
             }  # fmt: skip
             self.version += 1
@@ -134,13 +133,13 @@ class RunStatus:
                 "version": self.version,
                 "state": self._state.value,
                 "allowed": [event.value for event in ORDER if event in allowed],
-                "labels": {event.value: words.capitalize() for event, words in COMMAND_WORDS.items()},
+                "labels": {event.value: capital(words) for event, words in COMMANDS.items()},
                 "question": self._asked_now(),
                 "facts": [
                     fact for fact in plan_facts(self._context) if self._end is None or fact[0] == RECOGNISED
                 ],
                 "steps": self._steps(),
-                "remarks": [asdict(remark) for remark in self._remarks.list[-REMARKS_SHOWN:]],
+                "remarks": [asdict(event) for event in self.record.events[-REMARKS_SHOWN:]],
                 "progress": self._progress,
                 "note": self._note,
                 "pausing": self._pausing,
@@ -166,64 +165,17 @@ class RunStatus:
             return None
         return {
             "number": self._question,
-            "text": self._asked(),
+            "text": question(self._state, self._context)
+            if self._wanted is None
+            else f"Please {self._wanted}. Then approve.",
             "answers": dict(consequences(self._state, bool(self._context.steps), self._context.fold.repair)),
             "pictured": self._state in ASKING and self._context.sight.frame is not None,
         }
-
-    def _asked(self) -> str:
-        context = self._context
-        if self._wanted is not None:
-            return f"Please {self._wanted}. Then approve."
-        if self._state is State.ASKING:
-            failure = context.failure
-            lay_again = (
-                "before the cell looks again, lay the garment as it was before this fold" if context.steps else ""
-            )
-            why = f"the cell asks because {context.asking}" if context.asking else ""
-            if failure is None:
-                return "How should the run continue?"
-            limit = f"the limit is {context.setting}" if context.setting else ""
-            return _sentences(failure.what, why, failure.hint, limit, lay_again)
-        fold, steps, attempt = context.fold, context.steps, context.fold.attempt
-        words = (steps[fold.index].name, steps[fold.index].variant) if steps else ("the fold",)
-        name = ", ".join(word.replace("_", " ") for word in words if word)
-        count = f"Fold {fold.index + 1} of {len(steps)}: {name}."
-        if self._state is State.AWAITING_PRESSING:
-            inspection = attempt.inspection if attempt else None
-            height = f"{1e3 * inspection.height_m:.0f} mm high" if inspection else "too high"
-            return f"{count} The fold is made and is {height}. Press it flat? Skip leaves it as it is."
-        if attempt is None:
-            return count
-        if isinstance(fold.repair, Spread):
-            why = UNPREDICTED if not fold.repair.home else "the garment lies flat, but not where it was laid"
-            return _sentences(count.rstrip("."), why, fold.repair.in_words())
-        if fold.repair is not None:
-            return _sentences(f"{count} The fold is not as planned and can be repaired: {fold.repair.in_words()}")
-        if fold.refused_edit:
-            count = f"Your change is not possible ({fold.refused_edit}); this is the plan without it. {count}"
-        elif fold.edits:
-            count = f"Changed: {fold.edits[-1].in_words()}. {count}"
-        source = "taken from the library" if attempt.trajectory.source == "library" else "optimised now"
-        error_mm = 1e3 * attempt.dissimilarity_m
-        error = (
-            f"; its predicted mean distance from the ideal fold is {error_mm:.1f} mm" if error_mm >= 0.0 else ""
-        )
-        return f"{count} The arc was {source}{error}."
 
     def _steps(self) -> list[dict[str, Any]]:
         context = self._context
         made = {note.name for note in context.done}
         return [
-            {"name": step.name.replace("_", " "), "done": step.name in made, "now": k == context.fold.index}
+            {"name": plain(step.name), "done": step.name in made, "now": k == context.fold.index}
             for k, step in enumerate(context.steps)
         ]
-
-
-def _claimed(claim: Claim | None) -> str:
-    return f"{claim.says}, reliability {100 * claim.reliability:.0f} %" if claim else ""
-
-
-def _sentences(*parts: str) -> str:
-    """Join the non-empty parts as sentences."""
-    return " ".join(f"{part[0].upper()}{part[1:]}." for part in parts if part)

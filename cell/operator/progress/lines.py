@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TextIO
 
 from cell.operator.progress.bar import ProgressBar
+from cell.record.words import plain
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
 from cell.states.stages import Repair, Spread
@@ -36,7 +37,7 @@ class ProgressLines:
         hint = _HINTS.get(step.target)
         if step.target is State.AWAITING_APPROVAL and self._repair is not None:
             hint = f"{self._repair.in_words()}: {_REPAIR_HINT}"
-        self._bar.line(f"{t:8.1f} s  {step.target.value.replace('_', ' ')}" + (f": {hint}" if hint else ""))
+        self._bar.line(f"{t:8.1f} s  {plain(step.target)}" + (f": {hint}" if hint else ""))
         self._bar.restart()
 
     def performed(self, t: float, step: Step, result: Result) -> None:

@@ -12,7 +12,8 @@ from threading import Lock, Thread
 from typing import ClassVar, TextIO
 from weakref import WeakKeyDictionary
 
-from cell.states.commands import COMMAND_WORDS, OPERATOR_EVENTS, CommandQueue
+from cell.record.words import COMMANDS
+from cell.states.commands import OPERATOR_EVENTS, CommandQueue
 from cell.states.transition_table import Event
 from robots.errors import ConfigurationError
 
@@ -26,7 +27,7 @@ KEYS: Mapping[str, Event] = {
     "c": Event.RESUME,
     "q": Event.ABORT,
 }
-HELP = "  ".join(f"{key} {COMMAND_WORDS[event]}" for key, event in KEYS.items()) + "  Ctrl-C stop"
+HELP = "  ".join(f"{key} {COMMANDS[event]}" for key, event in KEYS.items()) + "  Ctrl-C stop"
 
 
 class _Lines:
@@ -107,15 +108,15 @@ class TerminalOperator:
         """Handle a typed line. word: the line in lower case, without spaces around it."""
         if not word:
             return
-        event = KEYS.get(word) or next((e for e in KEYS.values() if word in (e.value, COMMAND_WORDS[e])), None)
+        event = KEYS.get(word) or next((e for e in KEYS.values() if word in (e.value, COMMANDS[e])), None)
         if event is None:
             self._say(f"'{word}' is no command; the commands are: {HELP}")
             return
         if event not in self._may():
-            self._say(f"  {COMMAND_WORDS[event]}: this command is not possible now")
+            self._say(f"  {COMMANDS[event]}: this command is not possible now")
             return
         self._commands.put(event)
-        self._say(f"  {COMMAND_WORDS[event]}: accepted")
+        self._say(f"  {COMMANDS[event]}: accepted")
 
     def _say(self, text: str) -> None:
         with suppress(OSError, ValueError):

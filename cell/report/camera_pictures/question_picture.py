@@ -105,8 +105,9 @@ def present_outline(context: RunContext) -> Array | None:
         return repair.contour
     if repair is not None and context.plan is not None:
         return max(outline(repair.vertices, context.plan.mesh.triangles), key=len, default=None)
-    if context.done and len(context.done[-1].observed) >= 3:
-        return np.asarray(context.done[-1].observed)
+    last = context.done[-1].inspected if context.done else None
+    if last is not None and len(last.contour) >= 3:
+        return np.asarray(last.contour)
     return None if context.recognition is None else context.recognition.perception.state.contour
 
 

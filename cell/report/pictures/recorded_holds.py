@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cell.states.step_note import StepNote
+from cell.states.stages import FoldNote
 from robots.ports import Array, Side
 
 __all__ = ["TrueFrame", "held_during", "holds", "spread"]
@@ -31,10 +31,10 @@ def holds(frames: Sequence[TrueFrame]) -> list[list[TrueFrame]]:
     return parts
 
 
-def held_during(note: StepNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
+def held_during(note: FoldNote, frames: Sequence[TrueFrame]) -> list[TrueFrame]:
     """Return the recorded frames of the attempt during which the fold's pictures were taken. The frames of other
     attempts are left out, because those attempts failed."""
-    taken = [p.stamp for p in note.pictures]
+    taken = [p.stamp for p in note.attempt.pictures]
     parts = holds(frames)
     return next((h for h in parts if taken and h[0][0] <= max(taken) and min(taken) <= h[-1][0]), [])
 

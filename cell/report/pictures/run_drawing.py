@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.record.words import plain
 from cell.report.pictures.fold_pictures import KeyFrame, Scenery, View, motion_view
 from cell.report.pictures.garment_look import GarmentLook, garment_look, outlined
 from cell.report.pictures.recorded_holds import TrueFrame, held_during, holds
 from cell.report.pictures.run_film import SIZE, DrawnHold, Still, draw_hold, film_file
 from cell.states.run_context import RunContext
-from cell.states.step_note import StepNote
+from cell.states.stages import FoldNote
 from robots.ports import Array, CameraFrame
 from skills.vocabulary import CameraCalibration, GraspTrajectory, Table
 
@@ -32,9 +33,9 @@ class RunDrawing:
     def seen(self, frame: CameraFrame) -> NDArray[np.uint8]:
         return outlined(frame, self.calibration, self.look.outline)
 
-    def along(self, note: StepNote | None) -> Scenery:
+    def along(self, note: FoldNote | None) -> Scenery:
         """Return the scenery with the planned arcs of one fold."""
-        return self.scenery if note is None else replace(self.scenery, arcs=_arcs(note.trajectory))
+        return self.scenery if note is None else replace(self.scenery, arcs=_arcs(note.attempt.trajectory))
 
 
 def run_drawing(
@@ -46,8 +47,8 @@ def run_drawing(
     """Choose one view that shows all folds, the colours of the garment and its original outline."""
     look = garment_look(context)
     shown = [KeyFrame(v, tools) for _, v, tools in frames[::5]]
-    shown += [KeyFrame(v) for note in context.notes().values() for v in note.plan_frames]
-    arcs = [arc for note in context.notes().values() for arc in _arcs(note.trajectory)]
+    shown += [KeyFrame(v) for note in context.notes().values() for v in note.attempt.plan_frames]
+    arcs = [arc for note in context.notes().values() for arc in _arcs(note.attempt.trajectory)]
     return RunDrawing(
         look,
         Scenery(table, (), look.outline, look.colours),
@@ -57,7 +58,7 @@ def run_drawing(
 
 
 def draw_attempts(
-    notes: Mapping[str, StepNote],
+    notes: Mapping[str, FoldNote],
     frames: Sequence[TrueFrame],
     triangles: NDArray[np.int32] | None,
     drawing: RunDrawing,
@@ -79,17 +80,17 @@ def draw_attempts(
 def film_of_run(
     context: RunContext,
     state: str,
-    notes: Mapping[str, StepNote],
+    notes: Mapping[str, FoldNote],
     drawn: Mapping[str, DrawnHold],
     drawing: RunDrawing,
 ) -> bytes:
     """Return the film's file; empty if nothing moved. state: in which the run ended."""
     recognised, last = context.recognition, context.sight.frame
-    ending = f"the last picture: {state.replace('_', ' ')}"
+    ending = f"the last picture: {plain(state)}"
     stills = [
         Still(drawing.seen(f), f"{f.stamp:.1f} s   {note.name}")
         for note in ([] if drawn else notes.values())
-        for f in note.pictures
+        for f in note.attempt.pictures
     ]
     return film_file(
         Still(np.asarray(recognised.overlay, np.uint8), "the garment as it was laid") if recognised else None,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +14,7 @@ from cell.states.fold_request import FoldRequest
 from cell.view import Recorder
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
-from skills.scoring.score import score_plan
+from skills.scoring.score import Score, score_plan
 
 __all__ = ["GroundTruthRecorder"]
 
@@ -37,8 +35,8 @@ class GroundTruthRecorder:
         self._dwell = DwellTimes()
         truth.watch(self._record)
 
-    def score(self, whole: bool = True) -> dict[str, Any] | None:
-        """Score the final garment and return the figures; None if no garment was laid. whole: whether all folds
+    def score(self, whole: bool = True) -> Score | None:
+        """Score the final garment; None if no garment was laid. whole: whether all folds
         were made. The heights are judged only then, or if the shape passes, because the ideal fold takes time: a
         run that was stopped does not wait for it."""
         self._truth.watch(None)
@@ -55,7 +53,7 @@ class GroundTruthRecorder:
             dwell_s = self._dwell.after_each(len(figures.lines), now.stamp)
             figures = figures.with_ideal(ideal.heights(figures.lines, dwell_s))
         self.close()
-        return {"simulated": True, **figures.to_json()}
+        return figures
 
     def close(self) -> None:
         """End the computation of the ideal fold."""

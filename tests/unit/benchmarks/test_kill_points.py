@@ -14,7 +14,7 @@ import pytest
 from benchmarks.kill_points import boundaries, met, page
 from benchmarks.kills.durable_writes import DurableWrite, read_writes
 from benchmarks.kills.outcome import Outcome, Resumed, lost, place_of, resume_event
-from cell.journal.journal import Entry, Journal, RunRecord
+from cell.journal.journal import Entry, Journal, JournalRun
 
 PASSED = Resumed(0, {"result": "folded", "score": {"passed": True}}, "look_again")
 
@@ -44,7 +44,7 @@ sys.exit(durable_writes.main(sys.argv[1:]))
 WHATS = ["run", "entry", "entry", "world", "context", "entry", "end"]
 
 
-def killed_run(folder: Path, last: int) -> tuple[int, list[DurableWrite], RunRecord, list[Entry]]:
+def killed_run(folder: Path, last: int) -> tuple[int, list[DurableWrite], JournalRun, list[Entry]]:
     """Kill the short run after the durable write `last`. Returns the exit code, the reports and the journal."""
     line = [sys.executable, "-c", DIES, str(folder / "writes"), str(last), str(folder)]
     code = subprocess.run(line, timeout=120, check=False).returncode
@@ -85,7 +85,7 @@ def write(of: Entry) -> DurableWrite:
     return DurableWrite("entry", of.sequence, of.kind, of.state, of.name, payload)
 
 
-RUN = RunRecord("r", "small_towel", 5, "sim", {}, "", 1, 0.0, None, None, {}, "interrupted", Path("r"))
+RUN = JournalRun("r", "small_towel", 5, "sim", {}, "", 1, 0.0, None, None, {}, "interrupted", Path("r"))
 ENTRIES = [
     entry(1, "event", "preparing", "start", **{"from": "idle"}),
     entry(2, "intent", "preparing", "prepare", step=0),
@@ -119,7 +119,7 @@ def test_entries_that_were_not_acknowledged_may_be_in_the_journal() -> None:
         (replace(RUN, status="running"), ENTRIES, "listed as running"),
     ],
 )
-def test_what_the_journal_lacks_is_named(run: RunRecord, entries: list[Entry], why: str) -> None:
+def test_what_the_journal_lacks_is_named(run: JournalRun, entries: list[Entry], why: str) -> None:
     (reason,) = lost(WRITES, run, entries)
     assert why in reason
 
@@ -162,7 +162,7 @@ def test_the_resume_event_leads_out_of_resuming() -> None:
     ],
 )  # fmt: skip
 def test_the_end_of_a_killed_run_is_judged(
-    run: RunRecord, entries: list[Entry], resumed: Resumed, end: str, passed: bool | None
+    run: JournalRun, entries: list[Entry], resumed: Resumed, end: str, passed: bool | None
 ) -> None:
     found = Outcome.of(3, WRITES[:3], run, entries, [], resumed, 1.0)
     assert (found.end, found.passed) == (end, passed)

@@ -1,4 +1,4 @@
-"""A synthetic run record with everything that a page can show."""
+"""The record of a synthetic run, and pictures of everything that a report can show."""
 
 from __future__ import annotations
 
@@ -6,16 +6,49 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.report.page import Picture, RunRecord, ScoreRow, StepRecord, TimelineItem
+from cell.record.run_record import FoldRecord, RunEvent, RunRecord
+from cell.report.page import FoldPictures, Picture, ReportPictures
 from cell.report.pictures.fold_pictures import KeyFrame, fold_strip
 from skills.fold_figures.outline import outline
+from tests.builders.records import run_record, score_record
+
+LIMITS = {
+    "iou": 0.90, "correspondence_m": 0.018, "edges_m": 0.030, "height_m": 0.018, "drift_m": 0.050,
+    "drift_rad": 0.1745,
+}  # fmt: skip
+GOOD_SCORE = score_record(
+    LIMITS, iou=0.941, correspondence_m=0.0093, edges_m=0.0212, height_m=0.0101, drift_m=0.0072, drift_rad=0.031,
+    ideal_height_m=0.0143,
+)  # fmt: skip
 
 
-def run_record() -> RunRecord:
+def report_record() -> RunRecord:
+    """Two folds, of which the first was grasped twice and pressed."""
+    folds = tuple(
+        FoldRecord(
+            step.name, done=True, accepted=True, source=("optimised", "library")[step.index],
+            simulations=54 * (1 - step.index), dissimilarity_m=0.0123, aligned_iou=0.97, observed_iou=0.94,
+            drift_m=0.0072, observed_height_m=0.0188, pressed_from_m=(0.0273,) * (1 - step.index), duration_s=4.0,
+            attempts=2 - step.index, recoveries=("missed_grasp -> grasp_again",) * (1 - step.index),
+        )
+        for step in show.steps()
+    )  # fmt: skip
+    return run_record(
+        steps=folds,
+        score=score_record(**{**vars(GOOD_SCORE), "passed": False, "shape": False, "edges_m": 0.0412}),
+        stage_times_s={"looking": 2.1, "recognising": 4.0, "optimising": 12.5, "folding": 9.3},
+        events=(
+            RunEvent(31.22, "failure", "missed grasp", "right: 0.1 N between the pads, 2.1 N expected"),
+            RunEvent(31.25, "recovery", "grasp again", "planned the motion again"),
+        ),
+    )
+
+
+def report_pictures() -> ReportPictures:
     towel = show.Towel.make()
     vertices = np.column_stack([towel.material, np.full(len(towel.material), 0.001)])
-    before = show.picture(vertices, towel, 1, 0.0)
-    records = []
+    before = show.picture(vertices, towel, 1, 0.0).rgb
+    folds = {}
     for step in show.steps():
         arcs = {i.planned_arm: show.arc(step, i) for i in step.grasps}
         frames = [
@@ -28,50 +61,12 @@ def run_record() -> RunRecord:
         ]
         pictures = fold_strip(frames, towel.triangles, list(arcs.values()), show.TABLE)
         vertices = frames[-1].vertices
-        target = outline(vertices, towel.triangles)
-        seen = [c + np.array([0.004, -0.006]) for c in target]
-        records.append(
-            StepRecord(
-                step.name, ("optimised", "library")[step.index], 54 * (1 - step.index), 0.0123, 0.97, 0.94, 0.0072,
-                2 - step.index, ("grasp_again",) * (1 - step.index), 4.0, True,
-                tuple(Picture(p, f.caption) for p, f in zip(pictures, frames, strict=True)),
-                "drawn from the recorded garment (simulation)",
-                tuple(target), tuple(c + 0.002 for c in target), tuple(seen), 0.0188, (0.0273,) * (1 - step.index),
-            )
-        )  # fmt: skip
-    after = show.picture(vertices, towel, 2, 30.0)
-    return RunRecord(
-        run_id="20260101-120000-medium_towel-7",
-        garment="medium_towel",
-        result="folded",
-        title="Medium towel",
-        seed=7,
-        world="xpbd",
-        started="1 January 2026, 12:00:00",
-        robot_time_s=81.4,
-        wall_time_s=33.2,
-        steps=tuple(records),
-        stage_times_s={"looking": 2.1, "recognising": 4.0, "optimising": 12.5, "folding": 9.3, "retreating": 6.0},
-        stage_wall_times_s={"looking": 0.6, "recognising": 0.8, "optimising": 14.1, "folding": 5.2},
-        timeline=(
-            TimelineItem(31.22, "failure", "missed_grasp", "right: 0.1 N between the pads, 2.1 N expected"),
-            TimelineItem(31.25, "recovery", "grasp_again", "5 mm lower"),
-        ),
-        score=(
-            ScoreRow("iou", 0.941, 0.90, at_least=True),
-            ScoreRow("correspondence_m", 0.0093, 0.018, unit="m"),
-            ScoreRow("edges_m", 0.0412, 0.030, unit="m"),
-            ScoreRow("height_m", 0.0101, 0.018, unit="m", ideal=0.0143),
-            ScoreRow("drift_m", 0.0072, 0.050, unit="m"),
-            ScoreRow("drift_rad", 0.031, 0.1745, unit="rad"),
-        ),
-        pictures=(
-            Picture(before.rgb, "Before"),
-            Picture(cv2.GaussianBlur(before.rgb, (5, 5), 0), "Recognised: towel, confidence 0.97"),
-            Picture(after.rgb, "After"),
-        ),
-        versions={"foldcell": "0.1.0", "python": "3.11.9", "numpy": np.__version__},
-        settings={"garment": "medium_towel", "cell": {"table": {"height_m": -0.1, "x_m": [0.2, 1.0]}}},
-        recording="run.rrd",
-        recording_note="complete",
-    )
+        predicted = outline(vertices, towel.triangles)
+        folds[step.name] = FoldPictures(
+            tuple(Picture(p, f.caption) for p, f in zip(pictures, frames, strict=True)),
+            "drawn from the recorded garment (simulation)",
+            {"predicted": predicted, "observed": [c + np.array([0.004, -0.006]) for c in predicted]},
+        )
+    after = show.picture(vertices, towel, 2, 30.0).rgb
+    recognised = Picture(cv2.GaussianBlur(before, (5, 5), 0), "Recognised: towel, confidence 0.97")
+    return ReportPictures(folds, (Picture(before, "Before"), recognised, Picture(after, "After")))

@@ -28,12 +28,12 @@ def test_the_examples_of_the_api_page_run(
     for number, block in enumerate(blocks(), 1):
         exec(compile(block, f"docs/api.md, block {number}", "exec"), names)
     result = names["result"]
-    assert isinstance(result, names["foldcell"].FoldResult) and names["quick"] == PLAIN
+    assert isinstance(result, names["foldcell"].RunRecord) and names["quick"] == PLAIN
     assert (result.result, result.failure) == ("folded", None)
     for step in result.steps:
-        assert step["done"] and step["accepted"] is not None and step["source"] == "optimised"
+        assert step.done and step.accepted is not None and step.source == "optimised"
     assert names["run"].folder == Path(names["result"].run_dir)
-    assert names["run"].result == {"schema": 1, **names["result"].as_json()}
+    assert names["run"].record == names["result"]
     assert names["sent"].q.shape == (len(names["sent"].t), 14)
     assert names["half"].simulations == 1
     poses = names["half"].tool_poses["left"]

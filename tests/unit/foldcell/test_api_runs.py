@@ -11,7 +11,10 @@ import pytest
 
 import foldcell
 from cell.journal.journal import Journal
+from cell.record.run_record import FoldRecord
+from cell.states.transition_table import State
 from cell.support.files.paths import journal_path
+from tests.builders.records import run_record
 
 
 def begun(logs: Path) -> Any:
@@ -31,9 +34,8 @@ def begun(logs: Path) -> Any:
 def ended(tmp_path: Path) -> Iterator[Path]:
     """The folder of a run that has ended."""
     journal, run = begun(tmp_path)
-    steps = [{"name": "half", "done": True}, {"name": "quarter", "done": False}]
-    summary = {"steps": steps, "robot_time_s": 6.5, "stage_times_s": {"grasping": 4.0}}
-    run.end("not_folded", summary)
+    folds = (FoldRecord("half", done=True), FoldRecord("quarter"))
+    run.end("not_folded", run_record(result="not_folded", state=State.NOT_FOLDED, steps=folds).as_json())
     journal.close()
     yield run.directory
 
@@ -50,14 +52,13 @@ def test_load_run_returns_figures_events_and_effects(ended: Path) -> None:
     assert (run.status, run.garment, run.seed, run.driver) == ("not_folded", "small_towel", 4, "sim")
     assert run.versions == {"foldcell": "0.1.0"}
     assert run.ended is not None and run.started <= run.ended
-    assert [fold["name"] for fold in run.folds] == ["half", "quarter"]
-    assert run.stage_times_s == {"grasping": 4.0} and run.robot_time_s == 6.5
-    assert [event["sequence"] for event in run.events] == [1, 2, 3, 4, 5, 6]
-    assert run.events[0]["name"] == "started" and run.events[0]["cell_time"] == 0.5
+    assert [fold.name for fold in run.folds] == ["half", "quarter"]
+    assert [entry.sequence for entry in run.entries] == [1, 2, 3, 4, 5, 6]
+    assert run.entries[0].name == "started" and run.entries[0].cell_time == 0.5
     look, missed, open_ = run.effects
-    assert (look["name"], look["fold"], look["begun_s"], look["ended_s"]) == ("look", 0, 1.0, 3.5)
-    assert (missed["attempt"], missed["failure"], missed["event"]) == (1, "missed_grasp", "failed")
-    assert (open_["fold"], open_["ended_s"], open_["event"]) == (1, None, None)
+    assert (look.name, look.fold, look.begun_s, look.ended_s) == ("look", 0, 1.0, 3.5)
+    assert (missed.attempt, missed.failure, missed.event) == (1, "missed_grasp", "failed")
+    assert (open_.fold, open_.ended_s, open_.event) == (1, None, None)
     assert run.set_points() is None
 
 
@@ -66,8 +67,7 @@ def test_an_interrupted_run_has_no_result(tmp_path: Path) -> None:
     run.abandon()
     journal.close()
     read = foldcell.load_run("last", logs=tmp_path)
-    assert (read.status, read.ended, read.result, read.folds) == ("interrupted", None, {}, ())
-    assert read.robot_time_s is None and read.stage_times_s == {}
+    assert (read.status, read.ended, read.record, read.folds) == ("interrupted", None, None, ())
     assert len(read.effects) == 3
 
 

@@ -10,10 +10,9 @@ import numpy as np
 from cell.control.checks import stopped
 from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import simulated_paths
-from cell.states.estimate_note import EstimateNote
 from cell.states.recovery_table import VERDICTS
 from cell.states.run_context import Result, RunContext
-from cell.states.stages import Attempt, Plan
+from cell.states.stages import Attempt, EstimateNote, Plan
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side

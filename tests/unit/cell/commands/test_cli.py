@@ -22,32 +22,17 @@ import pytest
 
 from cell.commands.main import build_parser, main
 from cell.journal.journal import Journal
+from cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunRecord
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
+from tests.builders.records import run_record, score_record
+from tests.inspections import a_claim
 
-FIGURES: dict[str, Any] = {
-    "garment": "medium_towel",
-    "seed": 3,
-    "driver": "sim",
-    "result": "folded",
-    "score": {"passed": True, "iou": 0.95, "edges_m": 0.01, "drift_m": 0.02, "height_m": 0.012},
-    "steps": [
-        {
-            "name": "half",
-            "done": True,
-            "accepted": True,
-            "source": "library",
-            "observed_iou": 0.93,
-            "observed_height_m": 0.0182,
-            "pressed_from_m": [0.0265],
-            "attempts": 1,
-            "recoveries": [],
-        }
-    ],
-    "robot_time_s": 61.5,
-    "wall_time_s": 20.0,
-    "stage_times_s": {},
-    "run_dir": "/logs/run",
-}
+HALF = FoldRecord(
+    "half", done=True, accepted=True, source="library", observed_iou=0.93, observed_height_m=0.0182,
+    pressed_from_m=(0.0265,), attempts=1,
+)  # fmt: skip
+SCORE = score_record(iou=0.95, correspondence_m=0.004, edges_m=0.01, drift_m=0.02, height_m=0.012)
+FOLDED = run_record(steps=(HALF,), score=SCORE, robot_time_s=61.5, run_dir="/logs/run")
 
 
 @dataclass(frozen=True)
@@ -67,23 +52,14 @@ class Request:
     page_port: int = 0
 
 
-@dataclass(frozen=True)
-class Result:
-    figures: dict[str, Any]
-    exit_code: int = 0
-
-    def as_json(self) -> dict[str, Any]:
-        return self.figures
-
-
 class FakeRun:
     """Replaces cell.runs.fold_run: records the requests and returns or raises the given answer."""
 
     def __init__(self) -> None:
         self.requests: list[Request] = []
-        self.answer: Result | BaseException = Result(FIGURES)
+        self.answer: RunRecord | BaseException = FOLDED
 
-    def fold_once(self, request: Request) -> Result:
+    def fold_once(self, request: Request) -> RunRecord:
         self.requests.append(request)
         if isinstance(self.answer, BaseException):
             raise self.answer
@@ -202,7 +178,7 @@ def test_supervise_is_fold_with_approval_in_real_time(fake: FakeRun) -> None:
 
 def test_json_is_the_last_line(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     main(["fold", "medium_towel", "--json"])
-    assert last_json(capsys.readouterr().out) == FIGURES
+    assert last_json(capsys.readouterr().out) == FOLDED.as_json()
 
 
 def test_the_summary_names_the_run_folder(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
@@ -220,8 +196,8 @@ def test_the_summary_names_gaps_of_the_recording(
     """The recording's place is printed only if the recording exists."""
     if there:
         (tmp_path / "run.rrd").touch()
-    lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7, "live_dropped": 0}
-    fake.answer = Result({**FIGURES, "recording": lost, "run_dir": str(tmp_path)})
+    lost = RecordingLosses(dropped=7, errors=("the transcript ends early: disk full",))
+    fake.answer = replace(FOLDED, recording=lost, run_dir=str(tmp_path))
     main(["fold", "medium_towel"])
     text = capsys.readouterr().out
     assert "not kept   the transcript ends early: disk full" in text
@@ -231,42 +207,40 @@ def test_the_summary_names_gaps_of_the_recording(
 
 def test_the_summary_names_the_figure_beyond_its_limit(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     limits = {"iou": 0.9, "edges_m": 0.03, "height_m": 0.0195, "drift_rad": 0.1745}
-    score = {"passed": False, "iou": 0.95, "edges_m": 0.01, "height_m": 0.0241, "drift_rad": 0.2, "limits": limits}
-    fake.answer = Result({**FIGURES, "score": score})
+    score = score_record(limits, passed=False, iou=0.95, edges_m=0.01, height_m=0.0241, drift_rad=0.2)
+    fake.answer = replace(FOLDED, score=score)
     main(["fold", "vest"])
-    assert (
-        "not passed (height 24.1 mm, limit 19.5; turn 11.5 degrees, limit 10.0), IoU 0.950"
-        in capsys.readouterr().out
-    )
+    missed = "not passed (height 24.1 mm, limit 19.5 mm; turn 11.5°, limit 10.0°), IoU 0.950"
+    assert missed in capsys.readouterr().out
 
 
 def test_the_summary_says_why_the_heights_are_not_judged(
     fake: FakeRun, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    score = {"passed": False, "shape": True, "flat": None, "ideal_height_m": 0.0127, "limits": {},
-             "ideal": {"valid": False, "reason": "it does not come to rest"}}  # fmt: skip
-    fake.answer = Result({**FIGURES, "score": FIGURES["score"] | score})
+    ideal = IdealRecord(valid=False, reason="it does not come to rest")
+    score = score_record(passed=False, flat=None, ideal_height_m=0.0127, ideal=ideal)
+    fake.answer = replace(FOLDED, score=score)
     main(["fold", "vest"])
     text = capsys.readouterr().out
-    assert "the ideal fold is not valid: it does not come to rest" in text and "ideal fold: 13 mm" in text
+    assert "the ideal fold is not valid: it does not come to rest" in text and "ideal fold: 12.7 mm" in text
 
 
 def test_the_summary_shows_both_parts_of_the_claim(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
-    claim = {
-        "shape": True, "flat": False, "reliability": 0.93, "height_m": 0.031, "height_limit_m": 0.025,
-        "crease_height_m": None, "crease_height_limit_m": 0.035, "says": "folded, but stands 31 mm high",
-    }  # fmt: skip
-    fake.answer = Result({**FIGURES, "claim": claim})
+    claim = a_claim(
+        flat=False, reliability=0.93, height_m=0.031, height_limit_m=0.025, crease_height_m=float("nan"),
+        crease_height_limit_m=0.035, says="folded, but stands 31 mm high",
+    )  # fmt: skip
+    fake.answer = replace(FOLDED, claim=claim)
     main(["fold", "vest"])
     text = capsys.readouterr().out
-    assert "claim (camera): shape yes, flat no, reliability 93 %, height 31 mm (at most 25 mm), creases -" in text
+    assert "claim (camera): shape yes, flat no, reliability 93 %, height 31 mm (at most 25 mm), creases –" in text
 
 
 def test_the_summary_names_the_reason_why_a_run_is_not_folded(
     fake: FakeRun, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    failure = {"kind": "no_garment", "what": "nothing lies on the table", "hint": "lay the garment"}
-    fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "failure": failure}, 2)
+    failure = FailureRecord(FailureKind.NO_GARMENT, "nothing lies on the table", "lay the garment")
+    fake.answer = replace(FOLDED, result="not_folded", score=None, failure=failure)
     assert main(["fold", "vest"]) == 2
     assert "nothing lies on the table (lay the garment)" in capsys.readouterr().out
 
@@ -283,20 +257,29 @@ def test_the_summary_names_the_reason_why_a_run_is_not_folded(
 def test_the_summary_shows_the_outcome_of_each_fold(
     fake: FakeRun, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], told: str
 ) -> None:
-    fake.answer = Result({**FIGURES, "result": "not_folded", "steps": [{**FIGURES["steps"][0], **changes}]}, 2)
+    fake.answer = replace(FOLDED, result="not_folded", steps=(replace(HALF, **changes),))
     main(["fold", "vest"])
     assert told in capsys.readouterr().out
 
 
 def test_a_run_without_observations_has_a_summary(fake: FakeRun, capsys: pytest.CaptureFixture[str]) -> None:
-    fake.answer = Result({**FIGURES, "result": "not_folded", "score": None, "steps": []}, 2)
+    fake.answer = replace(FOLDED, result="not_folded", score=None, steps=())
     assert main(["fold", "auto"]) == 2
     assert "NOT FOLDED" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("code", [0, 2, 3, 130, 143])
-def test_the_command_exits_with_the_runs_exit_code(fake: FakeRun, code: int) -> None:
-    fake.answer = Result(FIGURES, code)
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({}, 0),
+        ({"result": "not_folded"}, 2),
+        ({"result": "fault"}, 3),
+        ({"signal": 2}, 130),
+        ({"signal": 15}, 143),
+    ],
+)
+def test_the_command_exits_with_the_runs_exit_code(fake: FakeRun, changes: dict[str, Any], code: int) -> None:
+    fake.answer = replace(FOLDED, **changes)
     assert main(["fold", "medium_towel", "--json"]) == code
 
 
@@ -593,7 +576,7 @@ def test_a_run_keeps_its_exit_code_if_its_output_is_closed(
     gone = io.StringIO()
     monkeypatch.setattr(gone, "write", Mock(side_effect=OSError(error, "gone")))
     monkeypatch.setattr(sys, "stdout", gone)
-    fake.answer = Result({**FIGURES, "result": "not_folded"}, 2)
+    fake.answer = replace(FOLDED, result="not_folded")
     assert main(["fold", "vest"]) == 2
     assert main(["fold", "vest", "--json"]) == 2
 

@@ -13,8 +13,7 @@ from cell.executive.machine import complete_table
 from cell.executive.runner import Runner
 from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import RECOVERIES
-from cell.states.run_context import Result, RunContext
-from cell.states.run_end import RunEnd
+from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import TERMINAL, TRANSITIONS, Effect, Event, Row, State
 from robots.errors import DriverError, Failure, FailureKind, InternalError, StorageError
 from tests.fakes import FakeCell

@@ -16,15 +16,14 @@ from cell.executive.effects.inspecting import next_step
 from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from cell.executive.runner import EffectFunction, Runner
 from cell.journal.journal import Journal, RunJournal
-from cell.report.run_events import RunEvents
 from cell.states.observers import Step
-from cell.states.run_context import Result, RunContext
-from cell.states.run_end import RunEnd
+from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import REENTRIES, Effect, Event, State
 from robots.errors import DriverError, Failure, FailureKind, StorageError
 from robots.ports import Side
 from skills.vocabulary import FoldLine, FoldStep
 from tests.builders.contexts import context_with
+from tests.builders.records import record_builder
 from tests.fakes import FakeCell
 from tests.inspections import inspection
 from tests.workcells import fake_workcell
@@ -544,10 +543,10 @@ def test_events_within_an_effect_are_recorded_between_its_intent_and_result(rig:
         return Result(Event.DONE, context)
 
     rig.special[Effect.FOLD] = fold
-    remarks = RunEvents()
+    remarks = record_builder()
     rig.observers = (remarks,)
     rig.run()
-    assert [(r.kind, r.title, r.text) for r in remarks.list] == [("command", "paused", "while folding")], (
+    assert [(r.kind, r.title, r.text) for r in remarks.events] == [("command", "paused", "while folding")], (
         "observers get the event too"
     )
     entries = list(rig.journal.entries(rig.journal_file.id))

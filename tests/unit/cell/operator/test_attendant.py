@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from cell.operator.console.run_status import RunStatus
 from cell.operator.terminal.attendant import PersonAttendant
 from cell.states.commands import CommandQueue
 from cell.states.observers import Step
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import DriverError, FailureKind
 from robots.ports import BoardPlace
+from tests.builders.records import run_status
 from tests.fakes import FakeCell
 
 
@@ -118,7 +118,7 @@ def test_a_script_continues_while_the_attendant_waits(asked: Asked) -> None:
 
 
 def test_the_page_shows_the_question_and_takes_the_answer() -> None:
-    board = RunStatus("run-1", "small_towel", 3, simulated=False)
+    board = run_status(simulated=False)
     board.entered(1.0, Step(State.PHOTOGRAPHING, Event.DONE, State.AWAITING_GARMENT, Effect.AWAIT_GARMENT))
     assert Event.APPROVE not in board.allowed() and board.snapshot()["question"] is None
     board.ask("lay the garment flat")

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import synthetic_run as show
-from synthetic_report import run_record
-from test_report import Page
+from synthetic_report import report_pictures
+from test_report import page_of
 
 from cell.report.failure_stories import FailureStories, FailureStory
-from cell.report.page import render
-from cell.report.recovery_words import laying_in_words, recovery_in_words
-from cell.states.estimate_note import EstimateNote
 from cell.states.observers import Step
-from cell.states.recovery_table import RECOVERIES, Adjustment, Laying
+from cell.states.recovery_table import Adjustment, Laying
 from cell.states.run_context import Result, RunContext
+from cell.states.stages import EstimateNote
 from cell.states.transition_table import TRANSITIONS, Effect, Event, State
 from robots.errors import Failure, FailureKind
 from tests.builders.contexts import context_with
@@ -173,27 +170,13 @@ def test_a_fold_that_is_pressed_has_not_ended_its_story() -> None:
     assert [s.after[0].caption for s in run.stories.stories] == ["the fold was accepted"]
 
 
-def words_of_the_table() -> Iterator[str]:
-    for recoveries in RECOVERIES.values():
-        for recovery in recoveries:
-            record = {"change": recovery.adjust.value} | ({"reason": recovery.reason} if recovery.reason else {})
-            yield recovery_in_words(recovery.event, record)
-
-
-def test_every_recovery_of_the_table_is_said_in_words() -> None:
-    assert all(said and "_" not in said for said in words_of_the_table())
-    recoveries = {(r.event, r.adjust, r.reason) for row in RECOVERIES.values() for r in row}
-    assert len(set(words_of_the_table())) == len(recoveries), "two recoveries are told apart"
-    assert len({laying_in_words({"laying": laying.value}) for laying in Laying}) == len(Laying)
-
-
 def test_the_page_tells_the_story_in_order(undone: tuple[FailureStory, ...]) -> None:
-    page = Page(render(replace(run_record(), stories=undone)))
+    page = page_of(pictures=replace(report_pictures(), stories=undone))
     assert page.open == []
     parts = ["Slipped while folding", SLIPPED.what, "Before", "What was seen", SAYS, "What was done", "After"]
     begin = page.text.index(parts[0])
     places = [page.text.index(part, begin) for part in parts]
     assert places == sorted(places)
     pictures = [s for s in page.sources if s.startswith("data:image/jpeg")]
-    without = [s for s in Page(render(run_record())).sources if s.startswith("data:image/jpeg")]
+    without = [s for s in page_of().sources if s.startswith("data:image/jpeg")]
     assert len(pictures) == len(without) + 4

@@ -8,38 +8,31 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import synthetic_run as show
 from shapely.geometry import Polygon
-from synthetic_report import run_record
+from synthetic_report import GOOD_SCORE, report_pictures, report_record
 
-from cell.config.cell_settings import load_settings
-from cell.report.page import (
-    Picture,
-    RunRecord,
-    StepRecord,
-    TimelineItem,
-    length,
-    quantity,
-    render,
-    seconds,
-    silhouettes,
-    write_report,
-)
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunEvent, RunRecord
+from cell.record.words import verdict
+from cell.report.page import Picture, ReportPictures, render
 from cell.report.pictures.film import FilmFrame, encode_film
 from cell.report.pictures.fold_pictures import BACK, FRONT, KeyFrame, View, draw_frame, fold_strip, join
+from cell.report.pictures.outline_drawing import outline_drawing
 from cell.report.pictures.recorded_holds import held_during
-from cell.report.report import report as report_of
-from cell.states.fold_request import FoldRequest, FoldResult
+from cell.report.report import report as write_report
 from cell.states.run_context import RunContext
-from cell.states.run_end import RunEnd
 from cell.states.transition_table import State
-from robots.errors import StorageError
+from robots.errors import FailureKind, StorageError
 from robots.ports import Side
 from skills.fold_figures.outline import outline
+from tests.builders.records import run_record, score_record
+from tests.inspections import a_claim
 
 
 class Page(HTMLParser):
@@ -74,24 +67,32 @@ class Page(HTMLParser):
         return " ".join(w for w in self.words if w)
 
 
-@pytest.fixture(scope="module")
-def run() -> RunRecord:
-    return run_record()
+def page_of(
+    run: RunRecord | None = None, pictures: ReportPictures | None = None, settings: CellSettings | None = None
+) -> Page:
+    """The page of a run; by default everything is that of the synthetic run."""
+    return Page(text_of(run, pictures, settings))
 
 
-def test_the_page_fetches_nothing_and_closes_its_tags(run, tmp_path):
-    text = write_report(tmp_path / "report.html", run).read_text(encoding="utf-8")
+def text_of(
+    run: RunRecord | None = None, pictures: ReportPictures | None = None, settings: CellSettings | None = None
+) -> str:
+    pictures = pictures or report_pictures()
+    return render(run or report_record(), pictures, "Medium towel", settings or load_settings())
+
+
+def test_the_page_fetches_nothing_and_closes_its_tags() -> None:
+    text = text_of()
     page = Page(text)
     assert page.open == []
     assert [s for s in page.sources if not s.startswith("data:image/")] == ["run.rrd"]
-    assert "url(" not in text
-    assert "@import" not in text
-    assert list(tmp_path.iterdir()) == [tmp_path / "report.html"]
+    assert "url(" not in text and "@import" not in text
 
 
-def test_the_page_shows_the_given_pictures(run):
-    uris = [s for s in Page(render(run)).sources if s.startswith("data:image/jpeg;base64,")]
-    given = [*run.pictures] + [p for step in run.steps for p in step.key_frames]
+def test_the_page_shows_the_given_pictures() -> None:
+    pictures = report_pictures()
+    uris = [s for s in page_of(pictures=pictures).sources if s.startswith("data:image/jpeg;base64,")]
+    given = [*pictures.overview] + [p for fold in pictures.folds.values() for p in fold.key_frames]
     assert len(uris) == len(given) == 15
     for uri, picture in zip(uris, given, strict=True):
         data = np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8)
@@ -100,74 +101,63 @@ def test_the_page_shows_the_given_pictures(run):
         assert np.abs(seen.astype(int) - picture.rgb).mean() < 6.0
 
 
-def test_the_report_shows_result_steps_and_failures(run):
-    text = Page(render(run)).text
+def test_the_report_shows_result_steps_and_failures() -> None:
+    text = page_of().text
     for needed in (
         "Folded: Medium towel", "simulated", "81.4 s", "33.2 s", "optimised", "library", "12.3 mm", "18.8 mm",
-        "Missed grasp", "Grasp again", "41.2 mm", "≤ 30.0 mm", "failed", "1.8°", "0.941", "cell.table.height_m",
-        "0.2, 1.0", "27.3 mm",
+        "Missed grasp", "Grasp again", "41.2 mm", "≤ 30.0 mm", "failed", "1.8°", "0.941", "27.3 mm",
+        "IoU, aligned 0.970", "IoU, observed 0.940",
     ):  # fmt: skip
         assert needed in text, needed
-    assert "Score not passed" in text
-    good = tuple(row for row in run.score if row.passed)
-    assert "Score passed" in Page(render(replace(run, score=good))).text
+    assert (
+        "Score not passed" in text and "Score passed" in page_of(replace(report_record(), score=GOOD_SCORE)).text
+    )
     assert "14.3 mm" in text, "the height of the ideal fold"
 
 
-def test_a_run_whose_ideal_fold_is_not_valid_is_not_shown_as_passed(run):
-    good = tuple(row for row in run.score if row.passed)
-    verdicts = {"shape": True, "flat": None}
-    text = Page(render(replace(run, score=good, verdicts=verdicts, invalid_ideal="it does not come to rest"))).text
+def test_a_run_whose_ideal_fold_is_not_valid_is_not_shown_as_passed() -> None:
+    ideal = IdealRecord(valid=False, reason="it does not come to rest")
+    text = page_of(replace(report_record(), score=replace(GOOD_SCORE, passed=False, flat=None, ideal=ideal))).text
     assert "Score not passed" in text and "it does not come to rest" in text
     assert "Shape passed" in text and "Flat not judged" in text
 
 
-def test_a_hardware_run_is_not_called_simulated(run):
-    hardware = replace(run, simulated=False, driver="ros", score=(), steps=())
-    text = Page(render(hardware)).text
+def test_a_hardware_run_is_not_called_simulated() -> None:
+    text = page_of(replace(report_record(), simulated=False, driver="ros", score=None, steps=())).text
     assert "simulated" not in text
     assert "on hardware" in text
 
 
-def test_a_fault_with_the_fewest_figures_has_a_page():
-    page = Page(render(RunRecord("r", "jeans", "fault", reason="joint <s1> is out of reach & hot", hint="look")))
+def test_a_fault_with_the_fewest_figures_has_a_page() -> None:
+    failure = FailureRecord(FailureKind.HARDWARE_FAULT, "joint <s1> is out of reach & hot", "look")
+    run = run_record(result="fault", state=State.FAULT, failure=failure)
+    page = Page(render(run, ReportPictures(), "jeans", load_settings()))
     assert page.open == []
     assert "Fault: Jeans" in page.text
     assert "joint <s1> is out of reach & hot" in page.text  # escaped in the page's source
 
 
-def test_markup_in_names_is_escaped():
-    step = StepRecord("<script>alert(1)</script>")
-    run = RunRecord("<b>x</b>", "towel", "folded", steps=(step,), timeline=(TimelineItem(0.0, "note", "<i>"),))
-    text = render(run)
-    assert "<script>" not in text
-    assert "<b>" not in text
-    assert "<i>" not in text
+def test_markup_in_names_is_escaped() -> None:
+    run = run_record(
+        steps=(FoldRecord("<script>alert(1)</script>"),), events=(RunEvent(0.0, "estimate", "<i>", ""),),
+    )  # fmt: skip
+    text = render(run, ReportPictures(), "<b>x</b>", load_settings())
+    assert "<script>" not in text and "<b>" not in text and "<i>" not in text
 
 
-def test_a_report_that_cannot_be_written_leaves_nothing(run, tmp_path, monkeypatch):
+def test_a_report_that_cannot_be_written_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(StorageError, match="cannot be written"):
-        write_report(tmp_path / "missing" / "report.html", run)
+        written(tmp_path / "missing")
     monkeypatch.setattr("os.replace", lambda *a: (_ for _ in ()).throw(OSError(28, "No space left on device")))
     with pytest.raises(StorageError, match="No space"):
-        write_report(tmp_path / "report.html", run)
+        written(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_figures_are_formatted_with_units():
-    assert length(0.0123) == "12.3 mm"
-    assert length(None) == length(float("nan")) == "–"
-    assert seconds(8.314) == "8.31 s"
-    assert seconds(83.14) == "83.1 s"
-    assert seconds(123.0) == "2 min 03 s"
-    assert quantity(np.pi / 18, "rad") == "10.0°"
-    assert quantity(0.9) == "0.900"
-
-
-def test_outlines_keep_their_proportions_and_handedness():
+def test_outlines_keep_their_proportions_and_handedness() -> None:
     """A unit step in x is as long as one in y. Far is up, and left is left."""
     contour = np.array([[0.5, -0.1], [0.7, -0.1], [0.7, 0.3], [0.5, 0.3]])
-    svg = str(silhouettes(StepRecord("s", observed=(contour,))))
+    svg = str(outline_drawing({"observed": [contour]}))
     d = re.search(r'class="observed" d="M([^"]+) Z"', svg)
     assert d is not None
     uv = np.array([[float(v) for v in p.split()] for p in d[1].split(" L")])
@@ -176,10 +166,7 @@ def test_outlines_keep_their_proportions_and_handedness():
     assert across == pytest.approx(2.0 * along, rel=0.01)
     assert far_left[1] < near_left[1]
     assert far_left[0] < far_right[0]
-
-
-def test_a_step_without_outlines_has_no_drawing():
-    assert silhouettes(StepRecord("s")) is None
+    assert outline_drawing({"observed": []}) is None
 
 
 # figures
@@ -262,10 +249,9 @@ def test_a_fold_strip_has_one_picture_per_frame_and_shows_the_arcs():
     assert fold_strip([], towel.triangles) == []
 
 
-def test_the_page_takes_pictures_of_any_width(tmp_path):
+def test_the_page_takes_pictures_of_any_width() -> None:
     wide = Picture(np.zeros((90, 2000, 3), np.uint8), "wide")
-    path = write_report(Path(tmp_path / "r.html"), RunRecord("r", "t", "folded", pictures=(wide,)))
-    uri = next(s for s in Page(path.read_text()).sources if s.startswith("data:"))
+    uri = next(s for s in page_of(pictures=ReportPictures(overview=(wide,))).sources if s.startswith("data:"))
     assert cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), 1).shape == (29, 640, 3)
 
 
@@ -275,7 +261,8 @@ def test_the_strip_shows_only_the_grasp_that_made_the_fold():
     frames = [(t, np.zeros((3, 3)), {}) for begin, end in held for t in np.arange(begin, end, 0.1)]
 
     def note(*stamps: float) -> SimpleNamespace:
-        return SimpleNamespace(pictures=tuple(SimpleNamespace(stamp=t) for t in stamps))
+        pictures = tuple(SimpleNamespace(stamp=t) for t in stamps)
+        return SimpleNamespace(attempt=SimpleNamespace(pictures=pictures))
 
     for (begin, end), stamps in zip(held[::2], [(3.2, 4.4), (15.1, 19.2)], strict=True):
         times = [t for t, *_ in held_during(note(*stamps), frames)]
@@ -283,89 +270,62 @@ def test_the_strip_shows_only_the_grasp_that_made_the_fold():
     assert held_during(note(30.0, 31.0), frames) == [] and held_during(note(), frames) == []
 
 
+def written(folder: Path, context: RunContext | None = None, **changes: Any) -> str:
+    """The text of the page that is written for a run."""
+    run = run_record(**{"result": "not_folded", "state": State.NOT_FOLDED, "run_dir": str(folder), **changes})
+    page = write_report(run, context or RunContext(), load_settings(), None)
+    return Page(page.read_text(encoding="utf-8")).text
+
+
 def test_the_page_names_gaps_of_the_recording(tmp_path: Path) -> None:
-    request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, tmp_path)
-    lost = {"errors": ["the transcript ends early: disk full"], "dropped": 7}
-    result = FoldResult(
-        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, None, (), 1.0, 1.0, {},
-        str(tmp_path), recording=lost,
-    )  # fmt: skip
-    end = RunEnd(State.NOT_FOLDED, RunContext(), 0.0, 1.0, {})
-    text = Page(report_of(tmp_path, request, end, result, [], [], None).read_text(encoding="utf-8")).text
-    assert "not kept: the transcript ends early: disk full; not kept: 7 entries" in text
-    whole = replace(result, recording={"errors": [], "dropped": 0})
-    assert "not kept" not in report_of(tmp_path, request, end, whole, [], [], None).read_text(encoding="utf-8")
+    lost = RecordingLosses(dropped=7, errors=("the transcript ends early: disk full",))
+    assert "not kept: the transcript ends early: disk full; not kept: 7 entries" in written(
+        tmp_path, recording=lost
+    )
+    assert "not kept" not in written(tmp_path)
 
 
-def test_the_page_says_what_the_camera_saw(run: RunRecord) -> None:
-    says = "folded, but stands 31 mm high, 6 mm more than it should (reliability 93 %)"
-    assert says in Page(render(replace(run, claim=says))).text
-    assert "Seen by the camera" not in Page(render(run)).text
-
-
-def test_the_overlap_after_alignment_is_labelled_as_aligned(run: RunRecord) -> None:
-    """The aligned overlap is a figure of the observed outline, not of the prediction."""
-    step = replace(run.steps[0], aligned_iou=0.987, observed_iou=0.912)
-    text = Page(render(replace(run, steps=(step,)))).text
-    assert "IoU, aligned 0.987" in text and "IoU, observed 0.912" in text and "IoU, predicted" not in text
-
-
-def test_times_that_include_waiting_for_the_operator_are_labelled_as_cell_time(run: RunRecord) -> None:
+def test_times_that_include_waiting_for_the_operator_are_labelled_as_cell_time() -> None:
     """An answer that took ten minutes is cell time and not robot time."""
-    text = Page(render(replace(run, robot_time_s=18.6, stage_times_s={"asking": 582.2}))).text
+    text = page_of(replace(report_record(), robot_time_s=18.6, stage_times_s={"asking": 582.2})).text
     assert text.count("Robot time") == 1 and "Cell time" in text and "9 min 42 s" in text
     assert "include waiting for the operator" in text
 
 
-def test_the_page_shows_what_lay_there_after_a_failure(run: RunRecord) -> None:
+def test_the_page_shows_what_lay_there_after_a_failure() -> None:
     says = "the fold is half made: the left corner slipped out 40 % along the way (confidence 0.80)"
-    page = render(replace(run, estimates=(Picture(np.zeros((20, 30, 3), np.uint8), says),)))
+    estimates = (Picture(np.zeros((20, 30, 3), np.uint8), says),)
+    page = text_of(pictures=replace(report_pictures(), estimates=estimates))
     assert "What lay there" in page and page.count(says) == 2  # under the picture, and as its description
-    assert "What lay there" not in render(run)
+    assert "What lay there" not in text_of()
 
 
-def test_the_verdict_stands_at_the_top_in_one_sentence(run: RunRecord) -> None:
-    says = "folded as planned, 16 mm high (at most 22 mm), reliability 98 %"
-    text = Page(render(replace(run, claim=says))).text
-    sentence = replace(run, claim=says).sentence
-    assert sentence.startswith("Both folds were made") and says in sentence
-    assert "41.2 mm, limit 30.0 mm" in sentence, "the figure that decided against the score"
+def test_the_verdict_stands_at_the_top_in_one_sentence() -> None:
+    run = replace(report_record(), claim=a_claim(says="folded as planned, 16 mm high (at most 22 mm)"))
+    text, sentence = page_of(run).text, verdict(run)
     assert text.index("Folded: Medium towel") < text.index(sentence) < text.index("Robot time")
 
 
-def scored(folder: Path, context: RunContext, **changes: object) -> str:
-    """The page's text of a run that made nothing and has a score all the same."""
-    request = FoldRequest("medium_towel", 0, "sim", load_settings(), None, folder)
-    score = {"limits": {"iou": 0.9}, "iou": 0.312, "shape": False, "flat": None}
-    result = FoldResult(
-        "medium_towel", 0, "sim", True, "xpbd", "not_folded", "not_folded", None, score, (), 1.0, 1.0, {},
-        str(folder),
-    )  # fmt: skip
-    end = RunEnd(State.NOT_FOLDED, context, 0.0, 1.0, {})
-    path = report_of(folder, replace(request, **changes), end, result, [], [], None)  # type: ignore[arg-type]
-    return Page(path.read_text(encoding="utf-8")).text
-
-
 def test_there_is_no_score_where_nothing_was_folded(tmp_path: Path) -> None:
-    assert "0.312" not in scored(tmp_path, RunContext()) and "Score" not in scored(tmp_path, RunContext())
+    score = score_record({"iou": 0.9}, passed=False, iou=0.312)
+    assert "0.312" not in written(tmp_path, score=score) and "Score" not in written(tmp_path, score=score)
     attempt = SimpleNamespace(carried=True)
-    carried = SimpleNamespace(attempt=attempt, carried=True, note=lambda: None, index=0)
-    assert "0.312" in scored(tmp_path, replace(RunContext(), fold=carried))  # type: ignore[arg-type]
+    carried: Any = SimpleNamespace(attempt=attempt, carried=True, note=lambda: None, index=0)
+    assert "0.312" in written(tmp_path, replace(RunContext(), fold=carried), score=score)
 
 
-def test_only_settings_that_differ_from_the_shipped_ones_are_listed(tmp_path: Path) -> None:
-    text = scored(tmp_path, RunContext())
-    assert "All settings are the shipped ones" in text and "motion." not in text
+def test_only_settings_that_differ_from_the_shipped_ones_are_listed() -> None:
+    assert "All settings are the shipped ones" in page_of().text and "motion." not in page_of().text
     shipped = load_settings()
     slower = shipped.model_copy(update={"motion": shipped.motion.model_copy(update={"tool_speed": 0.123})})
-    text = scored(tmp_path, RunContext(), settings=slower)
+    text = page_of(settings=slower).text
     assert f"motion.tool_speed 0.123 {shipped.motion.tool_speed}" in text
     assert text.count("motion.") == 1 and "table.height" not in text
 
 
-def test_every_picture_can_be_enlarged_and_the_film_is_in_the_page(run: RunRecord) -> None:
+def test_every_picture_can_be_enlarged_and_the_film_is_in_the_page() -> None:
     film = encode_film([FilmFrame(np.full((20, 30, 3), 30 * k, np.uint8), 100) for k in range(3)])
-    text = render(replace(run, film=film, film_note="The run in short"))
+    text = text_of(pictures=replace(report_pictures(), film=film, film_note="The run in short"))
     page = Page(text)
     assert page.open == []
     assert len(re.findall(r'<input class="zoom" type="checkbox" /><img ', text)) == text.count("<img ") == 16
@@ -374,17 +334,17 @@ def test_every_picture_can_be_enlarged_and_the_film_is_in_the_page(run: RunRecor
     assert base64.b64decode(inlined.split(",")[1]) == film
 
 
-def test_the_browser_is_told_to_fetch_nothing(run: RunRecord) -> None:
-    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', render(run))
+def test_the_browser_is_told_to_fetch_nothing() -> None:
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]+)"', text_of())
     assert policy is not None
     rules = dict(rule.strip().split(" ", 1) for rule in policy[1].split(";"))
     assert rules.pop("default-src") == "'none'"
     assert all("http" not in source and "*" not in source and "self" not in source for source in rules.values())
 
 
-def test_figures_are_explained_where_they_stand(run: RunRecord) -> None:
+def test_figures_are_explained_where_they_stand() -> None:
     """Every label of a figure has an explanation, apart from words of everyday language."""
-    text = render(replace(run, verdicts={"shape": True, "flat": True}))
+    text = text_of()
     labels = re.findall(r"<dt>(.*?)</dt>", text)
     plain = {re.sub(r"<[^>]+>", "", label) for label in labels if "<abbr" not in label}
     assert plain <= {"Garment", "Folds"} and len(labels) > 15

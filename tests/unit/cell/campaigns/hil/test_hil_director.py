@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,14 @@ from cell.campaigns.hil.director import Director
 from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.verdict import broken_expectations
 from cell.hardware.driver import OpenCell
+from cell.record.run_record import FoldRecord, RunRecord
 from cell.states.commands import CommandQueue
-from cell.states.fold_request import FoldResult
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports
+from tests.builders.records import run_record, score_record
 from tests.fakes import FakeCell
 
 PAUSE = frozenset({Event.PAUSE})
@@ -152,14 +152,9 @@ def test_a_run_without_end_is_aborted() -> None:
     director.close()
 
 
-def result(**changes: Any) -> FoldResult:
-    fields: dict[str, Any] = {
-        "garment": "small_towel", "seed": 0, "driver": "sim", "simulated": True, "world": "xpbd",
-        "result": "folded", "state": "folded", "failure": None, "score": {"passed": True},
-        "steps": ({"done": True}, {"done": False}),
-        "robot_time_s": 30.0, "wall_time_s": 9.0, "stage_times_s": {}, "run_dir": str(Path("x")), **changes,
-    }  # fmt: skip
-    return FoldResult(**fields)
+def result(**changes: Any) -> RunRecord:
+    folds = (FoldRecord("half", done=True), FoldRecord("quarter"))
+    return run_record(**{"score": score_record(), "steps": folds, "robot_time_s": 30.0, **changes})
 
 
 FAILED = Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "look again")

@@ -32,8 +32,9 @@ from robots.errors import DriverError, Failure, FailureKind, StorageError
 from skills.fold_plan.plan import plan_folds
 from skills.fold_plan.repair import RepairGoal
 from tests.builders.contexts import context_with
+from tests.builders.records import run_record, run_status
 from tests.fakes import FakeCell
-from tests.inspections import a_claim, inspection
+from tests.inspections import a_claim
 from tests.scenes import camera
 
 ALL = frozenset(Event)
@@ -50,7 +51,7 @@ def cell() -> FakeCell:
 
 @pytest.fixture
 def board() -> RunStatus:
-    return RunStatus("run-1", "small_towel", 3, simulated=True)
+    return run_status()
 
 
 @pytest.fixture
@@ -186,14 +187,16 @@ def test_the_page_receives_every_change_of_the_run_status(address: str, board: R
         assert shown["allowed"] == ["pause", "abort"] and shown["simulated"] and shown["seed"] == 3
         failure = Failure(FailureKind.OPTIMISER_FAILED, "nothing was found", "look again")
         step = Step(State.PLANNING, Event.DONE, State.OPTIMISING, Effect.CHOOSE_TRAJECTORY)
-        board.performed(2.0, step, Result(Event.FAILED, RunContext().with_failure(failure)))
+        result = Result(Event.FAILED, RunContext().with_failure(failure))
+        board.record.performed(2.0, step, result)
+        board.performed(2.0, step, result)
         (remark,) = told(link, "run_status")["remarks"]
         assert remark["kind"] == "failure" and "nothing was found" in remark["text"]
 
 
 def test_a_garment_file_is_shown_by_its_name() -> None:
     """Underscores are shown as blanks, which would change a path."""
-    shown = RunStatus("run-1", "/data/our_lab/my_own_towel.yaml", 3, simulated=True).snapshot()
+    shown = run_status("/data/our_lab/my_own_towel.yaml").snapshot()
     assert shown["garment"] == "my_own_towel"
 
 
@@ -377,8 +380,7 @@ def test_the_page_receives_the_end_before_it_closes(
     address = page.__enter__()
     with linked(address) as link:
         told(link, "run_status")
-        failure = Failure(FailureKind.ABORTED, "the operator ended the run", "start a new one")
-        board.finish(State.NOT_FOLDED, failure, tmp_path)
+        board.finish(run_record(state=State.NOT_FOLDED, run_dir=str(tmp_path)))
         page.__exit__(None, None, None)
         shown = told(link, "run_status")
     assert shown["end"]["result"] == "not_folded" and shown["end"]["report"] == str(tmp_path / "report.html")
@@ -388,28 +390,23 @@ def test_the_page_receives_the_end_before_it_closes(
         urllib.request.urlopen(address, timeout=2.0)
 
 
-def test_the_page_says_what_the_camera_saw_of_the_last_fold(board: RunStatus, tmp_path: Path) -> None:
-    step = Step(State.LOOKING_AFTER, Event.DONE, State.INSPECTING, Effect.INSPECT)
-    last: Any = (SimpleNamespace(name="half", variant=""),)
-    seen = context_with(steps=last, inspection=inspection(), claim=a_claim(says="folded as planned"))
-    board.performed(2.0, step, Result(Event.ALL_FOLDED, seen))
-    board.finish(State.FOLDED, None, tmp_path)
+def test_the_page_says_what_the_camera_saw_of_the_last_fold(board: RunStatus) -> None:
+    board.finish(run_record(claim=a_claim(says="folded as planned")))
     assert board.snapshot()["end"]["claim"] == "folded as planned, reliability 98 %"
 
 
 def test_the_page_explains_how_to_resume_after_a_stop(board: RunStatus, tmp_path: Path) -> None:
-    failure = Failure(FailureKind.STOPPED, "the stop was triggered: a test", "clear the cause")
-    board.finish(State.STOPPED, failure, tmp_path / "nothing-begun")
+    board.finish(run_record(state=State.STOPPED, run_dir=str(tmp_path / "nothing-begun")))
     assert board.snapshot()["end"]["go_on"] == "", "a run without a checkpoint cannot be resumed"
     (tmp_path / "run-1" / "checkpoint").mkdir(parents=True)
     (tmp_path / "run-1" / "checkpoint" / "context").write_bytes(b"context_with")
-    board.finish(State.STOPPED, failure, tmp_path / "run-1")
+    board.finish(run_record(state=State.STOPPED, run_dir=str(tmp_path / "run-1")))
     assert board.snapshot()["end"]["go_on"] == f"foldcell resume run-1 --logs {tmp_path}", (
         "the command names the run's folder"
     )
     step = Step(State.ASKING, Event.SKIP, State.INSPECTING, Effect.NEXT_STEP)
     board.performed(2.0, step, Result(Event.GIVE_UP, RunContext(through=True)))
-    board.finish(State.FAULT, failure, tmp_path / "run-1")
+    board.finish(run_record(state=State.FAULT, run_dir=str(tmp_path / "run-1")))
     assert board.snapshot()["end"]["go_on"] == "", "a run that is through its plan cannot be resumed"
 
 

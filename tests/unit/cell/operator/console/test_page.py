@@ -22,13 +22,15 @@ import pytest
 
 from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import PAGE
+from cell.record.run_record import FailureRecord
 from cell.report.camera_pictures.projected_drawing import jpeg_file
 from cell.states.observers import Step
 from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event, State
-from robots.errors import Failure, FailureKind
+from robots.errors import FailureKind
 from tests import optional_parts
 from tests.builders.contexts import context_with
+from tests.builders.records import run_record, run_status
 from tests.scenes import Scene, camera, render
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -156,26 +158,28 @@ def entered(board: RunStatus, state: State) -> RunStatus:
     return board
 
 
-def a_board() -> RunStatus:
-    return RunStatus("run-1", "small_towel", 3, simulated=True)
-
-
 def test_stop_works_on_a_page_that_lost_its_link(page: Page) -> None:
     """A program that hangs for a moment gets the stop as soon as it continues."""
-    said = page([a_board()], PRESS_STOP_WHEN_LOST)
+    said = page([run_status()], PRESS_STOP_WHEN_LOST)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}
 
 
 def test_buttons_keep_their_place_in_every_state(page: Page) -> None:
     """Otherwise a click meant for STOP could hit the approve button of a question that opens at this moment."""
-    computing, asking, ended = entered(a_board(), State.OPTIMISING), a_board(), entered(a_board(), State.FAULT)
+    computing, asking, ended = (
+        entered(run_status(), State.OPTIMISING),
+        run_status(),
+        entered(run_status(), State.FAULT),
+    )
     computing.computing(3, 25, "simulations at most, best D 2.1 mm")
     computing.note("coming to rest on the way")
     asking.ask("lay the garment flat on the table and step back")
     entered(asking, State.AWAITING_APPROVAL)
-    failure = Failure(FailureKind.GRIPPER_FAULT, "the left gripper does not open", "free the garment by hand")
-    ended.finish(State.FAULT, failure, Path("/logs/run-1"))
-    said = page([a_board(), computing, asking, ended], TELL_PLACES)
+    failure = FailureRecord(
+        FailureKind.GRIPPER_FAULT, "the left gripper does not open", "free the garment by hand"
+    )
+    ended.finish(run_record(state=State.FAULT, failure=failure))
+    said = page([run_status(), computing, asking, ended], TELL_PLACES)
     places = [json.loads(said.get(timeout=60.0)) for _ in range(4)]
     assert places[0]["stop"][1] > 0 and places[1:] == places[:1] * 3
 
@@ -207,7 +211,7 @@ setInterval(() => {
 
 def asking() -> RunStatus:
     """A status in which a plan waits for approval."""
-    board = a_board()
+    board = run_status()
     step = Step(State.PLANNING_MOTION, Event.APPROVAL_NEEDED, State.AWAITING_APPROVAL, Effect.ASK_APPROVAL)
     board.performed(1.0, step, Result(Event.APPROVAL_NEEDED, context_with(frame=render(Scene(), camera()))))
     return entered(board, State.AWAITING_APPROVAL)
@@ -255,5 +259,5 @@ def test_a_grasp_is_moved_with_the_keyboard(page: Page) -> None:
 
 
 def test_escape_stops(page: Page) -> None:
-    said = page([a_board()], PRESS_ESCAPE)
+    said = page([run_status()], PRESS_ESCAPE)
     assert json.loads(said.get(timeout=60.0)) == {"stop": True}

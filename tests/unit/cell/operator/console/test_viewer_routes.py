@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 from cell.operator.console.live_view import LiveView
-from cell.operator.console.run_status import RunStatus
 from cell.operator.console.server import operators_page
 from cell.operator.console.viewer_routes import growing_file
 from cell.operator.local_server import open_listener
 from cell.states.commands import CommandQueue
 from cell.view.viewing.web_viewer import FILES
+from tests.builders.records import run_status
 from tests.fakes import FakeCell
 from tests.scenes import camera
 
@@ -38,7 +38,7 @@ def address(tmp_path: Path, recording: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
     for name in FILES:
         (tmp_path / name).write_text(f"content of {name}")
-    board = RunStatus("run-1", "small_towel", 3, simulated=True)
+    board = run_status()
     stop = FakeCell().ports().stop
     with operators_page(
         board, LiveView(camera()), CommandQueue(), stop, (tmp_path, recording), open_listener()
@@ -120,7 +120,7 @@ def test_nothing_else_listens(tmp_path: Path, recording: Path, monkeypatch: pyte
     monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
     before = listening()
     page = operators_page(
-        RunStatus("run-1", "small_towel", 3, simulated=True), LiveView(camera()), CommandQueue(),
+        run_status(), LiveView(camera()), CommandQueue(),
         FakeCell().ports().stop, (tmp_path, recording), open_listener(),
     )  # fmt: skip
     with page as address:

@@ -9,21 +9,18 @@ import pytest
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.progress.notifier import Notifier
-
-
-def board() -> RunStatus:
-    return RunStatus("run-1", "vest", 1, simulated=True)
+from tests.builders.records import run_status
 
 
 def notifier(
     page: RunStatus | None = None, quiet: bool = False, typed: bool = True
 ) -> tuple[Notifier, io.StringIO]:
     stream = io.StringIO()
-    return Notifier(ProgressLines(None if quiet else stream), page or board(), quiet, typed), stream
+    return Notifier(ProgressLines(None if quiet else stream), page or run_status(), quiet, typed), stream
 
 
 def test_terminal_and_page_get_the_same_messages() -> None:
-    page = board()
+    page = run_status()
     told, stream = notifier(page)
     told.note("the library is read")
     told.computing(3, 20, "simulations")
@@ -44,7 +41,7 @@ def test_questions_name_the_key_if_a_terminal_is_attended(typed: bool, keys: str
 
 def test_a_quiet_run_still_asks_questions(capsys: pytest.CaptureFixture[str]) -> None:
     """Standard output is reserved for the result."""
-    page = board()
+    page = run_status()
     told, stream = notifier(page, quiet=True)
     told.ask("lay the garment")
     out, err = capsys.readouterr()

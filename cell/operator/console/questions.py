@@ -1,4 +1,4 @@
-"""What the page says beside the picture: the plan's figures in words, and what each answer does."""
+"""What the page says beside the picture: the question, what each answer does, and the plan's figures."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cell.record.words import capital, length, plain, sentences
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt, Plan, Repair, Spread
 from cell.states.transition_table import Event, State
 from skills.motion.validation.collision import BODY_MARGIN, TABLE_MARGIN
 
-__all__ = ["RECOGNISED", "consequences", "plan_facts"]
+__all__ = ["RECOGNISED", "consequences", "plan_facts", "question"]
 
 RECOGNISED = "Recognised"
 """Label of the fact that is also shown after the end of the run."""
@@ -22,6 +23,46 @@ LOOK_S = 2.0
 """Typical time of the looks after a fold [s]."""
 PERCENTILE = 95.0
 """The height of a stack is this percentile of its vertices' heights, as in the score."""
+UNPREDICTED = (
+    "the garment lies in no known state, so the end of a pull cannot be predicted; the cell looks after it"
+)
+
+
+def question(state: State, context: RunContext) -> str:
+    """Return the question that the cell asks in this state."""
+    if state is State.ASKING:
+        return _after_failure(context)
+    fold, plan, attempt = context.fold, context.plan, context.fold.attempt
+    this = capital(_step(plan, fold.index)) if plan and plan.steps else "The fold"
+    if state is State.AWAITING_PRESSING:
+        inspection = attempt.inspection if attempt else None
+        height = f"{length(inspection.height_m, 0)} high" if inspection else "too high"
+        return f"{this}. The fold is made and is {height}. Press it flat? Skip leaves it as it is."
+    if attempt is None:
+        return f"{this}."
+    if isinstance(fold.repair, Spread):
+        why = UNPREDICTED if not fold.repair.home else "the garment lies flat, but not where it was laid"
+        return sentences(this, why, fold.repair.in_words())
+    if fold.repair is not None:
+        return f"{this}. The fold is not as planned and can be repaired: {fold.repair.in_words()}."
+    change = ""
+    if fold.refused_edit:
+        change = f"your change is not possible ({fold.refused_edit}); this is the plan without it"
+    elif fold.edits:
+        change = f"changed: {fold.edits[-1].in_words()}"
+    source = "taken from the library" if attempt.trajectory.source == "library" else "optimised now"
+    error = attempt.dissimilarity_m
+    far = f"; its predicted mean distance from the ideal fold is {length(error)}" if error >= 0.0 else ""
+    return sentences(change, this, f"the arc was {source}{far}")
+
+
+def _after_failure(context: RunContext) -> str:
+    if context.failure is None:
+        return "How should the run continue?"
+    why = f"the cell asks because {context.asking}" if context.asking else ""
+    limit = f"the limit is {context.setting}" if context.setting else ""
+    lay = "before the cell looks again, lay the garment as it was before this fold" if context.steps else ""
+    return sentences(context.failure.what, why, context.failure.hint, limit, lay)
 
 
 def plan_facts(context: RunContext) -> list[tuple[str, str]]:
@@ -85,13 +126,13 @@ def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tu
     facts = [("Arc", source) if repair is None else ("Repair", repair.in_words())]
     if attempt.dissimilarity_m >= 0.0:
         aim = "the ideal fold" if repair is None else "the shape that is aimed at"
-        facts.append(("Predicted error", f"{1e3 * attempt.dissimilarity_m:.1f} mm mean distance from {aim}"))
+        facts.append(("Predicted error", f"{length(attempt.dissimilarity_m)} mean distance from {aim}"))
     if not isinstance(repair, Spread):  # a pull is not simulated
-        facts.append(("Predicted height", f"{1e3 * height:.0f} mm"))
+        facts.append(("Predicted height", length(height, 0)))
     facts.append(
         (
             "Clearance",
-            f"the arms keep {1e3 * BODY_MARGIN:.0f} mm from the robot, {1e3 * TABLE_MARGIN:.0f} mm from the table",
+            f"the arms keep {length(BODY_MARGIN, 0)} from the robot, {length(TABLE_MARGIN, 0)} from the table",
         )
     )
     this = attempt.motion.duration + HANDS_S + LOOK_S
@@ -104,9 +145,5 @@ def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tu
 
 def _step(plan: Plan, index: int) -> str:
     step = plan.steps[index]
-    name = ", ".join(_words(word) for word in (step.name, step.variant) if word)
+    name = ", ".join(plain(word) for word in (step.name, step.variant) if word)
     return f"fold {index + 1} of {len(plan.steps)}: {name}"
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")

@@ -1,0 +1,171 @@
+"""The observers and recorders of one run: its record, recording, transcript, stories, progress lines and page."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from socket import socket
+from typing import TYPE_CHECKING
+
+from cell.hardware.camera import camera_calibration
+from cell.hardware.driver import OpenCell, is_simulated
+from cell.journal.journal import RunJournal
+from cell.operator.console.run_status import RunStatus
+from cell.operator.progress.lines import ProgressLines
+from cell.operator.progress.notifier import Notifier, say
+from cell.operator.terminal.keys import TerminalOperator, in_foreground
+from cell.record.run_record import RecordingLosses
+from cell.record.run_record_builder import RunRecordBuilder
+from cell.report.camera_pictures.question_files import QuestionFiles
+from cell.report.failure_stories import FailureStories
+from cell.states.commands import CommandQueue
+from cell.states.fold_request import FoldRequest
+from cell.states.observers import Observer
+from cell.states.run_context import RunEnd
+from cell.states.transition_table import State
+from cell.transcript.port_recorder import PortRecorder
+from cell.view import Recorder
+from cell.view.observer import RecorderObserver
+from robots.errors import CellError, StorageError
+from robots.ports import Ports, Stop
+from robots.registry import find_robot
+from robots.visual import RobotVisual
+from skills.scoring.score import Score
+
+if TYPE_CHECKING:
+    from cell.operator.console.supervision import Supervision
+    from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+
+__all__ = ["RunObservers", "page_listener"]
+
+RECORDING = "run.rrd"
+JUDGED = (State.FOLDED, State.NOT_FOLDED)
+"""Ends of a run after which the ideal fold is waited for, if all folds were made."""
+
+
+def page_listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
+    """Return the listener of the operator's page, or None. It is opened first, so that a port that is in use is
+    noticed before the run begins."""
+    if not request.page:
+        return nullcontext()
+    from cell.operator.local_server import open_listener
+
+    return open_listener(request.page_port)
+
+
+class RunObservers:
+    """All that watches one run. None of it changes a decision.
+
+    began: time.monotonic() at the request [s]; resumed_from: the run that is resumed, else None; listener: of the
+    operator's page; more: other observers.
+    """
+
+    def __init__(
+        self,
+        request: FoldRequest,
+        run: RunJournal,
+        began: float,
+        resumed_from: str | None,
+        listener: socket | None,
+        more: Sequence[Observer],
+    ) -> None:
+        self._request, self._run = request, run
+        simulated, calibration = is_simulated(request.driver), camera_calibration(request.settings)
+        self.recorder = _recorder(request, run)
+        self._port_recorder = PortRecorder(run.directory if request.record else None)
+        self.record = RunRecordBuilder(request, simulated, run.directory, began, resumed_from)
+        self._run_status = RunStatus(self.record)
+        self.commands = CommandQueue(self._run_status.note_command)
+        self._supervision = self._supervised(listener)
+        self.lines = ProgressLines(None if request.quiet else sys.stdout)
+        self.notifier = Notifier(self.lines, self._run_status, request.quiet, request.terminal)
+        self.stories = FailureStories(calibration)
+        self.truth: GroundTruthRecorder | None = None
+        pictures = (QuestionFiles(run.directory, calibration), self.stories) if request.record else ()
+        pictured = (self._supervision.live_view,) if self._supervision else ()
+        # run_status comes before lines: an operator may answer as soon as the line with the question is shown
+        self.all: tuple[Observer, ...] = (
+            RecorderObserver(self.recorder), self.record, *pictures, *pictured, self._run_status, self.lines,
+            *more,
+        )  # fmt: skip
+
+    @contextmanager
+    def page(self, stop: Stop) -> Iterator[None]:
+        """Serve the operator's page for the duration of the context, if it was requested."""
+        with self._supervision.page(stop, say) if self._supervision else nullcontext():
+            yield
+
+    def pictured(self, ports: Ports, opened: OpenCell) -> Ports:
+        """Return ports that do the same, and give the operator's page its pictures."""
+        if self._supervision is None:
+            return ports
+        display = opened.simulated.display if opened.simulated else None
+        return self._supervision.live_view.between(ports, display)
+
+    def recorded(self, ports: Ports) -> tuple[Ports, CommandQueue]:
+        """Return ports and commands whose answers are written to the transcript."""
+        recorded = self._port_recorder.between(ports, self.commands)
+        return recorded.ports, recorded.commands
+
+    def watch_truth(self, opened: OpenCell) -> None:
+        """Record the true state of a simulated cell from now on, for the score, the recording and the film."""
+        if self._request.record_truth and opened.simulated is not None:
+            from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
+
+            self.truth = GroundTruthRecorder(opened.simulated.truth, self.recorder, self._request)
+
+    def listen_to_terminal(self, attended: bool) -> None:
+        """Take commands from the terminal, if a person attends the run there."""
+        request = self._request
+        if attended and request.terminal and (in_foreground(sys.stdin) or not request.page):
+            may = self._run_status.allowed
+            TerminalOperator(self.commands, sys.stdin, sys.stderr, not request.page, may).start()
+
+    def run_ended(self, end: RunEnd) -> None:
+        """End the transcript, and show the end on the operator's page."""
+        self._port_recorder.end()
+        if self._supervision:
+            self._run_status.finish(self.record.record(end))
+
+    def score(self, end: RunEnd) -> Score | None:
+        """Return the score. None if the true state is not recorded or no longer available."""
+        made = bool(end.context.steps) and len(end.context.done) == len(end.context.steps)
+        try:
+            return self.truth.score(made and end.state in JUDGED) if self.truth else None
+        except CellError as e:
+            say(f"not scored: {e.what}")
+            return None
+
+    def close(self) -> RecordingLosses:
+        """Close recording and transcript. Returns what was lost."""
+        if self.truth:
+            self.truth.close()
+        lost, transcript_error = self.recorder.close(), self._port_recorder.close()
+        errors = (*(f"recording: {error}" for error in lost.errors), *filter(None, [transcript_error]))
+        return RecordingLosses(lost.dropped, lost.live_dropped, errors, lost.live_errors)
+
+    def _supervised(self, listener: socket | None) -> Supervision | None:
+        if listener is None:
+            return None
+        from cell.operator.console.live_view import LiveView
+        from cell.operator.console.supervision import Supervision
+
+        live_view = LiveView(camera_calibration(self._request.settings))
+        recording = self._run.directory / RECORDING
+        return Supervision(self._request, self._run_status, live_view, self.commands, listener, recording)
+
+
+def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:
+    if not request.record:
+        return Recorder.silent()
+    visual: RobotVisual | None
+    try:
+        visual = find_robot(request.settings.robot).visual()
+    except StorageError:  # the converted meshes cannot be stored: the view shows no robot
+        visual = None
+    path, table = run.directory / RECORDING, request.settings.table
+    recorder = Recorder.open(path, run.id, table, live=request.live, robot=visual)
+    if recorder.live_url:
+        say(f"live view: rerun --connect {recorder.live_url}")
+    return recorder
