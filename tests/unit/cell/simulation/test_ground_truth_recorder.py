@@ -37,6 +37,6 @@ def test_a_user_garment_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> 
     )  # fmt: skip
     truth: Any = SimpleNamespace(watch=lambda tell: None, now=lambda: SimpleNamespace(garment=laid))
     request: Any = SimpleNamespace(garment=str(path), settings=SimpleNamespace(surface="bare_table"))
-    figures = GroundTruthRecorder(truth, Recorder.silent(), request).score()
-    assert figures is not None and figures["passed"] and figures["layers"] == 2
+    score = GroundTruthRecorder(truth, Recorder.silent(), request).score()
+    assert score is not None and score.passed and score.layers == 2
     assert np.isclose(figures["drift_m"], 0.0, atol=1e-3)
