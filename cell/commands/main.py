@@ -13,22 +13,28 @@ from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
 from cell.commands.exit_codes import USAGE, framed
-from cell.commands.options import add_command
+from cell.commands.options import Commands, add_command
 
 __all__ = ["build_parser", "main"]
 
-COMMANDS: Mapping[str, tuple[str, str]] = {
+COMMANDS: Mapping[str, tuple[str | tuple[str, ...], str]] = {
     "fold": ("run.fold", "fold one garment, from a picture of it to a picture of the result"),
     "supervise": ("run.supervise", "fold with an operator, who sees and approves each fold first"),
     "hil": ("run.hil", "perform scripted runs and check each against its script"),
     "trials": ("run.trials", "repeat runs over seeds and garments, with Wilson intervals"),
     "perceive": ("skill.perceive", "recognise the garment in a picture and draw its key points into a PNG"),
     "optimise": ("skill.optimise", "find the trajectories of a garment's folds by cloth simulation"),
-    "library": ("library.actions", "build or show the library of optimised trajectories"),
-    "calibrate": ("calibrate.actions", "measure a property of the cell or a fabric and write it to a file"),
-    "garment": ("garment.actions", "list, show, check and make garment files"),
-    "cell": ("cell.actions", "check and draw the cell that the settings describe"),
-    "robot": ("robot.actions", "list and check robots, and make the package of a new one"),
+    "library": (("library.build", "library.show"), "build or show the library of optimised trajectories"),
+    "calibrate": (
+        ("calibrate.board", "calibrate.cell_calibrations", "calibrate.fabric_calibrations", "calibrate.paper"),
+        "measure a property of the cell or a fabric and write it to a file",
+    ),
+    "garment": (
+        ("garment.list", "garment.check", "garment.show", "garment.new"),
+        "list, show, check and make garment files",
+    ),
+    "cell": (("cell.check",), "check and draw the cell that the settings describe"),
+    "robot": (("installation.robot",), "list and check robots, and make the package of a new one"),
     "runs": ("history.runs", "list the runs in the journal and how each ended"),
     "dashboard": ("history.dashboard", "serve a page with all runs and campaigns, and two runs side by side"),
     "tidy": ("history.tidy", "remove old recordings to free disk space; reports and the journal stay"),
@@ -41,7 +47,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "doctor": ("installation.doctor", "check the installation: what is missing, and what to do"),
     "chart": ("installation.chart", "draw the chart of the states (needs Graphviz)"),
 }
-"""Name of each command -> its module in `cell.commands`, which has `add_options(parser)`, and its help text."""
+"""Name of each command -> its module in `cell.commands`, and its help text. The module has `add_options(parser)`.
+A command with actions has a tuple of modules; each has `add_options(actions)`, which adds one or more actions."""
 
 EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage, configuration or logs,
             129 hung up (SIGHUP), 130 interrupted (SIGINT), 143 terminated (SIGTERM)"""
@@ -74,11 +81,21 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, (module, about) in COMMANDS.items():
+    for name, (modules, about) in COMMANDS.items():
         command = add_command(commands, name, about)
-        if only is None or only == name:
-            importlib.import_module(f"cell.commands.{module}").add_options(command)
+        if only not in (None, name):
+            continue
+        if isinstance(modules, str):
+            _add_options(modules, command)
+            continue
+        actions = command.add_subparsers(title="actions", metavar="ACTION", required=True)
+        for module in modules:
+            _add_options(module, actions)
     return parser
+
+
+def _add_options(module: str, to: argparse.ArgumentParser | Commands) -> None:
+    importlib.import_module(f"cell.commands.{module}").add_options(to)
 
 
 class _Version(argparse.Action):

@@ -5,9 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["print_json", "print_table", "progress_stream"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["print_json", "print_table", "progress_stream", "write_drawing"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -39,3 +44,23 @@ def _text(value: Any) -> str:
 def progress_stream(as_json: bool) -> Any:
     """Return the stream for progress messages: standard error with --json, else standard output."""
     return sys.stderr if as_json else sys.stdout
+
+
+def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
+    """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises ConfigurationError if the
+    folder does not exist, StorageError if the file cannot be written."""
+    import cv2
+
+    from cell.support.files.whole_file import write_whole
+    from robots.errors import ConfigurationError
+
+    if not folder.is_dir():
+        raise ConfigurationError(
+            f"{folder}: there is no such folder", "create it, or give another one with --draw"
+        )
+    done, png = cv2.imencode(".png", picture[:, :, ::-1])
+    if not done:
+        raise AssertionError("a drawing could not be encoded")
+    path = folder / f"{name}.png"
+    write_whole(path, png.tobytes())
+    return str(path)

@@ -1,0 +1,1 @@
+"""The commands `foldcell calibrate ...`. `calibration` has the procedures, `cell.calibrating` performs them."""

@@ -8,9 +8,8 @@ import math
 from pathlib import Path
 
 from calibration.shear import ShearCalibration, clip_and_lowest
-from cell.commands.calibrate.fabric_calibration import Tell, add_action, check_output, provenance
-from cell.commands.calibrate.friction import tilt_test
-from cell.commands.calibrate.shear import hang_test, modulus
+from cell.commands.calibrate.fabric_calibrations import hang_test, modulus, tilt_test
+from cell.commands.calibrate.run_on_fabric import Tell, add_action, check_output, provenance
 from cell.commands.options import Commands
 from cell.commands.output import print_json, print_table, progress_stream
 from cell.config.cell_settings import load_settings

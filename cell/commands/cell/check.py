@@ -5,19 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cell.commands.options import Commands, add_command, cell_option, json_option
-from cell.commands.output import print_json, print_table
+from cell.commands.output import print_json, print_table, write_drawing
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.hardware.cell_check import cell_findings
 from cell.hardware.robot_model import load_robot
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
 
-__all__ = ["add_options", "write_drawing"]
+__all__ = ["add_options"]
 
 
 def add_options(actions: Commands) -> None:
@@ -50,20 +45,3 @@ def _run(options: argparse.Namespace) -> int:
     if drawing is not None:
         print(f"drawn in {drawing}")
     return 0 if good else 2
-
-
-def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
-    """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises ConfigurationError if the
-    folder does not exist, StorageError if the file cannot be written."""
-    import cv2
-
-    if not folder.is_dir():
-        raise ConfigurationError(
-            f"{folder}: there is no such folder", "create it, or give another one with --draw"
-        )
-    done, png = cv2.imencode(".png", picture[:, :, ::-1])
-    if not done:
-        raise AssertionError("a drawing could not be encoded")
-    path = folder / f"{name}.png"
-    write_whole(path, png.tobytes())
-    return str(path)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cell.commands.cell.check import write_drawing
 from cell.commands.garment.garment_drawing import draw_option, drawn
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json
+from cell.commands.output import print_json, write_drawing
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import check_plan

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
+from cell.commands.output import write_drawing
 from skills.garments.garment import Garment
 
 __all__ = ["draw_option", "drawn", "figures", "size"]
@@ -38,21 +37,9 @@ def figures(garment: Garment) -> dict[str, Any]:
 
 def drawn(garment: Garment, folder: Path | None) -> str | None:
     """Write a PNG of outline, key points, fold lines and grasps into `folder`. Returns its path, or None if
-    `folder` is None. Raises ConfigurationError if the folder does not exist, StorageError if the file cannot be
-    written."""
+    `folder` is None. Raises like `write_drawing`."""
     if folder is None:
         return None
-    if not folder.is_dir():
-        raise ConfigurationError(
-            f"{folder}: there is no such folder", "create it, or give another one with --draw"
-        )
-    import cv2
-
     from cell.config.garments.drawing import draw_garment
 
-    done, png = cv2.imencode(".png", draw_garment(garment)[:, :, ::-1])
-    if not done:
-        raise AssertionError("a drawing could not be encoded")
-    path = folder / f"{garment.name}.png"
-    write_whole(path, png.tobytes())
-    return str(path)
+    return write_drawing(folder, garment.name, draw_garment(garment))

@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cell.commands.cell.check import write_drawing
-from cell.commands.output import progress_stream
+from cell.commands.output import progress_stream, write_drawing
 from cell.config.cell_settings import CellSettings
 from cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
 from cell.config.trajectory_library.library_file import load_library, user_library_path

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cell.campaigns.executors import chosen_workers
-from cell.commands.library.entry_figures import figures
+from cell.commands.library.show import figures
 from cell.commands.options import Commands, add_command, cell_option, count, json_option, logs_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
-from cell.commands.library.entry_figures import figures
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.config.trajectory_library.library_file import load_library
 from cell.support.files.paths import logs_directory
+from skills.trajectory.trajectory_library import LibraryEntry
 
-__all__ = ["add_options"]
+__all__ = ["add_options", "figures"]
 
 
 def add_options(actions: Commands) -> None:
@@ -41,3 +42,19 @@ def _run(options: argparse.Namespace) -> int:
     for line in refused:
         print(f"not used: {line}")
     return 0
+
+
+def figures(entry: LibraryEntry) -> dict[str, Any]:
+    """The printed figures of an entry."""
+    return {
+        "garment": entry.garment,
+        "category": entry.category,
+        "step": entry.step,
+        "variant": entry.variant,
+        "size_m": entry.size_m,
+        "method": entry.method,
+        "dissimilarity_initial_m": entry.dissimilarity_initial,
+        "dissimilarity_m": entry.dissimilarity,
+        "simulations": entry.simulations,
+        "version": entry.version,
+    }

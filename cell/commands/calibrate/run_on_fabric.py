@@ -41,7 +41,8 @@ class FabricTest:
 
     values: new values for `material` in the garment file. measured: sources of these values. fields: names of the
     properties that are now measured and no longer assumed. figures: figures for the report. agrees: whether the
-    simulated test agrees with the measurement. record: writes the recording to a path.
+    simulated test agrees with the measurement. record: writes the recording to a path, by the module
+    `cell.view.material`.
     """
 
     values: Mapping[str, Any]
@@ -49,7 +50,7 @@ class FabricTest:
     fields: tuple[str, ...]
     figures: Mapping[str, Any]
     agrees: bool
-    record: Callable[[Path], None]
+    record: Callable[[Any, Path], None]
 
 
 Measure = Callable[[Garment, argparse.Namespace, str, Tell], FabricTest]
@@ -108,12 +109,14 @@ def _run(options: argparse.Namespace, name: str, measure: Measure, any_surface: 
     folder = _folder(options, name, garment)
     with report_compilation(tell):
         result = measure(garment, options, surface, tell)
+    from cell.view import material
+
     text = with_material(
         source.read_text(encoding="utf-8"), garment.name, result.values, result.measured, result.fields, surface
     )
     folder.mkdir(parents=True)
     recording, file = folder / "test.rrd", options.output or folder / f"{garment.name}.yaml"
-    result.record(recording)
+    result.record(material, recording)
     write_whole(file, text.encode())
     report = {
         "calibration": name, "garment": garment.name, "surface": surface, **result.figures,

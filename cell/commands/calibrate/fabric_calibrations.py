@@ -1,0 +1,201 @@
+"""The calibrations of a fabric: what `foldcell calibrate shear`, `friction`, `bending` and `crease` measure."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+
+from calibration.bending import calibrate_bending
+from calibration.crease import calibrate_crease
+from calibration.free_fold import calibrate_free_fold
+from calibration.friction import FrictionCalibration, calibrate_friction
+from calibration.shear import ShearCalibration, calibrate_shear, clip_and_lowest
+from cell.commands.calibrate.run_on_fabric import FabricTest, Tell, add_garment_action, add_output, provenance
+from cell.commands.options import Commands
+from robots.errors import ConfigurationError
+from skills.cloth.elasticity import flexural_rigidity, membrane_modulus
+from skills.garments.garment import Garment
+from skills.vocabulary import REFERENCE_DROP
+
+__all__ = ["add_options", "hang_test", "modulus", "tilt_test"]
+
+
+def add_options(actions: Commands) -> None:
+    shear = add_garment_action(
+        actions, "shear", "a garment's stretch, from its length hanging and lying", _shear,
+        {
+            "--l1": "from the clip to the lowest point of the hanging garment",
+            "--l2": "between the same two points of the garment spread on a table",
+        },
+        any_surface=False,
+    )  # fmt: skip
+    shear.add_argument("--held", metavar="KEYPOINT", help="key point at the clip (an end of its longest line)")
+    add_output(shear)
+    friction = add_garment_action(
+        actions, "friction", "a garment's friction with the table, from the slope on which it slides", _friction,
+        {
+            "--height": "by which one side of the table is lifted when the garment begins to slide",
+            "--length": "of the table's length",
+        },
+        any_surface=True,
+    )  # fmt: skip
+    add_output(friction)
+    bending = add_garment_action(
+        actions, "bending",
+        "a fabric's bending length, from a strip that hangs over an edge (ASTM D1388) or is folded over", _bending,
+        {}, any_surface=False,
+    )  # fmt: skip
+    measured = bending.add_mutually_exclusive_group(required=True)
+    measured.add_argument(
+        "--overhang", type=float, metavar="M",
+        help="metres of overhang at which the tip touches the plane of 41.5 degrees",
+    )  # fmt: skip
+    measured.add_argument(
+        "--fold-height", type=float, metavar="M",
+        help="metres from the table to the top of the crease of a strip that is folded over and not pressed",
+    )  # fmt: skip
+    bending.add_argument(
+        "--mass", type=float, metavar="KG_M2", help="weighed areal mass in kg/m2 (with --fold-height)"
+    )
+    add_output(bending)
+    crease = add_garment_action(
+        actions, "crease",
+        "the plastic set of a pressed crease, from a strip of 40 x 15 mm folded under a weight (AATCC 66 kind)",
+        _crease, {}, any_surface=False,
+        others={
+            "--angle": ("DEG", "degrees of 180 that the crease keeps: 180 less the crease recovery angle"),
+            "--load": ("KG", "kilograms that lay on the folded end, 15 x 18 mm (standard: 0.5)"),
+            "--time": ("S", "seconds under load (standard: 300)"),
+        },
+    )  # fmt: skip
+    add_output(crease)
+
+
+def _shear(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
+    test = hang_test(garment, options.l1, options.l2, options.held, tell)
+    l1, l2 = options.l1, options.l2
+    return FabricTest(
+        values={"stretch_fraction": round(test.stretch_fraction, 5), "hang_drop": round(test.hang_drop, 4)},
+        measured={"stretch_fraction": provenance(f"L1 {l1:g} m, L2 {l2:g} m, hung by {_held(garment, options)}")},
+        fields=("stretch_fraction",),
+        figures={
+            "l1_m": l1, "l2_m": l2, "stretch_fraction": test.stretch_fraction,
+            "simulated_stretch_fraction": test.simulated, "simulated_spread": test.spread,
+            "hang_drop_m": test.hang_drop,
+            "strip_stretch_fraction": test.strip_stretch, "membrane_modulus_N_per_m": modulus(garment, test),
+            "hung_by": _held(garment, options), "simulations": test.simulations,
+        },
+        agrees=abs(test.simulated - test.stretch_fraction) <= 1e-3,
+        record=lambda view, path: view.record_shear(path, test),
+    )  # fmt: skip
+
+
+def hang_test(garment: Garment, l1: float, l2: float, held: str | None, tell: Tell) -> ShearCalibration:
+    return calibrate_shear(
+        garment.template,
+        garment.keypoints,
+        garment.layers,
+        garment.material,
+        l1,
+        l2,
+        held,
+        garment.size_range,
+        tell,
+        garment.mesh_edge_m,
+    )
+
+
+def _held(garment: Garment, options: argparse.Namespace) -> str:
+    return garment.keypoints[clip_and_lowest(garment.template, garment.keypoints, options.held)[0]]
+
+
+def modulus(garment: Garment, test: ShearCalibration) -> float:
+    return membrane_modulus(replace(garment.material, stretch_fraction=test.strip_stretch), REFERENCE_DROP)
+
+
+def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
+    height, length = options.height, options.length
+    test = tilt_test(garment, height, length, tell)
+    degrees = math.degrees(test.angle)
+    return FabricTest(
+        values={"friction_angle_deg": {surface: round(degrees, 3)}},
+        measured={f"friction_{surface}": provenance(f"table {length:g} m long lifted by {height:g} m")},
+        fields=("friction_static",),
+        figures={
+            "height_m": height, "length_m": length, "friction_angle_deg": degrees, "friction": test.coefficient,
+            "simulated_friction": test.simulated, "simulated_error_rel": test.error,
+        },
+        agrees=test.agrees,
+        record=lambda view, path: view.record_friction(path, test),
+    )  # fmt: skip
+
+
+def tilt_test(garment: Garment, height: float, length: float, tell: Tell) -> FrictionCalibration:
+    return calibrate_friction(garment.template, garment.layers, garment.material, height, length, tell)
+
+
+def _bending(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
+    if options.overhang is None:
+        return _folded_over(garment, options, tell)
+    if options.mass is not None:
+        raise ConfigurationError("--mass belongs to --fold-height", "leave it out, or give --fold-height")
+    test = calibrate_bending(garment.material, options.overhang)
+    fabric = replace(garment.material, bending_length=test.bending_length)
+    return FabricTest(
+        values={"bending_length": round(test.bending_length, 5)},
+        measured={"bending_length": provenance(f"overhang {options.overhang:g} m at 41.5 degrees")},
+        fields=("bending_length",),
+        figures={
+            "overhang_m": options.overhang, "bending_length_m": test.bending_length,
+            "flexural_rigidity_N_m": flexural_rigidity(fabric), "simulated_bending_length_m": test.simulated,
+            "simulated_error_rel": test.error, "simulated_tip_angle_deg": math.degrees(test.angle),
+        },
+        agrees=test.agrees,
+        record=lambda view, path: view.record_bending(path, test),
+    )  # fmt: skip
+
+
+def _folded_over(garment: Garment, options: argparse.Namespace, tell: Tell) -> FabricTest:
+    if options.mass is not None and not 0.03 <= options.mass <= 2.0:
+        raise ConfigurationError(
+            f"no fabric weighs {options.mass:g} kg/m2", "give 0.03 to 2: mass of the strip divided by its area"
+        )
+    mass = garment.material.areal_mass if options.mass is None else options.mass
+    test = calibrate_free_fold(replace(garment.material, areal_mass=mass), options.fold_height, tell)
+    weighed = {} if options.mass is None else {"areal_mass": round(mass, 4)}
+    fabric = replace(garment.material, areal_mass=mass, bending_length=test.bending_length)
+    return FabricTest(
+        values={"bending_length": round(test.bending_length, 5), **weighed},
+        measured={
+            "bending_length": provenance(f"free fold {options.fold_height:g} m high"),
+            **{name: provenance("weighed") for name in weighed},
+        },
+        fields=("bending_length", *weighed),
+        figures={
+            "fold_height_m": options.fold_height, "bending_length_m": test.bending_length,
+            "flexural_rigidity_N_m": flexural_rigidity(fabric), "simulated_fold_height_m": test.height,
+            "simulated_error_rel": test.error,
+        },
+        agrees=test.agrees,
+        record=lambda view, path: view.record_free_fold(path, test),
+    )  # fmt: skip
+
+
+def _crease(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:
+    test = calibrate_crease(garment.material, math.radians(options.angle), options.load, options.time, tell=tell)
+    return FabricTest(
+        values={"crease_set": round(test.crease_set, 4)},
+        measured={
+            "crease_set": provenance(f"{options.angle:g} deg kept after {options.load:g} kg, {options.time:g} s")
+        },
+        fields=("crease_set",),
+        figures={
+            "kept_angle_deg": options.angle, "load_kg": options.load, "time_s": options.time,
+            "pressure_pa": test.pressure, "crease_set": test.crease_set,
+            "simulated_kept_angle_deg": math.degrees(test.simulated),
+            "simulated_error_deg": math.degrees(test.error),
+        },
+        agrees=test.agrees,
+        record=lambda view, path: view.record_crease(path, test),
+    )  # fmt: skip
