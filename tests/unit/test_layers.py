@@ -1,5 +1,6 @@
 """Imports only go down, and no text names a path outside the repository."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -85,11 +86,14 @@ def test_no_text_names_a_path_outside_the_repository() -> None:
     assert found == []
 
 
-def test_constraints_pin_versions_without_urls_or_paths() -> None:
-    for line in (ROOT / "constraints.txt").read_text().splitlines():
-        name, pin, version = line.partition("==")
-        assert pin == "==" and name and version[0].isdigit(), line
-        assert "/" not in line and "@" not in line
+def test_constraints_pin_versions_and_hashes_without_urls_or_paths() -> None:
+    text = (ROOT / "constraints.txt").read_text()
+    assert "/" not in text and "@" not in text
+    for entry in text.replace("\\\n", " ").splitlines():
+        pin, *hashes = entry.split()
+        name, _, version = pin.partition("==")
+        assert name and version[0].isdigit(), entry
+        assert hashes and all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", h) for h in hashes), pin
 
 
 def test_every_package_is_marked_as_typed() -> None:

@@ -90,9 +90,9 @@ def required_packages() -> list[str]:
 
 
 def pinned_versions(text: str) -> dict[str, str]:
-    """Parse the text of `constraints.txt`. Returns name -> version."""
-    lines = (line.split("#")[0].strip() for line in text.splitlines())
-    return {_name(n): v.strip() for n, _, v in (line.partition("==") for line in lines) if v}
+    """Parse the text of `constraints.txt`, pins with hashes. Returns name -> version."""
+    pins = (line.split(" ")[0].partition("==") for line in text.splitlines())
+    return {_name(name): version for name, _, version in pins if version}
 
 
 def _name(text: str) -> str:
