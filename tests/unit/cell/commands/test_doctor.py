@@ -66,10 +66,8 @@ def test_versions_that_differ_from_the_pinned_ones_are_reported() -> None:
 
 
 def test_constraints_are_read() -> None:
-    assert pinned_versions("# versions\nJinja2==3.1.6\ntyping_extensions == 4.0 # why\n\n") == {
-        "jinja2": "3.1.6",
-        "typing-extensions": "4.0",
-    }
+    text = "Jinja2==3.1.6 \\\n    --hash=sha256:0a \\\n    --hash=sha256:0b\ntyping_extensions==4.0 \\\n"
+    assert pinned_versions(text) == {"jinja2": "3.1.6", "typing-extensions": "4.0"}
 
 
 def test_developer_packages_are_not_required_of_users() -> None:
