@@ -29,7 +29,7 @@ from cell.control.ticks import TICK_S
 from cell.record.run_record import RunRecord
 from cell.runs.fold_run import FoldRequest, fold_once
 from cell.simulation.noise import NoiseTable, Range, load_noise
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.model import RobotModel
 from robots.ports import Array, JointSetpoint, JointState, Ports, Side, arm_slice
 from skills.motion.kinematics.ik import tool_pose

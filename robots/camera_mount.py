@@ -8,7 +8,18 @@ import numpy as np
 
 from robots.ports import Array, Intrinsics
 
-__all__ = ["CameraMount", "look_at"]
+__all__ = ["XTION", "CameraMount", "look_at"]
+
+_VIEW = np.radians((58.0, 45.0))
+XTION = Intrinsics(
+    width=640,
+    height=480,
+    fx=float(320.0 / np.tan(_VIEW[0] / 2)),
+    fy=float(240.0 / np.tan(_VIEW[1] / 2)),
+    cx=319.5,
+    cy=239.5,
+)
+"""The lens of a PrimeSense Xtion, with the field of view of its data sheet: 58 x 45 degrees."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cell.simulation import SimulationSettings, open_simulated_cell
 from cell.simulation.truth import Truth
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.ports import Array, Side
 from skills.motion.kinematics.ik import solve_pose
 from skills.vocabulary import tool_rotation

@@ -20,7 +20,7 @@ from cell.hardware.driver import OpenCell
 from cell.runs.fold_run import fold_once
 from cell.simulation.noise import load_noise
 from cell.states.fold_request import FoldRequest
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.ports import Array, Ports, Side, arm_slice
 from skills.motion.kinematics.ik import tool_pose
 

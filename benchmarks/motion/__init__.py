@@ -17,7 +17,7 @@ from benchmarks.motion.grasps import measure_grasps
 from benchmarks.motion.kinematics import measure_kinematics
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 
 __all__ = ["measure"]
 

@@ -15,12 +15,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
-from robots.baxter.model import JOINT_NAMES
-from robots.baxter.pybullet_files import moving_urdf
+from robots.baxter.names import JOINT_NAMES
+from robots.baxter.robot import DESCRIPTION
 from robots.bullet.body import joint_map, pb
 from robots.bullet.suppress_output import suppress_output
 from robots.model import RobotModel
 from robots.ports import Array, Side, arm_slice
+from robots.urdf.converted import moving_urdf
 from skills.motion.kinematics import ik
 
 __all__ = ["measure_kinematics"]
@@ -154,7 +155,7 @@ class _PyBullet:
         self.model, self.starts = model, starts
         self.client = pb.connect(pb.DIRECT)
         with suppress_output():
-            self.body = pb.loadURDF(str(moving_urdf()), useFixedBase=True, physicsClientId=self.client)
+            self.body = pb.loadURDF(str(moving_urdf(DESCRIPTION)), useFixedBase=True, physicsClientId=self.client)
         joints = joint_map(self.body, self.client)
         self.arms = [joints[name] for name in JOINT_NAMES]
         order = sorted(joints.values())

@@ -26,7 +26,7 @@ from cell.simulation.garment.fabric import garment_uv, table_texture
 from cell.simulation.noise import load_noise
 from cell.simulation.settings import DEFAULT_TABLE
 from robots.baxter.camera_mount import MOUNT
-from robots.baxter.model import FLOOR
+from robots.baxter.robot import FLOOR
 from robots.bullet.body import pb
 from robots.depth_averaging import EXPOSURES
 from robots.errors import ConfigurationError

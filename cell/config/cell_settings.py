@@ -22,7 +22,7 @@ from cell.config.calibration_file import load_camera_calibration, load_table_hei
 from cell.config.yaml_file import Document, Key, merge, read_yaml, validated
 from robots.errors import ConfigurationError
 from robots.registry import list_robots
-from robots.ros.settings import CameraTopics, RosSettings
+from robots.ros.driver import CameraTopics, RosSettings
 from skills.vocabulary import Table
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from cell.view.observer import RecorderObserver
 from robots.errors import CellError, StorageError
 from robots.ports import Ports, Stop
 from robots.registry import find_robot
-from robots.visual import RobotVisual
+from robots.robot import RobotVisual
 from skills.scoring.score import Score
 
 if TYPE_CHECKING:

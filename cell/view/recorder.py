@@ -30,7 +30,7 @@ from cell.view.entries.series import Series
 from cell.view.live import LiveStream
 from cell.view.streams import begin_stream, drop_ended_streams
 from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
-from robots.visual import RobotVisual
+from robots.robot import RobotVisual
 from skills.perception.drawing import draw_fitting, draw_on_view
 from skills.perception.perceive import Perception
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table

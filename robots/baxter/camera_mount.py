@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.camera_mount import CameraMount, look_at
-from robots.ports import Intrinsics, frozen
+from robots.camera_mount import XTION, CameraMount, look_at
+from robots.ports import frozen
 
 __all__ = ["MOUNT"]
-
-FIELD_OF_VIEW = np.radians((58.0, 45.0))
-"""Field of view of a PrimeSense Xtion, horizontal and vertical [rad]."""
 
 HEAD_ORIGIN = (0.06, 0.0, 0.686)
 """Position of the URDF's head_pan joint in the base frame [m]. It rotates about z."""
@@ -26,14 +23,7 @@ _T_BASE_HEAD = np.eye(4)
 _T_BASE_HEAD[:3, 3] = HEAD_ORIGIN
 
 MOUNT = CameraMount(
-    intrinsics=Intrinsics(
-        width=640,
-        height=480,
-        fx=float(320.0 / np.tan(FIELD_OF_VIEW[0] / 2)),
-        fy=float(240.0 / np.tan(FIELD_OF_VIEW[1] / 2)),
-        cx=319.5,
-        cy=239.5,
-    ),
+    intrinsics=XTION,
     T_head_camera=frozen(np.linalg.inv(_T_BASE_HEAD) @ look_at(EYE, TARGET)),
     head_joint="head_pan",
     head_origin=HEAD_ORIGIN,

@@ -5,17 +5,41 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from threading import Event
 from typing import TYPE_CHECKING, Any, Protocol
 
 from robots.ports import Attendant, Ports, Stop
-from robots.ros.settings import CameraTopics, RosSettings
 
 if TYPE_CHECKING:
     from robots.model import JointLimits
 
-__all__ = ["Emulate", "EmulatedRobot", "RosDriver"]
+__all__ = ["CameraTopics", "Emulate", "EmulatedRobot", "RosDriver", "RosSettings"]
+
+
+@dataclass(frozen=True)
+class CameraTopics:
+    """Topics of the camera: the colour picture as sensor_msgs/Image (rgb8 or bgr8), the depth registered to it as
+    Image (32FC1 [m] or 16UC1 [mm]), and CameraInfo. The defaults are the names of openni2_launch with
+    depth_registration."""
+
+    rgb: str = "/camera/rgb/image_raw"
+    depth: str = "/camera/depth_registered/image_raw"
+    info: str = "/camera/rgb/camera_info"
+
+
+@dataclass(frozen=True)
+class RosSettings:
+    """Settings of the connection.
+
+    raw_position: switches the robot's own collision avoidance off and uses feed-forward for closer tracking.
+    tactile_rows: rows of cells on each pad. camera_settle: streaming time before a picture is used [s].
+    """
+
+    camera: CameraTopics = field(default_factory=CameraTopics)
+    raw_position: bool = False
+    tactile_rows: int = 4
+    camera_settle: float = 0.5
 
 
 class Connect(Protocol):

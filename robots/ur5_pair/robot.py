@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from robots.camera_mount import CameraMount, look_at
+from robots.camera_mount import XTION, CameraMount, look_at
 from robots.example_data import package_root
-from robots.ports import Intrinsics, Side, frozen
-from robots.ur5_pair.gripper import GRIPPER
-from robots.ur5_pair.urdf import BASE, disabled_pairs, pair_urdf, source_path
+from robots.ports import Side, frozen
+from robots.ur5_pair.urdf import BASE, GRIPPER, disabled_pairs, pair_urdf, source_path
 from robots.urdf.build import robot_of
 from robots.urdf.description import Dynamics, RobotDescription
 
@@ -17,8 +16,6 @@ __all__ = ["DESCRIPTION", "ROBOT"]
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )
-FIELD_OF_VIEW = np.radians((58.0, 45.0))
-"""Field of view of a PrimeSense Xtion, horizontal and vertical [rad]."""
 EYE, TARGET = (0.25, 0.0, 1.00), (0.60, 0.0, -0.10)
 """Place of the camera under the end of the boom, and the point that it looks at. Base frame [m]."""
 
@@ -41,14 +38,7 @@ DESCRIPTION = RobotDescription(
     fingers={side: (f"{side}_finger_0", f"{side}_finger_1") for side in Side},
     gripper=GRIPPER,
     camera=CameraMount(
-        intrinsics=Intrinsics(
-            width=640,
-            height=480,
-            fx=float(320.0 / np.tan(FIELD_OF_VIEW[0] / 2)),
-            fy=float(240.0 / np.tan(FIELD_OF_VIEW[1] / 2)),
-            cx=319.5,
-            cy=239.5,
-        ),
+        intrinsics=XTION,
         T_head_camera=frozen(look_at(EYE, TARGET)),
     ),
     park={Side.LEFT: PARK_LEFT, Side.RIGHT: PARK_RIGHT},

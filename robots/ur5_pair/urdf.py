@@ -12,11 +12,26 @@ from pathlib import Path
 import numpy as np
 
 from robots.example_data import package_root, read_description
+from robots.gripper_geometry import GripperGeometry
 from robots.ports import Side
-from robots.ur5_pair.gripper import GRIPPER, TOOL_LENGTH
-from robots.urdf.elements import box_link, fixed_joint, parallel_gripper, prefixed_arm
+from robots.urdf.elements import box_link, fixed_joint, parallel_gripper, prefixed_arm, srdf_disabled_pairs
 
-__all__ = ["BASE", "disabled_pairs", "pair_urdf", "source_path"]
+__all__ = ["BASE", "GRIPPER", "disabled_pairs", "pair_urdf", "source_path"]
+
+TOOL_LENGTH = 0.17
+"""Distance from the flange to the tool frame between the tips [m]."""
+
+GRIPPER = GripperGeometry(
+    max_opening=0.044,
+    pad_thickness=0.008,
+    finger_radius=0.008,
+    finger_length=0.085,
+    hand_radius=0.040,
+    hand_from=0.125,
+    hand_to=0.200,
+    finger_joints={side: ((f"{side}_finger_joint_0", 0.5), (f"{side}_finger_joint_1", -0.5)) for side in Side},
+)
+"""The grippers of the pair: parallel, electric, with tactile pads."""
 
 BASE = {Side.LEFT: (0.07, 0.22, 0.10), Side.RIGHT: (0.07, -0.22, 0.10)}
 """Place of each arm's foot in the base frame [m], 0.2 m above the table and as near to it as the camera's view
@@ -68,10 +83,9 @@ def _take_off_the_bars(arm: ET.Element) -> None:
 def disabled_pairs() -> frozenset[frozenset[str]]:
     """Return the pairs of links that cannot collide: those of the wheel's SRDF, for both arms, with the gripper's
     body in place of the bars."""
-    srdf = source_path().parents[1] / "srdf/ur5_gripper.srdf"
-    root = ET.fromstring(read_description(srdf))
-    named = [(pair.attrib["link1"], pair.attrib["link2"]) for pair in root.iter("disable_collisions")]
     body = {"tool0": "gripper_body"}
     return frozenset(
-        frozenset((f"{side}_{body.get(a, a)}", f"{side}_{body.get(b, b)}")) for side in Side for a, b in named
+        frozenset(f"{side}_{body.get(link, link)}" for link in pair)
+        for side in Side
+        for pair in srdf_disabled_pairs(source_path().parents[1] / "srdf/ur5_gripper.srdf")
     )

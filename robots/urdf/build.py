@@ -6,10 +6,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robots.robot import Robot
-from robots.simulated_body import SimulatedBody, Simulation
+from robots.robot import Robot, RobotVisual, SimulatedBody, Simulation
 from robots.urdf.description import RobotDescription
-from robots.visual import RobotVisual
 
 if TYPE_CHECKING:
     from robots.model import RobotModel

@@ -11,18 +11,21 @@ from robots.gripper_geometry import GripperGeometry
 from robots.ports import Side
 from robots.ros.driver import RosDriver
 
-__all__ = ["Dynamics", "RobotDescription"]
+__all__ = ["RGB", "Dynamics", "RobotDescription"]
 
+RGB = tuple[int, int, int]
 Pairs = frozenset[frozenset[str]]
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Limits of the joints: velocity as a share of the URDF's, acceleration [rad/s2], jerk [rad/s3]."""
+    """Limits of the joints: velocity as a share of the URDF's, acceleration [rad/s2], jerk [rad/s3]. wrist: factor
+    on acceleration and jerk of each arm's last three joints."""
 
     velocity: float
     acceleration: float
     jerk: float
+    wrist: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,12 @@ class RobotDescription:
     base frame [m]. planning, commissioning, protective: as in `RobotModel`. position_margin: distance of planned
     motions to the URDF's position limits [rad]. opening: of the grippers in collision checks [m]. contact_effort:
     as in `RobotModel`. efforts: motor torque of one arm's joints in the simulation [Nm]. shoulder, drop_joint,
-    drop_sign: as in `Simulation`. colours: sRGB of a mesh by the stem of its file, else grey. driver: the real
-    robot.
+    drop_sign, head_range: as in `Simulation`. driver: the real robot.
+
+    Meshes are named by the stems of their files. colours: sRGB of a mesh, else grey. part_colour(stem, given):
+    sRGB in the viewer of a part of a mesh to which the file gives a colour, instead of `colours`.
+    rendered_colour(stem): colour in the cell's camera, 0 to 1, instead of `colours`. rendered_grid: grid size of
+    the simplified mesh for the cell's camera, if it differs from the usual one [m].
     """
 
     name: str
@@ -65,7 +72,10 @@ class RobotDescription:
     disabled_pairs: Callable[[], Pairs] = frozenset
     position_margin: float = 0.02
     head_range: float = 0.0
-    colours: Mapping[str, tuple[int, int, int]] = field(default_factory=dict)
+    colours: Mapping[str, RGB] = field(default_factory=dict)
+    part_colour: Callable[[str, RGB], RGB] | None = None
+    rendered_colour: Callable[[str], tuple[float, float, float]] | None = None
+    rendered_grid: Mapping[str, float] = field(default_factory=dict)
     driver: RosDriver | None = None
 
     @property

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
+from robots.example_data import read_description
 from robots.gripper_geometry import GripperGeometry
 from robots.ports import Side
 
@@ -17,6 +18,7 @@ __all__ = [
     "parallel_gripper",
     "prefixed_arm",
     "resolved",
+    "srdf_disabled_pairs",
     "stripped",
 ]
 
@@ -49,6 +51,13 @@ def stripped(urdf: str, *tags: str) -> ET.Element:
         for element in root.findall(tag):
             root.remove(element)
     return root
+
+
+def srdf_disabled_pairs(path: Path) -> frozenset[frozenset[str]]:
+    """Return the pairs of links that an SRDF excludes from collision checks. Raises ConfigurationError if the file
+    is missing."""
+    pairs = ET.fromstring(read_description(path)).iter("disable_collisions")
+    return frozenset(frozenset((pair.attrib["link1"], pair.attrib["link2"])) for pair in pairs)
 
 
 def neighbours(urdf: str) -> frozenset[frozenset[str]]:

@@ -81,12 +81,13 @@ def _limits(
 ) -> JointLimits:
     position = index.astype(np.intp)
     velocity = np.array([model.joints[model.getJointId(name)].idx_v for name in description.joint_names])
+    share = np.tile([*[1.0] * (len(index) // 2 - 3), *[dynamics.wrist] * 3], 2)
     return JointLimits(
         lower=frozen(model.lowerPositionLimit[position] + margin),
         upper=frozen(model.upperPositionLimit[position] - margin),
         velocity=frozen(dynamics.velocity * model.velocityLimit[velocity]),
-        acceleration=frozen(np.full(len(index), dynamics.acceleration)),
-        jerk=frozen(np.full(len(index), dynamics.jerk)),
+        acceleration=frozen(dynamics.acceleration * share),
+        jerk=frozen(dynamics.jerk * share),
     )
 
 
@@ -100,8 +101,8 @@ def _collision_model(description: RobotDescription, model: pin.Model, text: str)
             shape.geometry = shape.geometry.convex
     apart = neighbours(text) | description.disabled_pairs()
     link = [model.frames[shape.parentFrame].name for shape in geometry.geometryObjects]
-    for second in range(len(link)):
-        for first in range(second):
+    for first in range(len(link)):
+        for second in range(first + 1, len(link)):
             if link[first] != link[second] and frozenset((link[first], link[second])) not in apart:
                 geometry.addCollisionPair(pin.CollisionPair(first, second))
     return geometry

@@ -18,7 +18,7 @@ from cell.journal.journal import Entry
 from cell.record.run_record import NOTHING_LOST, read_record, record_of
 from cell.states.transition_table import TERMINAL, Effect, Event, State
 from cell.support.process.lock import is_held
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from skills.motion.validation.collision import CollisionChecker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

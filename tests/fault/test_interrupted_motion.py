@@ -15,7 +15,7 @@ from cell.executive.effects.moving import hold_still
 from cell.hardware.workcell import Workcell
 from cell.simulation import Fault, FaultKind, SimulatedCell, SimulationSettings, open_simulated_cell
 from cell.states.run_context import RunContext
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Ports, Side
 from skills.motion.timing.timing import free_motion

@@ -22,7 +22,7 @@ from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.states.recovery_table import Adjustment
 from cell.states.transition_table import Effect, Event
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Ports, Side
 from skills.motion.moves.fold import plan_fold_motion

@@ -18,7 +18,7 @@ from cell.states.fold_request import FoldRequest
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from cell.support.files.packing import packed
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import StorageError
 from robots.ports import Ports
 from tests.runs import Onlooker, decided_again, fold_request

@@ -28,8 +28,7 @@ from cell.simulation.truth import Truth
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import BoardPlace, CameraFrame
-from robots.ros.driver import RosDriver
-from robots.ros.settings import RosSettings
+from robots.ros.driver import RosDriver, RosSettings
 
 __all__ = ["emulated_cell"]
 

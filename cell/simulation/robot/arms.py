@@ -19,8 +19,8 @@ from cell.simulation.noise import RobotNoise
 from robots.errors import DriverError, FailureKind
 from robots.model import RobotModel
 from robots.ports import Array, JointSetpoint, JointState, Side, StopState, arm_slice, frozen
+from robots.robot import SimulatedBody, Simulation
 from robots.setpoint import clip_setpoint
-from robots.simulated_body import SimulatedBody, Simulation
 
 __all__ = ["SimulatedRobot"]
 

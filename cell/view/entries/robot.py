@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cell.view.entries.entry import Columns, Entry, Log, Robot
 from robots.ports import Array, Side
-from robots.visual import RobotVisual
+from robots.robot import RobotVisual
 
 __all__ = ["RobotFigure"]
 

@@ -27,8 +27,8 @@ from robots.baxter.ros import topics
 from robots.baxter.ros.messages import load_messages
 from robots.errors import DriverError
 from robots.ports import Gripper, Ports, Side, arm_slice
+from robots.ros.driver import CameraTopics
 from robots.ros.node import Node, Publisher
-from robots.ros.settings import CameraTopics
 
 __all__ = ["Emulator"]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from robots.baxter.emulator.initial_state import NEW, InitialState
-from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
-from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
-from robots.ports import Array, Side, arm_slice
+from robots.baxter.names import ARM_JOINTS, FULL_SPEED
+from robots.baxter.ros.messages import POSITION, RAW_POSITION
+from robots.ports import Array, Side
 
 __all__ = ["TICK", "Limb"]
 
@@ -42,7 +42,6 @@ class Limb:
     def __init__(self, side: Side, past: InitialState = NEW) -> None:
         self.timeout, self.speed_ratio = past.timeout, past.speed_ratio
         self._names = [f"{side}_{joint}" for joint in ARM_JOINTS]
-        self._fastest = URDF_VELOCITY[arm_slice(side, len(URDF_VELOCITY))]
         self.forget()
 
     def forget(self) -> None:
@@ -107,7 +106,7 @@ class Limb:
         q, qd = self._wanted(now, standing)
         if self._newest is not None and self._newest.mode == POSITION:
             then, before = self._there or (now - TICK, np.array(standing))
-            fastest = self.speed_ratio * self._fastest if self.fresh(now) else np.zeros(7)
+            fastest = self.speed_ratio * FULL_SPEED if self.fresh(now) else np.zeros(7)
             reach = fastest * min(now - then, MAX_INTERVAL)
             q, qd = np.clip(q, before - reach, before + reach), np.clip(qd, -fastest, fastest)
         self._there = now, q
@@ -130,4 +129,4 @@ class Limb:
         interval = self._newest.at - self._before.at
         if interval > MAX_INTERVAL + ROUNDING:
             return np.zeros(7)
-        return np.clip((self._newest.q - self._before.q) / interval, -self._fastest, self._fastest)
+        return np.clip((self._newest.q - self._before.q) / interval, -FULL_SPEED, FULL_SPEED)

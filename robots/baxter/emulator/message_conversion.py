@@ -8,7 +8,7 @@ import numpy as np
 
 from robots.baxter.emulator.grippers import GripperReport
 from robots.baxter.emulator.motors import Button, MotorState
-from robots.baxter.model import ARM_JOINTS, JOINT_NAMES
+from robots.baxter.names import ARM_JOINTS, JOINT_NAMES
 from robots.baxter.ros.electric_gripper import HARDWARE_ID
 from robots.baxter.ros.messages import Messages
 from robots.ports import CameraFrame, JointState, Side, TactileReading

@@ -19,8 +19,8 @@ from robots.baxter.ros.topics import ROBOT_STATE, joint_command
 from robots.errors import ConfigurationError
 from robots.model import JointLimits
 from robots.ports import Attendant, Ports, Side, Stop
+from robots.ros.driver import RosSettings
 from robots.ros.node import Node, master_address, open_node
-from robots.ros.settings import RosSettings
 
 __all__ = ["connected", "connected_stop"]
 

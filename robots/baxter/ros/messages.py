@@ -11,10 +11,17 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION, TORQUE, VELOCITY
 from robots.ros.installation import import_ros
 
-__all__ = ["Messages", "load_messages"]
+__all__ = ["POSITION", "RAW_POSITION", "TORQUE", "VELOCITY", "Messages", "load_messages"]
+
+POSITION = 1
+"""Mode of a JointCommand: joint angles, with the robot's own collision avoidance and its speed limit
+(`topics.speed_ratio`)."""
+VELOCITY, TORQUE = 2, 3
+"""Modes of a JointCommand."""
+RAW_POSITION = 4
+"""Mode of a JointCommand: joint angles, without the robot's own collision avoidance, speed limit and filter."""
 
 ASSEMBLY_STATE = """
 bool ready

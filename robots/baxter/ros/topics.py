@@ -51,7 +51,8 @@ def command_timeout(side: Side) -> str:
 
 
 def inverse_dynamics(side: Side) -> str:
-    """Return the topic of feed-forward in addition to raw positions: trajectory_msgs/JointTrajectoryPoint."""
+    """Return the topic of an arm's feed-forward: trajectory_msgs/JointTrajectoryPoint. It accompanies each command
+    in raw position mode."""
     return f"/robot/limb/{side}/inverse_dynamics_command"
 
 

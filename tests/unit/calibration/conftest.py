@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from calibration.effects import Effect, Note
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.model import RobotModel
 from skills.vocabulary import Outcome
 

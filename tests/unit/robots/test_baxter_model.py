@@ -8,8 +8,7 @@ import pinocchio as pin
 import pytest
 
 from robots.baxter.camera_mount import MOUNT
-from robots.baxter.gripper import GRIPPER
-from robots.baxter.model import load_model
+from robots.baxter.robot import GRIPPER, load_model
 from robots.errors import ConfigurationError
 from robots.model import JointLimits, arm_chain
 from robots.ports import Side, arm_slice
@@ -113,7 +112,7 @@ def test_the_collision_geometry_is_convex_and_filtered_by_the_srdf(model):
     names = {
         frozenset((shapes[p.first].name, shapes[p.second].name)) for p in model.collision_model.collisionPairs
     }
-    assert len(names) == 547
+    assert len(names) == 519
     assert frozenset(("left_upper_shoulder_0", "left_lower_shoulder_0")) not in names
     assert frozenset(("left_wrist_0", "right_wrist_0")) in names
 

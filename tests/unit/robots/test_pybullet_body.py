@@ -11,11 +11,9 @@ import pinocchio as pin
 import pybullet as pb
 import pytest
 
-from robots.baxter.gripper import GRIPPER
-from robots.baxter.model import load_model
-from robots.baxter.pybullet_body import load_body
-from robots.baxter.pybullet_files import moving_urdf, seen_urdf
+from robots.baxter.robot import DESCRIPTION, GRIPPER, load_model
 from robots.ports import Array, Side
+from robots.urdf.converted import load_body, moving_urdf, seen_urdf
 
 OPEN = dict.fromkeys(Side, GRIPPER.max_opening)
 STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
@@ -40,7 +38,7 @@ def pinocchio_pose(q: Array, side: Side) -> pin.SE3:
 
 
 def test_tool_poses_agree_with_pinocchio(client: int) -> None:
-    body = load_body(client)
+    body = load_body(DESCRIPTION, client)
     limits = load_model().planning
     rng = np.random.default_rng(2)
     for _ in range(5):
@@ -54,7 +52,7 @@ def test_tool_poses_agree_with_pinocchio(client: int) -> None:
 
 
 def test_stretched_arms_do_not_sag(client: int) -> None:
-    body = load_body(client)
+    body = load_body(DESCRIPTION, client)
     body.place(STRETCHED, 0.0, OPEN)
     for _ in range(240):
         body.drive(STRETCHED, np.zeros(14), 0.0, OPEN)
@@ -65,7 +63,7 @@ def test_stretched_arms_do_not_sag(client: int) -> None:
 
 
 def test_neighbouring_links_do_not_collide(client: int) -> None:
-    body = load_body(client)
+    body = load_body(DESCRIPTION, client)
     body.place(load_model().q_park, 0.0, OPEN)
     for _ in range(60):
         body.drive(load_model().q_park, np.zeros(14), 0.0, OPEN)
@@ -75,7 +73,7 @@ def test_neighbouring_links_do_not_collide(client: int) -> None:
 
 
 def test_arms_do_not_pass_through_each_other(client: int) -> None:
-    body = load_body(client)
+    body = load_body(DESCRIPTION, client)
     start = STRETCHED.copy()
     body.place(start, 0.0, OPEN)
     goal = start.copy()
@@ -93,7 +91,7 @@ def test_arms_do_not_pass_through_each_other(client: int) -> None:
 
 
 def test_robot_files_use_no_package_paths_and_only_the_needed_meshes() -> None:
-    moving, seen = moving_urdf().read_text(), seen_urdf().read_text()
+    moving, seen = moving_urdf(DESCRIPTION).read_text(), seen_urdf(DESCRIPTION).read_text()
     assert "package://" not in moving + seen
     assert "<visual" not in moving and "<collision" in moving
     assert "<collision" not in seen and "<visual" in seen
@@ -101,6 +99,6 @@ def test_robot_files_use_no_package_paths_and_only_the_needed_meshes() -> None:
 
 def test_robot_files_work_without_the_installation_that_wrote_them() -> None:
     """A cache that points into another clone's environment breaks when that clone is deleted."""
-    for urdf in (moving_urdf(), seen_urdf()):
+    for urdf in (moving_urdf(DESCRIPTION), seen_urdf(DESCRIPTION)):
         meshes = [Path(m.attrib["filename"]) for m in ET.parse(urdf).iter("mesh")]
         assert meshes and all(m.is_file() and m.parent == urdf.parent for m in meshes)

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.model import RobotModel
 from robots.ports import Array, Side
 from robots.ur5_pair.robot import ROBOT as UR5_PAIR

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.example_data import package_root
 from robots.model import ArmChain, JointLimits, RobotModel, arm_chain
 from robots.ports import Array, Side, arm_slice

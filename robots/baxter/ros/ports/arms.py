@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.model import JOINT_NAMES
-from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
-from robots.baxter.ros.messages import load_messages
+from robots.baxter.names import JOINT_NAMES
+from robots.baxter.ros.messages import POSITION, RAW_POSITION, load_messages
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.ports.latest_message import LatestMessage
 from robots.baxter.ros.ports.stop import RosStop

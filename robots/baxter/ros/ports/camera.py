@@ -22,8 +22,8 @@ from robots.baxter.ros.ports.clock import RosClock
 from robots.depth_averaging import EXPOSURES, mean_depth
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame, Intrinsics, frozen
+from robots.ros.driver import CameraTopics
 from robots.ros.node import Node
-from robots.ros.settings import CameraTopics
 
 __all__ = ["RosCamera", "read_colour", "read_depth", "read_intrinsics"]
 

@@ -1,6 +1,7 @@
 """`foldcell doctor` finds faults, gives a hint for each, and never crashes."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -13,6 +14,7 @@ from cell.commands.installation.checks import Check, Verdict, examine, pinned_ve
 from cell.commands.main import main
 from cell.journal.journal import Journal
 from robots.errors import ConfigurationError
+from robots.registry import find_robot
 
 
 def by_name(checks: list[Check]) -> dict[str, Check]:
@@ -104,7 +106,8 @@ def test_a_crashing_check_is_bad_and_the_others_continue(tmp_path: Path, monkeyp
     def broken() -> list[Check]:
         raise ConfigurationError("the model is gone", "install it")
 
-    monkeypatch.setattr("robots.baxter.model.load_model", broken)
+    baxter = replace(find_robot("baxter"), load_model=broken)
+    monkeypatch.setattr("cell.commands.installation.checks.find_robot", lambda _: baxter)
     checks = examine(tmp_path)
     (bad,) = [c for c in checks if c.verdict is Verdict.BAD]
     assert "the model is gone" in bad.found and bad.hint == "install it"

@@ -14,7 +14,7 @@ from cell.config.cell_settings import RENAMED_KEYS, CellSettings, default_settin
 from cell.config.yaml_file import merge, read_yaml
 from cell.hardware.camera import camera_calibration
 from robots.errors import ConfigurationError
-from robots.ros.settings import CameraTopics, RosSettings
+from robots.ros.driver import CameraTopics, RosSettings
 from skills.cloth.pinch import PadGeometry
 from skills.perception.inspection.inspect import InspectionSettings
 from skills.perception.settings import PerceptionSettings

@@ -14,7 +14,7 @@ from cell.hardware.assembly import assemble
 from cell.hardware.workcell import Workcell
 from cell.states.commands import CommandQueue
 from cell.view import Recorder
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics import ik
 from skills.vocabulary import tool_rotation

@@ -22,7 +22,7 @@ from cell.runs.run_inputs import keep_run_inputs, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.view import Recorder
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from tests.fakes import FakeCell
 from tests.runs import fold_request
 

@@ -17,8 +17,8 @@ from cell.simulation.garment.fabric import fabric_texture, garment_uv, table_tex
 from cell.simulation.noise import load_noise
 from cell.simulation.settings import DEFAULT_TABLE
 from robots.baxter.camera_mount import MOUNT
-from robots.baxter.model import FLOOR, JOINT_NAMES, load_model
-from robots.baxter.pybullet_files import seen_urdf
+from robots.baxter.names import JOINT_NAMES
+from robots.baxter.robot import FLOOR, ROBOT, load_model
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array
 
@@ -41,7 +41,8 @@ def scene() -> Scene:
     xy, triangles = sheet()
     rng = np.random.default_rng(5)
     return Scene(
-        urdf=str(seen_urdf()), floor=FLOOR, table=DEFAULT_TABLE, table_texture=table_texture(rng, "bare_table"),
+        urdf=str(ROBOT.simulation.seen_urdf()), floor=FLOOR, table=DEFAULT_TABLE,
+        table_texture=table_texture(rng, "bare_table"),
         garment_uv=garment_uv(xy, np.zeros(len(xy), np.int32)), garment_triangles=triangles,
         garment_texture=np.full((8, 8, 3), (0, 0, 255), np.uint8), width=K.width, height=K.height,
         focal=(K.fx, K.fy), centre=(K.cx, K.cy), light=(0.4, 0.2, 2.5), ambient=0.6, diffuse=0.4,

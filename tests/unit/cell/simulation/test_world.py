@@ -19,7 +19,7 @@ from cell.simulation.noise import load_noise
 from cell.simulation.world import World
 from cell.states.commands import CommandQueue
 from cell.transcript.port_recorder import PortRecorder
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.ports import Side

@@ -31,8 +31,7 @@ from cell.view.bounded_worker import BoundedWorker
 from cell.view.entries import scene, style
 from cell.view.entries.entry import Columns, Log
 from cell.view.entries.robot import RobotFigure
-from robots.baxter.meshes import baxter_visual, visual_glb_urdf
-from robots.baxter.model import load_model
+from robots.baxter.robot import ROBOT, load_model
 from robots.ports import JointState, Side
 from skills.vocabulary import PredictedShape
 
@@ -59,7 +58,7 @@ def times(batches: list[pa.RecordBatch]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RecorderReport, float]:
     path = tmp_path_factory.mktemp("view") / "run.rrd"
-    recorder = Recorder.open(path, "run-1", show.TABLE, robot=baxter_visual())
+    recorder = Recorder.open(path, "run-1", show.TABLE, robot=ROBOT.visual())
     length, _ = show.play(recorder)
     return path, recorder.close(), length
 
@@ -149,12 +148,12 @@ def test_the_robot_is_drawn_at_its_joint_positions(recorded):
 
 
 def test_a_joint_whose_reading_is_no_number_stays_where_it_was_drawn_last(recwarn):
-    figure, n = RobotFigure(baxter_visual()), len(baxter_visual().joint_names)
+    figure, n = RobotFigure(ROBOT.visual()), len(ROBOT.visual().joint_names)
     q = np.zeros((3, n))
     q[1, 0], q[:, 1] = math.nan, math.nan
     entries = figure.joints(np.array([0.0, 0.1, 0.2]), q, np.zeros(3))
     drawn = {entry.path: entry.t for entry in entries if isinstance(entry, Columns)}
-    first, second, third = (f"tf/{name}" for name in baxter_visual().joint_names[:3])
+    first, second, third = (f"tf/{name}" for name in ROBOT.visual().joint_names[:3])
     np.testing.assert_array_equal(drawn[first], [0.0, 0.2])
     assert second not in drawn
     assert len(drawn[third]) == 3
@@ -430,15 +429,15 @@ def test_robot_meshes_keep_their_shape_and_have_no_collision_bodies():
 
     import trimesh
 
-    from robots.baxter.model import JOINT_NAMES, baxter_urdf_path
+    from robots.baxter.names import JOINT_NAMES
     from robots.example_data import package_root
 
-    urdf = visual_glb_urdf()
+    urdf = ROBOT.visual().urdf
     root = ET.parse(urdf).getroot()
     assert not list(root.iter("collision"))
     assert set(JOINT_NAMES) < {j.get("name") for j in root.iter("joint")}
     original = {}
-    for mesh in ET.parse(baxter_urdf_path()).getroot().iter("mesh"):
+    for mesh in ET.parse(ROBOT.model_file()).getroot().iter("mesh"):
         path = package_root() / mesh.attrib["filename"].removeprefix("package://")
         original[path.stem] = path
     drawn = {Path(m.attrib["filename"]) for m in root.iter("mesh")}

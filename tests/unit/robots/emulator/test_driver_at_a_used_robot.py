@@ -16,7 +16,7 @@ from robots.baxter.ros.connection import connected
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import BoardPlace, GripperState, Ports, Side
-from robots.ros.settings import RosSettings
+from robots.ros.driver import RosSettings
 from tests.fakes import FakeCell
 
 # a warning of rospy

@@ -9,7 +9,7 @@ import pytest
 
 from robots.baxter.emulator.initial_state import InitialState
 from robots.baxter.emulator.limbs import TICK, Limb
-from robots.baxter.model import ARM_JOINTS, URDF_VELOCITY
+from robots.baxter.names import ARM_JOINTS, FULL_SPEED
 from robots.ports import Array, Side
 
 NAMES = [f"left_{joint}" for joint in ARM_JOINTS]
@@ -92,7 +92,7 @@ def test_the_velocity_is_limited_to_the_joints_maximum() -> None:
     limb = Limb(Side.LEFT)
     hear(limb, Q, 1.0)
     hear(limb, Q - 1.0, 1.01)
-    np.testing.assert_array_equal(follow(limb, 1.02)[1], -URDF_VELOCITY[:7])
+    np.testing.assert_array_equal(follow(limb, 1.02)[1], -FULL_SPEED)
 
 
 def test_set_points_far_apart_in_time_have_no_velocity() -> None:
@@ -164,7 +164,7 @@ def drive(limb: Limb, goal: Array, seconds: float, mode: int, begin: float = 1.0
 def test_position_mode_keeps_the_commanded_speed_ratio(ratio: float) -> None:
     limb = Limb(Side.LEFT)
     assert limb.hear_speed_ratio(ratio) is None
-    fastest = ratio * URDF_VELOCITY[:7]
+    fastest = ratio * FULL_SPEED
     path = np.vstack((ELSEWHERE, drive(limb, Q, 0.8 / fastest.min() + 0.1, mode=1)))
     assert np.all(np.abs(np.diff(path, axis=0)) <= fastest * TICK + 1e-9)
     np.testing.assert_allclose(path[1], np.maximum(ELSEWHERE - fastest * TICK, Q))
@@ -177,7 +177,7 @@ def test_position_mode_stops_when_the_command_expires() -> None:
     way = drive(limb, Q, 0.05, mode=1)[-1]
     for k in range(60):
         last, qd = follow(limb, 1.04 + k * TICK)
-    assert np.all(np.abs(last - way) <= 0.3 * URDF_VELOCITY[:7] * 0.21) and not np.allclose(last, Q, atol=0.1)
+    assert np.all(np.abs(last - way) <= 0.3 * FULL_SPEED * 0.21) and not np.allclose(last, Q, atol=0.1)
     np.testing.assert_array_equal(qd, np.zeros(7))
     np.testing.assert_array_equal(follow(limb, 3.0)[0], last)
 

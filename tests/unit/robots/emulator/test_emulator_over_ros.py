@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from served import PATIENCE, Program, Serve, wait
 
-from robots.baxter.model import ARM_JOINTS, JOINT_NAMES
+from robots.baxter.names import ARM_JOINTS, JOINT_NAMES
 from robots.baxter.ros import topics
 from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
-from robots.ros.settings import CameraTopics
+from robots.ros.driver import CameraTopics
 from tests.fakes import FakeCell
 
 # a warning of rospy

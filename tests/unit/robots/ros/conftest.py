@@ -13,8 +13,8 @@ from puppet import CAMERA, COMMANDS, Connect, Puppet, wait
 from robots.baxter.ros.connection import connected
 from robots.model import JointLimits
 from robots.ports import BoardPlace, Ports
+from robots.ros.driver import CameraTopics, RosSettings
 from robots.ros.node import Node, open_node
-from robots.ros.settings import CameraTopics, RosSettings
 
 
 class Person:

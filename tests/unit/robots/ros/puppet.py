@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robots.baxter.model import JOINT_NAMES
+from robots.baxter.names import JOINT_NAMES
 from robots.baxter.ros.messages import load_messages
 from robots.ports import Ports, Side, arm_slice
 from robots.ros.installation import import_ros

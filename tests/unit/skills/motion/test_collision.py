@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics import ik
 from skills.motion.validation.collision import CollisionChecker

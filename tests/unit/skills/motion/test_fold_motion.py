@@ -7,7 +7,7 @@ import socket
 import numpy as np
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics.posture import Posture, angles_of

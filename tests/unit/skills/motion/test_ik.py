@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics import ik
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import FailureKind
 from robots.ports import Array, Side, arm_slice
 from skills.motion.kinematics.ik import tool_pose

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import FailureKind, InternalError
 from robots.ports import ArmTrajectory
 from skills.motion.moves.rrt_connect import blend_corners

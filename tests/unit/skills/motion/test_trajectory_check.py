@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory
 from skills.motion.moves.free_motion import plan_free_motion

@@ -14,7 +14,7 @@ from cell.hardware.workcell import Workcell
 from cell.states.recovery_table import LAYING_TRIES, Laying
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import ArmTrajectory, Array, Side
 from skills.grasping.confirm import Held, LayerCount

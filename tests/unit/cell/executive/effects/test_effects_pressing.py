@@ -19,7 +19,7 @@ from cell.executive.effects.inspecting import judged_as_before
 from cell.states.run_context import RunContext
 from cell.states.stages import Plan, PressPlan
 from cell.states.transition_table import Effect, Event
-from robots.baxter.model import load_model
+from robots.baxter.robot import load_model
 from robots.errors import Failure, FailureKind
 from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
 from skills.cloth.mesh import ClothMesh

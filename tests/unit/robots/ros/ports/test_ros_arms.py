@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from puppet import ENABLE, JOINTS, LIMB, NAMES, STATE, STOP, Connect, HandClock, Puppet, wait
 
-from robots.baxter.model import JOINT_NAMES
-from robots.baxter.ros.joint_modes import POSITION, RAW_POSITION
+from robots.baxter.names import JOINT_NAMES
+from robots.baxter.ros.messages import POSITION, RAW_POSITION
 from robots.baxter.ros.ports import arms as arms_module
 from robots.baxter.ros.ports.arms import RosArms
 from robots.baxter.ros.ports.stop import RosStop

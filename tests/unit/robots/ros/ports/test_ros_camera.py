@@ -17,9 +17,9 @@ from robots.baxter.ros.ports import camera as camera_module
 from robots.baxter.ros.ports.camera import RosCamera, read_colour, read_depth, read_intrinsics
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame
+from robots.ros.driver import CameraTopics
 from robots.ros.installation import find_ros
 from robots.ros.node import Node
-from robots.ros.settings import CameraTopics
 from tests.optional_parts import ROS
 
 pytestmark = [
