@@ -15,6 +15,7 @@ from cell.commands.main import main
 from cell.journal.journal import Journal
 from robots.errors import ConfigurationError
 from robots.registry import find_robot
+from robots.robot import Robot
 
 
 def by_name(checks: list[Check]) -> dict[str, Check]:
@@ -106,8 +107,11 @@ def test_a_crashing_check_is_bad_and_the_others_continue(tmp_path: Path, monkeyp
     def broken() -> list[Check]:
         raise ConfigurationError("the model is gone", "install it")
 
-    baxter = replace(find_robot("baxter"), load_model=broken)
-    monkeypatch.setattr("cell.commands.installation.checks.find_robot", lambda _: baxter)
+    def found(name: str) -> Robot:
+        robot = find_robot(name)
+        return replace(robot, load_model=broken) if name == "baxter" else robot
+
+    monkeypatch.setattr(doctor, "find_robot", found)
     checks = examine(tmp_path)
     (bad,) = [c for c in checks if c.verdict is Verdict.BAD]
     assert "the model is gone" in bad.found and bad.hint == "install it"
