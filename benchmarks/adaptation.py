@@ -24,7 +24,7 @@ import numpy as np
 import shapely
 
 from benchmarks.attainable_dissimilarity import distance_to_target, ideal_fold
-from calibration.identify import Noise, identify_material, outline_residual, predict_candidates, silhouette
+from calibration.identify import SIGMA, identify_friction, outline_residual, predict_candidates, silhouette
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects.adapting import FACTORS
 from robots.ports import Array
@@ -129,10 +129,10 @@ def compare(name: str, seeds: Sequence[int], friction: tuple[float, float]) -> l
             outline = seen(silhouette(lies, world.mesh.triangles), np.random.default_rng(seed))
             residual = outline_residual(outline, believed, mesh.triangles)
             learned, share = m, 0.0
-            if residual >= Noise().sigma:
+            if residual >= SIGMA:
                 grid = predict_candidates(mesh, flat, m, planned(first, one), FACTORS)
-                estimate = identify_material([outline], grid, m)
-                learned, share = estimate.update_of(m, m), estimate.friction.learned
+                estimate = identify_friction(outline, grid, m)
+                learned, share = estimate.update_of(m, m), estimate.learned
             ended = {}
             for arm, fabric in (("off", m), ("on", learned), ("known", world.material)):
                 same = fabric == m

@@ -1,1 +1,1 @@
-"""Calibration procedures, which make the models of cell and fabric match reality."""
+"""Calibration procedures: pure, without I/O. They say what a cell has to do, and compute the result."""

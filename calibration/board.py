@@ -89,15 +89,15 @@ class BoardView:
         return np.asarray(board.corners[self.index])
 
 
-def find_board(rgb: NDArray[np.uint8], board: Board = BOARD) -> BoardView | None:
+def find_board(rgb: NDArray[np.uint8]) -> BoardView | None:
     """Find the board's corners in an image (h, w, 3) RGB. Returns None if fewer than MIN_CORNERS are found."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board._charuco()).detectBoard(grey)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(BOARD._charuco()).detectBoard(grey)
     if corners is None or ids is None or len(ids) < MIN_CORNERS:
         return None
     index = np.asarray(ids, dtype=np.int64).reshape(-1)
     pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-    keep = _homography_inliers(board.corners[index, :2], pixels)
+    keep = _homography_inliers(BOARD.corners[index, :2], pixels)
     if np.count_nonzero(keep) < MIN_CORNERS:
         return None
     return BoardView(index[keep], frozen(pixels[keep]), rgb.shape[1], rgb.shape[0])

@@ -13,44 +13,34 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.board import BOARD, Board, BoardView, draw_view, find_board
+from calibration.board import BOARD, BoardView, draw_view, find_board
 from calibration.effects import Procedure, bring, look, note
+from robots.errors import ConfigurationError
 from robots.ports import BoardPlace, Intrinsics
 from skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["CameraSettings", "IntrinsicsCalibration", "calibrate_camera", "fit_intrinsics"]
+__all__ = ["IntrinsicsCalibration", "calibrate_camera", "check_views", "fit_intrinsics"]
 
 PINHOLE = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 RADIAL = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 MIN_VIEWS = 5
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Settings of a camera calibration. views: number of images that must show the board. pictures_per_view:
-    at most `views` times this number of images are taken. min_corners: smallest number of corners in an accepted
-    image."""
-
-    views: int = 20
-    pictures_per_view: float = 2.0
-    min_corners: int = 10
-    rms: float = 1.0
-    """Largest accepted reprojection error [px]. A larger error means that the board is not flat, is another board,
-    or has moved."""
-    focal_sigma: float = 0.004
-    """Largest accepted relative standard deviation of a focal length. If the board is tilted too little, or
-    equally in all views, the views do not determine the focal length."""
-    centre_sigma: float = 3.0
-    """Largest accepted standard deviation of the principal point [px]."""
-    lean: float = float(np.deg2rad(8.0))
-    """Smallest accepted mean tilt of the board against the image plane [rad]. If the board faces the camera in all
-    views, the computed standard deviations are too small."""
-    distortion: float = 2.0
-    """Largest accepted displacement of an image corner by radial distortion [px]."""
-
-    def __post_init__(self) -> None:
-        if self.views < MIN_VIEWS:
-            raise ValueError(f"{self.views} views: a camera calibration needs {MIN_VIEWS} or more")
+PICTURES_PER_VIEW = 2
+"""At most the wanted number of views times this number of images are taken."""
+MIN_CORNERS = 10
+"""Smallest number of corners in an accepted image."""
+MAX_RMS = 1.0
+"""Largest accepted reprojection error [px]. A larger error means that the board is not flat, is another board, or
+has moved."""
+MAX_FOCAL_SIGMA = 0.004
+"""Largest accepted relative standard deviation of a focal length. If the board is tilted too little, or equally in
+all views, the views do not determine the focal length."""
+MAX_CENTRE_SIGMA = 3.0
+"""Largest accepted standard deviation of the principal point [px]."""
+MIN_LEAN = float(np.deg2rad(8.0))
+"""Smallest accepted mean tilt of the board against the image plane [rad]. If the board faces the camera in all
+views, the computed standard deviations are too small."""
+MAX_DISTORTION = 2.0
+"""Largest accepted displacement of an image corner by radial distortion [px]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +60,23 @@ class IntrinsicsCalibration:
     coverage: float
 
 
-def calibrate_camera(
-    settings: CameraSettings | None = None, board: Board = BOARD
-) -> Procedure[IntrinsicsCalibration]:
-    """Ask for the board in one pose after another until enough images show it, then fit the intrinsics.
+def check_views(count: int) -> None:
+    """Raise ConfigurationError if this number of views cannot calibrate a camera."""
+    if count < MIN_VIEWS:
+        raise ConfigurationError(
+            f"{count} views: a camera calibration needs {MIN_VIEWS} or more", "see foldcell calibrate --help"
+        )
+
+
+def calibrate_camera(wanted: int) -> Procedure[IntrinsicsCalibration]:
+    """Ask for the board in one pose after another until `wanted` images show it, then fit the intrinsics.
 
     Failures: OUT_OF_VIEW (too few images show the board), and those of `fit_intrinsics`.
     """
-    settings = settings or CameraSettings()
     views: list[BoardView] = []
-    max_pictures = round(settings.pictures_per_view * settings.views)
+    max_pictures = PICTURES_PER_VIEW * wanted
     for k in range(max_pictures):
-        if len(views) == settings.views:
+        if len(views) == wanted:
             break
         asked = yield from bring(BoardPlace.SHOWN)
         sight = yield from look()
@@ -89,42 +84,39 @@ def calibrate_camera(
         if failure:
             return Outcome(failure=failure)
         rgb = sight.unwrap().frame.rgb
-        view = find_board(rgb, board)
-        if view is None or len(view.index) < settings.min_corners:
+        view = find_board(rgb)
+        if view is None or len(view.index) < MIN_CORNERS:
             found = 0 if view is None else len(view.index)
             yield from note(f"picture {k + 1}: rejected, {found} corners", rgb, f"board-{k + 1:02}-left-out")
             continue
         views.append(view)
         yield from note(
-            f"view {len(views)} of {settings.views}: {len(view.index)} corners",
+            f"view {len(views)} of {wanted}: {len(view.index)} corners",
             draw_view(rgb, view), f"board-{k + 1:02}",
         )  # fmt: skip
     yield from bring(BoardPlace.AWAY)
-    if len(views) < settings.views:
+    if len(views) < wanted:
         return Outcome(
             failure=Failure(
                 FailureKind.OUT_OF_VIEW,
-                f"{len(views)} of {max_pictures} pictures show the board; {settings.views} are needed",
+                f"{len(views)} of {max_pictures} pictures show the board; {wanted} are needed",
                 "hold the whole card in the picture, nearer and in better light", {"views": len(views)},
             )
         )  # fmt: skip
-    return fit_intrinsics(views, settings, board)
+    return fit_intrinsics(views)
 
 
-def fit_intrinsics(
-    views: Sequence[BoardView], settings: CameraSettings | None = None, board: Board = BOARD
-) -> Outcome[IntrinsicsCalibration]:
+def fit_intrinsics(views: Sequence[BoardView]) -> Outcome[IntrinsicsCalibration]:
     """Fit a pinhole camera to the views.
 
     Fails with LOW_CONFIDENCE for too few views, views that are too similar, a board that is not flat, and a lens
     with distortion.
     """
-    settings = settings or CameraSettings()
     if len(views) < MIN_VIEWS:
         what = f"{len(views)} views of the board are too few to calibrate a camera"
         return _low_confidence(what, f"take {MIN_VIEWS} or more", {"views": len(views)})
     size = (views[0].width, views[0].height)
-    points = [view.points(board).astype(np.float32) for view in views]
+    points = [view.points(BOARD).astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     try:
         rms, K, _, rotations, translations, _, _, view_rms = cv2.calibrateCameraExtended(
@@ -137,12 +129,12 @@ def fit_intrinsics(
         return _low_confidence(f"the camera fit failed: {e.err}", "tilt the board, each time in another direction")
     fx, fy, cx, cy = (float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
     s = _deviations(K, points, pixels, rotations, translations)
-    if rms > settings.rms:
+    if rms > MAX_RMS:
         what = f"the corners miss the fit by {rms:.2f} px"
         hint = "check that the board is flat, printed to scale and held still"
         return _low_confidence(what, hint, {"rms_px": float(rms)})
     focal_sigma, lean = max(s[0] / fx, s[1] / fy), _mean_lean(rotations)
-    sure = focal_sigma <= settings.focal_sigma and max(s[2:]) <= settings.centre_sigma and lean >= settings.lean
+    sure = focal_sigma <= MAX_FOCAL_SIGMA and max(s[2:]) <= MAX_CENTRE_SIGMA and lean >= MIN_LEAN
     if not (sure and np.isfinite([fx, fy, cx, cy, *s]).all()):
         what = (
             f"the views are too much alike: the mean tilt of the boards is {np.rad2deg(lean):.0f} degrees, and"
@@ -156,7 +148,7 @@ def fit_intrinsics(
     k1 = float(np.asarray(distortion).reshape(-1)[0])
     k1_sigma = float(np.asarray(distortion_sigma).reshape(-1)[4])
     shift = _corner_shift(fx, fy, cx, cy, size, k1)
-    if shift > settings.distortion and abs(k1) > 5.0 * k1_sigma:
+    if shift > MAX_DISTORTION and abs(k1) > 5.0 * k1_sigma:
         what = f"the lens moves the corners of the picture by {shift:.1f} px; the cell's camera model is a pinhole"
         return _low_confidence(what, "switch on the camera's own rectification", {"distortion_px": shift})
     intrinsics = Intrinsics(size[0], size[1], fx, fy, cx, cy)

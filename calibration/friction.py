@@ -22,7 +22,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
-__all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "slides", "tilted"]
+__all__ = ["FrictionCalibration", "calibrate_friction", "friction_angle", "tilted"]
 
 MIN_ANGLE, MAX_ANGLE = math.radians(2.0), math.radians(60.0)
 START, MAX_FACTOR, STEP = 1.25, 5.0, 0.01
@@ -103,24 +103,14 @@ def tilted(points: Array, angle: float) -> Array:
     return np.asarray(points) @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
-def slides(
-    mesh: ClothMesh, material: Material, angle: float, positions: Array | None = None, seconds: float = WATCH_S
-) -> tuple[float, Array]:
-    """Simulate a garment that starts at rest on the slope. Returns its mean displacement down the slope in
-    `seconds` [m], and its positions (n, 3) afterwards."""
-    table = _TiltedTable(mesh, material, positions)
-    moved = table.advance(material, angle, seconds)
-    return moved, table.positions
-
-
 class _TiltedTable:
     """The virtual garment on the table. When the slope or the friction changes, the contact forces are carried
     over. Otherwise a garment of two layers would redistribute its weight at each change and slip meanwhile."""
 
-    def __init__(self, mesh: ClothMesh, material: Material, positions: Array | None = None) -> None:
+    def __init__(self, mesh: ClothMesh, material: Material) -> None:
         self._mesh = mesh
         self._saved: dict[str, Array] | None = None
-        self.positions = mesh.lay_flat(material.thickness) if positions is None else positions
+        self.positions = mesh.lay_flat(material.thickness)
 
     def advance(self, material: Material, angle: float, seconds: float) -> float:
         """Simulate `seconds`. Returns the mean displacement down the slope [m]."""

@@ -19,8 +19,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
-from calibration.board import BOARD, Board, BoardView, draw_view, find_board
+from calibration.board import BOARD, BoardView, draw_view, find_board
 from calibration.effects import Procedure, bring, grip, look, note, reach
+from robots.errors import ConfigurationError
 from robots.model import RobotModel
 from robots.ports import Array, BoardPlace, Intrinsics, Side, arm_slice, frozen
 from skills.motion.kinematics.ik import tool_pose
@@ -42,38 +43,39 @@ MIN_VIEWS = 4
 makes an error visible."""
 
 
+POSES_PER_VIEW = 4
+"""At most the wanted number of views times this number of poses are tried per hand."""
+MIN_CORNERS = 10
+"""Smallest number of corners in a view."""
+LEAN = 0.6
+"""Largest angle between the board's normal and the view ray [rad]."""
+TURN = (0.4, 1.6)
+"""Range of the direction in which the card's lower edge points [rad]: 0 towards the robot, pi / 2 towards the side
+of the hand."""
+GRIP_FORCE = 15.0
+CORNER_SIGMA = 0.15
+"""Standard deviation of the position of one found corner [px]."""
+JOINT_SIGMA = 0.0015
+"""Standard deviation of the joints' zeros [rad]. It corresponds to the arms' stated accuracy of 5 mm."""
+PRINT_SIGMA = 0.0005
+"""Relative standard deviation of the scale of the printed board."""
+MAX_RMS = 1.5
+"""Largest accepted reprojection error [px]. A larger error means that the intrinsics, the board or the arms' model
+is wrong."""
+
+
 @dataclass(frozen=True)
 class HandEyeSettings:
-    """Settings of a hand-eye calibration. views: number of views of the board in each hand. poses_per_view: at
-    most `views` times this number of poses are tried per hand. min_corners: smallest number of corners in a view.
-    grip_force [N]."""
+    """Settings of a hand-eye calibration. views: number of views of the board in each hand. focal_sigma,
+    centre_sigma: standard deviation of the focal lengths (relative) and of the principal point [px].
+    position_sigma [m], angle_sigma [rad]: largest accepted standard deviations of the camera's pose. Raises
+    ConfigurationError for too few views."""
 
     views: int = 12
-    poses_per_view: float = 4.0
-    min_corners: int = 10
-    lean: float = 0.6
-    """Largest angle between the board's normal and the view ray [rad]."""
-    turn: tuple[float, float] = (0.4, 1.6)
-    """Range of the direction in which the card's lower edge points [rad]: 0 towards the robot, pi / 2 towards the
-    side of the hand."""
-    grip_force: float = 15.0
-    corner_sigma: float = 0.15
-    """Standard deviation of the position of one found corner [px]."""
-    joint_sigma: float = 0.0015
-    """Standard deviation of the joints' zeros [rad]. It corresponds to the arms' stated accuracy of 5 mm."""
     focal_sigma: float = 0.002
-    """Relative standard deviation of the focal lengths."""
     centre_sigma: float = 0.7
-    """Standard deviation of the principal point [px]."""
-    print_sigma: float = 0.0005
-    """Relative standard deviation of the scale of the printed board."""
-    rms: float = 1.5
-    """Largest accepted reprojection error [px]. A larger error means that the intrinsics, the board or the arms'
-    model is wrong."""
     position_sigma: float = 0.004
-    """Largest accepted standard deviation of the camera's position [m]."""
     angle_sigma: float = float(np.deg2rad(0.3))
-    """Largest accepted standard deviation of the camera's orientation [rad]."""
 
     @classmethod
     def with_lens_of_data_sheet(cls, views: int) -> HandEyeSettings:
@@ -86,7 +88,10 @@ class HandEyeSettings:
 
     def __post_init__(self) -> None:
         if self.views < MIN_VIEWS:
-            raise ValueError(f"{self.views} views: a hand-eye calibration needs {MIN_VIEWS} or more in each hand")
+            raise ConfigurationError(
+                f"{self.views} views: a hand-eye calibration needs {MIN_VIEWS} or more in each hand",
+                "see foldcell calibrate --help",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +111,7 @@ class HandEyeCalibration:
 
     position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It
     includes the errors of the corners, the joints' zeros, the intrinsics and the print, and the scatter of the
-    views. joint_offsets: hand -> (arm,) estimated joint zeros, which the fit subtracts from the readings [rad].
+    views.
     """
 
     T_base_camera: Array
@@ -116,7 +121,6 @@ class HandEyeCalibration:
     angle: float
     position_sigma: float
     angle_sigma: float
-    joint_offsets: Mapping[Side, Array]
     views: int
 
 
@@ -124,8 +128,7 @@ def calibrate_hand_eye(
     robot: RobotModel,
     camera: CameraCalibration,
     table: Table,
-    settings: HandEyeSettings | None = None,
-    board: Board = BOARD,
+    settings: HandEyeSettings,
 ) -> Procedure[HandEyeCalibration]:
     """Show the board in each hand to the camera in many poses, then fit the camera's pose.
 
@@ -133,20 +136,17 @@ def calibrate_hand_eye(
     UNREACHABLE (no pose in which a hand can take the board), OUT_OF_VIEW (too few images show the board), and
     those of `fit_hand_eye`.
     """
-    settings = settings or HandEyeSettings()
     T_base_camera = table.T_base_table @ camera.T_table_camera
     views: list[HandView] = []
     for side in Side:
-        found = yield from _views_in(side, T_base_camera, settings, board)
+        found = yield from _views_in(side, T_base_camera, settings)
         if found.failure:
             return Outcome(failure=found.failure)
         views += found.unwrap()
-    return fit_hand_eye(robot, camera.intrinsics, views, settings, board)
+    return fit_hand_eye(robot, camera.intrinsics, views, settings)
 
 
-def _views_in(
-    side: Side, T_base_camera: Array, settings: HandEyeSettings, board: Board
-) -> Procedure[tuple[HandView, ...]]:
+def _views_in(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> Procedure[tuple[HandView, ...]]:
     """Take the board in one hand, show it to the camera in many poses, and give it back."""
     poses = board_poses(side, T_base_camera, settings)
     views: list[HandView] = []
@@ -154,22 +154,22 @@ def _views_in(
     for T_base_board in poses:
         if len(views) == settings.views:
             break
-        reached = yield from reach(side, T_base_board @ np.linalg.inv(board.T_tool_board))
+        reached = yield from reach(side, T_base_board @ np.linalg.inv(BOARD.T_tool_board))
         if reached.failure:  # planning failed, so nothing moved: try the next pose
             continue
         if not holding:
-            yield from grip(side, 0.02, settings.grip_force)
+            yield from grip(side, 0.02, GRIP_FORCE)
             asked = yield from bring(PLACES[side])
             if asked.failure:
                 return Outcome(failure=asked.failure)
-            yield from grip(side, 0.0, settings.grip_force)
+            yield from grip(side, 0.0, GRIP_FORCE)
             holding = True
         sight = yield from look()
         if sight.failure:
             return Outcome(failure=sight.failure)
         rgb, q, n = sight.unwrap().frame.rgb, sight.unwrap().q, len(views) + 1
-        view = find_board(rgb, board)
-        if view is None or len(view.index) < settings.min_corners:
+        view = find_board(rgb)
+        if view is None or len(view.index) < MIN_CORNERS:
             yield from note(f"{side} hand: pose rejected, {0 if view is None else len(view.index)} corners")
             continue
         views.append(HandView(side, frozen(q[arm_slice(side, len(q))]), view))
@@ -183,7 +183,7 @@ def _views_in(
     removed = yield from bring(BoardPlace.AWAY)  # before the hand opens, so that the board does not fall
     if removed.failure:
         return Outcome(failure=removed.failure)
-    yield from grip(side, 0.02, settings.grip_force)
+    yield from grip(side, 0.02, GRIP_FORCE)
     if len(views) < settings.views:
         what = f"the board was seen in {len(views)} poses of the {side} hand; {settings.views} are needed"
         hint = "check that the printed side faces the camera and is lit, or ask for fewer views with --views"
@@ -200,10 +200,10 @@ def board_poses(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> 
     rng = np.random.default_rng(11)
     sign = 1.0 if side is Side.LEFT else -1.0
     poses = []
-    for _ in range(round(settings.poses_per_view * settings.views)):
+    for _ in range(POSES_PER_VIEW * settings.views):
         centre = np.array([rng.uniform(0.42, 0.76), sign * rng.uniform(-0.02, 0.26), rng.uniform(0.10, 0.42)])
-        towards = rng.uniform(*settings.turn)
-        lean = settings.lean * np.sqrt(rng.random())
+        towards = rng.uniform(*TURN)
+        lean = LEAN * np.sqrt(rng.random())
         about = rng.uniform(0.0, 2 * np.pi)
         ray = centre - T_base_camera[:3, 3]
         z = ray / np.linalg.norm(ray)
@@ -239,20 +239,18 @@ def fit_hand_eye(
     robot: RobotModel,
     intrinsics: Intrinsics,
     views: Sequence[HandView],
-    settings: HandEyeSettings | None = None,
-    board: Board = BOARD,
+    settings: HandEyeSettings,
 ) -> Outcome[HandEyeCalibration]:
     """Fit the camera's pose to the views of one or both hands.
 
     Fails with LOW_CONFIDENCE for too few views, poses that are too similar, and corners that fit no camera pose.
     """
-    settings = settings or HandEyeSettings()
     sides = tuple(side for side in Side if any(v.side is side for v in views))
     if not sides or min(sum(v.side is side for v in views) for side in sides) < MIN_VIEWS:
         return _low_confidence(
             f"{len(views)} views are too few to find the camera's pose", "take more views", {"views": len(views)}
         )
-    seen = [_board_pose(intrinsics, v.view, board) for v in views]
+    seen = [_board_pose(intrinsics, v.view) for v in views]
     starts = {}
     for side in sides:
         A = [tool_pose(robot.chains[side], v.q) for v in views if v.side is side]
@@ -263,7 +261,7 @@ def fit_hand_eye(
         starts[side] = closed_form(A, B)
     X = next(iter(starts.values()))[0]
     Y = {side: start[1] for side, start in starts.items()}
-    problem = _Problem(robot, intrinsics, tuple(views), sides, X, Y, settings, board)
+    problem = _Problem(robot, intrinsics, tuple(views), sides, X, Y, settings)
     fit = least_squares(problem.residuals, np.zeros(problem.size), method="lm")
     return problem.result(fit.x, fit.jac, seen)
 
@@ -281,10 +279,9 @@ class _Problem:
         X: Array,
         Y: Mapping[Side, Array],
         settings: HandEyeSettings,
-        board: Board,
     ) -> None:
         self._robot, self._k, self._views, self._sides = robot, intrinsics, views, sides
-        self._X, self._Y, self._settings, self._board = X, Y, settings, board
+        self._X, self._Y, self._settings = X, Y, settings
         self._hand = 6 + len(views[0].q)
         """Number of unknowns of one hand."""
         self.size = 6 + self._hand * len(sides)
@@ -293,7 +290,7 @@ class _Problem:
         Y, offsets = {}, {}
         for side, part in zip(self._sides, x[6:].reshape(-1, self._hand), strict=True):
             Y[side] = self._Y[side] @ _exp(part[:6])
-            offsets[side] = part[6:] * self._settings.joint_sigma
+            offsets[side] = part[6:] * JOINT_SIGMA
         return self._X @ _exp(x[:6]), Y, offsets
 
     def _reprojection(self, x: Array, lens: Array | None = None) -> Array:
@@ -306,7 +303,7 @@ class _Problem:
         out = []
         for v in self._views:
             T = T_camera_base @ tool_pose(self._robot.chains[v.side], v.q - offsets[v.side]) @ Y[v.side]
-            p = (1.0 + size) * v.view.points(self._board) @ T[:3, :3].T + T[:3, 3]
+            p = (1.0 + size) * v.view.points(BOARD) @ T[:3, :3].T + T[:3, 3]
             k = self._k
             scale = [(1.0 + fx) * k.fx, (1.0 + fy) * k.fy]
             uv = p[:, :2] / np.maximum(p[:, 2:], 1e-3) * scale + [k.cx + cx, k.cy + cy]
@@ -315,7 +312,7 @@ class _Problem:
 
     def residuals(self, x: Array) -> Array:
         """Return the reprojection errors and joint offsets, each divided by its standard deviation."""
-        corners = self._reprojection(x).ravel() / self._settings.corner_sigma
+        corners = self._reprojection(x).ravel() / CORNER_SIGMA
         offsets = x[6:].reshape(-1, self._hand)[:, 6:].ravel()
         return np.concatenate([corners, offsets])
 
@@ -323,10 +320,10 @@ class _Problem:
         """Return the influence of lens and print on the unknowns, (size, 5). Column i is the change that an error
         of one standard deviation in parameter i causes. `_reprojection` lists the parameters."""
         s, columns = self._settings, []
-        for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, s.print_sigma)):
+        for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, PRINT_SIGMA)):
             lens = np.zeros(5)
             lens[i] = sigma
-            change = (self._reprojection(x, lens) - self._reprojection(x)).ravel() / s.corner_sigma
+            change = (self._reprojection(x, lens) - self._reprojection(x)).ravel() / CORNER_SIGMA
             columns.append(gain[:, : len(change)] @ change)
         return np.column_stack(columns)
 
@@ -347,7 +344,7 @@ class _Problem:
         """Return the calibration at the solution x, or a failure if its errors are too large."""
         s = self._settings
         rms = float(np.sqrt((self._reprojection(x) ** 2).sum(axis=1).mean()))
-        if rms > s.rms:
+        if rms > MAX_RMS:
             what = f"the corners miss the fit by {rms:.2f} px"
             hint = (
                 "calibrate the intrinsics first (calibrate camera); check that the board cannot slip in the hand"
@@ -359,7 +356,7 @@ class _Problem:
         inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
         by_lens = self._lens_influence(x, inverse @ J.T)
         by_view = self._view_influence(x, J, inverse)
-        variance = inverse * max(1.0, (rms / s.corner_sigma) ** 2 / 2) + by_lens @ by_lens.T + by_view @ by_view.T
+        variance = inverse * max(1.0, (rms / CORNER_SIGMA) ** 2 / 2) + by_lens @ by_lens.T + by_view @ by_view.T
         position, angle = (
             float(np.sqrt(np.linalg.eigvalsh(variance[c, c])[-1])) for c in (slice(0, 3), slice(3, 6))
         )
@@ -377,16 +374,15 @@ class _Problem:
         return Outcome(
             HandEyeCalibration(
                 frozen(X), {k: frozen(v) for k, v in Y.items()}, rms,
-                float(distance), float(rotation), position, angle,
-                {k: frozen(v) for k, v in offsets.items()}, len(self._views),
+                float(distance), float(rotation), position, angle, len(self._views),
             )
         )  # fmt: skip
 
 
-def _board_pose(k: Intrinsics, view: BoardView, board: Board) -> Array:
+def _board_pose(k: Intrinsics, view: BoardView) -> Array:
     """Compute T_camera_board (4, 4) from one image."""
-    _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, flags=cv2.SOLVEPNP_IPPE)
-    _, w, t = cv2.solvePnP(view.points(board), view.pixels, k.matrix, None, w, t, True, cv2.SOLVEPNP_ITERATIVE)
+    _, w, t = cv2.solvePnP(view.points(BOARD), view.pixels, k.matrix, None, flags=cv2.SOLVEPNP_IPPE)
+    _, w, t = cv2.solvePnP(view.points(BOARD), view.pixels, k.matrix, None, w, t, True, cv2.SOLVEPNP_ITERATIVE)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = _rotation(np.asarray(w, dtype=float).reshape(3)), np.asarray(t).reshape(3)
     return T

@@ -15,14 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.effects import Procedure, TouchReadings, note, touch
+from robots.errors import ConfigurationError
 from robots.ports import Array, Side
 from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "MOST_POINTS",
     "TableCalibration",
-    "TableSettings",
     "calibrate_table",
+    "check_points",
     "contact_height",
     "fit_plane",
     "on_table",
@@ -53,30 +54,22 @@ MARGIN = 0.05
 of the table's placement."""
 
 
-@dataclass(frozen=True)
-class TableSettings:
-    """Settings of the table calibration. Lengths [m], forces [N], angles [rad]. points: number of points to touch.
-    min_readings: smallest number of readings in a fit. tilt: largest accepted tilt of the table."""
-
-    points: int = 8
-    min_force: float = 0.25
-    """Smallest force of a reading that is used in the spring fit [N]. It is above the noise of the tips."""
-    min_readings: int = 6
-    straight: float = 0.00025
-    """Largest accepted difference between the contact heights from the first half of a press and from the whole
-    press [m]."""
-    residual: float = 0.006
-    """Largest accepted distance of a point from the plane [m]."""
-    tilt: float = float(np.deg2rad(1.0))
-    min_spread: float = 0.08
-    """Smallest accepted standard deviation of the points perpendicular to the direction in which they spread most
-    [m]. If the points lie almost on one line, the tilt about that line is undetermined."""
-
-    def __post_init__(self) -> None:
-        if not MIN_POINTS <= self.points <= MOST_POINTS:
-            raise ValueError(
-                f"{self.points} points: give {MIN_POINTS} to {MOST_POINTS} points to touch the table at"
-            )
+POINTS = 8
+"""Usual number of points to touch."""
+MIN_FORCE = 0.25
+"""Smallest force of a reading that is used in the spring fit [N]. It is above the noise of the tips."""
+MIN_READINGS = 6
+"""Smallest number of readings in a fit."""
+STRAIGHT = 0.00025
+"""Largest accepted difference between the contact heights from the first half of a press and from the whole press
+[m]."""
+MAX_RESIDUAL = 0.006
+"""Largest accepted distance of a point from the plane [m]."""
+MAX_TILT = float(np.deg2rad(1.0))
+"""Largest accepted tilt of the table [rad]."""
+MIN_SPREAD = 0.08
+"""Smallest accepted standard deviation of the points perpendicular to the direction in which they spread most [m].
+If the points lie almost on one line, the tilt about that line is undetermined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,21 +109,29 @@ class TableCalibration:
         return float(np.mean(pairs)) if pairs else None
 
 
-def calibrate_table(table: Table, settings: TableSettings | None = None) -> Procedure[TableCalibration]:
-    """Touch the table at `settings.points` points and fit a plane. table: configured position of the table; points
-    that are not on the table are skipped.
+def check_points(points: int) -> None:
+    """Raise ConfigurationError if a table cannot be touched at this number of points."""
+    if not MIN_POINTS <= points <= MOST_POINTS:
+        raise ConfigurationError(
+            f"{points} points: give {MIN_POINTS} to {MOST_POINTS} points to touch the table at",
+            "see foldcell calibrate --help",
+        )
+
+
+def calibrate_table(table: Table, wanted: int = POINTS) -> Procedure[TableCalibration]:
+    """Touch the table at `wanted` points and fit a plane. table: configured position of the table; points that are
+    not on the table are skipped.
 
     Failures: NO_CONTACT (no table), UNREACHABLE (too few points), LOW_CONFIDENCE (no plane, points on one line, a
     tilted table).
     """
-    settings = settings or TableSettings()
     contacts: list[tuple[Side, Array, float]] = []
     skipped = next((_beside(x, y) for _, x, y in LAYOUT if not on_table(table, x, y)), None)
     places = [place for place in LAYOUT if on_table(table, *place[1:])]
-    if len(places) < settings.points:  # before anything moves
-        return Outcome(failure=_too_few(len(places), settings.points, skipped))
+    if len(places) < wanted:  # before anything moves
+        return Outcome(failure=_too_few(len(places), wanted, skipped))
     for k, (side, x, y) in enumerate(places):
-        if len(contacts) == settings.points:
+        if len(contacts) == wanted:
             break
         touched = yield from touch(side, x, y)
         if touched.failure and touched.failure.kind in {FailureKind.UNREACHABLE, FailureKind.IN_COLLISION}:
@@ -139,17 +140,17 @@ def calibrate_table(table: Table, settings: TableSettings | None = None) -> Proc
             continue
         if touched.failure:
             return Outcome(failure=touched.failure)
-        contact = contact_height(touched.unwrap(), settings)
+        contact = contact_height(touched.unwrap())
         if contact.failure:
             return Outcome(failure=contact.failure)
         z, stiffness = contact.unwrap()
         contacts.append((side, np.array([touched.unwrap().x, touched.unwrap().y, z]), stiffness))
         place = f"{side} at ({x:.2f}, {y:.2f})"
-        yield from note(f"point {len(contacts)} of {settings.points}, {place}: z {1e3 * z:.2f} mm, base frame")
-    if len(contacts) < settings.points:
-        return Outcome(failure=_too_few(len(contacts), settings.points, skipped))
+        yield from note(f"point {len(contacts)} of {wanted}, {place}: z {1e3 * z:.2f} mm, base frame")
+    if len(contacts) < wanted:
+        return Outcome(failure=_too_few(len(contacts), wanted, skipped))
     points, stiffnesses = np.array([p for _, p, _ in contacts]), np.array([k for _, _, k in contacts])
-    return fit_plane(points, tuple(side for side, _, _ in contacts), stiffnesses, settings)
+    return fit_plane(points, tuple(side for side, _, _ in contacts), stiffnesses)
 
 
 def on_table(table: Table, x: float, y: float) -> bool:
@@ -158,35 +159,34 @@ def on_table(table: Table, x: float, y: float) -> bool:
     return inside_x and table.y[0] + MARGIN <= y <= table.y[1] - MARGIN
 
 
-def contact_height(touched: TouchReadings, settings: TableSettings | None = None) -> Outcome[tuple[float, float]]:
+def contact_height(touched: TouchReadings) -> Outcome[tuple[float, float]]:
     """Return the height of first contact [m] and the stiffness [N/m] of a press. Both come from a line through the
     loaded readings, from which the unloaded offset is subtracted. Fails with LOW_CONFIDENCE if the readings are
     not linear."""
-    settings = settings or TableSettings()
-    force = touched.force - _unloaded_force(touched, settings)
-    loaded = force >= settings.min_force
+    force = touched.force - _unloaded_force(touched)
+    loaded = force >= MIN_FORCE
     if loaded.any():  # use only readings after the last unloaded one: a peak before it is noise
         free = np.flatnonzero(~loaded)
         loaded[: free[-1] + 1 if len(free) else 0] = False
-    if np.count_nonzero(loaded) < settings.min_readings:
+    if np.count_nonzero(loaded) < MIN_READINGS:
         return Outcome(failure=_no_contact_height(touched, int(np.count_nonzero(loaded))))
     z, force = touched.height[loaded], force[loaded]
     contact, slope, _ = _spring(z, force)
     if slope > SOFTEST:
         return Outcome(failure=_no_contact_height(touched, len(z)))
-    half = slice(0, max(len(z) // 2, settings.min_readings))
+    half = slice(0, max(len(z) // 2, MIN_READINGS))
     half_contact, half_slope, sigma = _spring(z[half], force[half])
-    if half_slope > SOFTEST or abs(half_contact - contact) > settings.straight + 2.0 * sigma:
+    if half_slope > SOFTEST or abs(half_contact - contact) > STRAIGHT + 2.0 * sigma:
         return Outcome(failure=_not_linear(touched, half_slope, slope))
     return Outcome((contact, -slope))
 
 
-def _unloaded_force(touched: TouchReadings, settings: TableSettings) -> float:
+def _unloaded_force(touched: TouchReadings) -> float:
     """Return the force that the tips read before the contact [N]. It can differ from zero, because the first touch
     may have shifted the zero since the tare. Returns 0 for a press that begins in contact."""
-    n = max(len(touched.force) // 4, settings.min_readings)
+    n = max(len(touched.force) // 4, MIN_READINGS)
     z, force = touched.height[:n], touched.force[:n]
-    if len(z) < settings.min_readings or _spring(z, force)[1] <= SOFTEST:
+    if len(z) < MIN_READINGS or _spring(z, force)[1] <= SOFTEST:
         return 0.0
     return float(np.median(force))
 
@@ -207,15 +207,12 @@ def _spring(z: Array, force: Array) -> tuple[float, float, float]:
     return contact, slope, float(sigma)
 
 
-def fit_plane(
-    points: Array, sides: tuple[Side, ...], stiffness: Array, settings: TableSettings | None = None
-) -> Outcome[TableCalibration]:
+def fit_plane(points: Array, sides: tuple[Side, ...], stiffness: Array) -> Outcome[TableCalibration]:
     """Fit the plane z = h + a (x - x_mean) + b (y - y_mean) by least squares to contacts (n, 3), base frame [m].
     Fails with LOW_CONFIDENCE."""
-    settings = settings or TableSettings()
     centred = points[:, :2] - points[:, :2].mean(axis=0)
     spread = float(np.linalg.svd(centred, compute_uv=False)[-1] / np.sqrt(len(points)))
-    if len(points) < MIN_POINTS or spread < settings.min_spread:
+    if len(points) < MIN_POINTS or spread < MIN_SPREAD:
         return Outcome(
             failure=Failure(
                 FailureKind.LOW_CONFIDENCE, "the points are too close to one line to fit a plane",
@@ -226,7 +223,7 @@ def fit_plane(
     fit = np.linalg.lstsq(A, points[:, 2], rcond=None)[0]
     residual = points[:, 2] - A @ fit
     worst = int(np.abs(residual).argmax())
-    if abs(residual[worst]) > settings.residual:
+    if abs(residual[worst]) > MAX_RESIDUAL:
         x, y, _ = points[worst]
         return Outcome(
             failure=Failure(
@@ -236,7 +233,7 @@ def fit_plane(
             )
         )  # fmt: skip
     tilt = float(np.hypot(fit[1], fit[2]))
-    if tilt > settings.tilt:
+    if tilt > MAX_TILT:
         return Outcome(
             failure=Failure(
                 FailureKind.LOW_CONFIDENCE, f"the table leans by {np.rad2deg(tilt):.2f} degrees",

@@ -17,14 +17,12 @@ from calibration.table import contact_height, on_table
 from robots.ports import Array, Side, TactileReading
 from skills.grasping.confirm import CONFIRM_READINGS
 from skills.grasping.descend import CONTACT_READINGS
-from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TARE_READINGS
 from skills.vocabulary import Failure, FailureKind, Outcome, Table
 
 __all__ = [
     "FingerFigures",
     "TactileCalibration",
-    "TactileSettings",
     "calibrate_tactile",
     "false_contacts",
     "finger_figures",
@@ -34,34 +32,21 @@ __all__ = [
 POINTS = {Side.LEFT: (0.55, 0.25), Side.RIGHT: (0.55, -0.25)}
 
 
-@dataclass(frozen=True)
-class TactileSettings:
-    """Settings of the tactile calibration. Times [s], forces [N]. seconds: duration of the recording. sigmas: the
-    thresholds allow for noise of `reserve` times this number of standard deviations. max_held: largest accepted
-    hold threshold."""
-
-    seconds: float = 60.0
-    horizon: float = 15.0
-    """Largest age that a tare reaches in a fold [s]. The tare is measured above the grasp and used until the
-    release."""
-    sigmas: float = 5.0
-    reserve: float = 2.0
-    """The thresholds allow for noise that is larger than the measured noise by this factor."""
-    max_contact: float = 2.0
-    """Largest accepted contact threshold [N]. With a higher threshold, a hand would press the garment before the
-    contact is detected."""
-    max_held: float = 4.0
-    odd: float = 5.0
-    """A cell is defective if its noise is larger than the median of the hand's cells times this factor, or smaller
-    than the median divided by this factor."""
-    latest: float = 0.0015
-    """Largest accepted depth of the hand below first contact when the threshold detects a slow press [m]."""
-
-    def __post_init__(self) -> None:
-        if self.seconds < 2.0 * self.horizon:
-            raise ValueError(
-                f"{self.seconds} s are too short for the drift over {self.horizon} s: record twice as long"
-            )
+SECONDS = 60.0
+"""Duration of the recording [s]; at least twice the horizon."""
+HORIZON = 15.0
+"""Largest age that a tare reaches in a fold [s]. The tare is measured above the grasp and used until the
+release."""
+SIGMAS, RESERVE = 5.0, 2.0
+"""A threshold lies SIGMAS standard deviations above the unloaded signal, at RESERVE times the measured noise."""
+MAX_CONTACT, MAX_HELD = 2.0, 4.0
+"""Largest accepted thresholds of a contact and of a hold [N]. With a higher contact threshold, a hand would press
+the garment before the contact is detected."""
+ODD = 5.0
+"""A cell is defective if its noise is larger than the median of the hand's cells times this factor, or smaller
+than the median divided by this factor."""
+LATEST = 0.0015
+"""Largest accepted depth of the hand below first contact when the threshold detects a slow press [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +54,7 @@ class FingerFigures:
     """Figures of one unloaded hand.
 
     cell_noise, pad_noise, tip_noise: standard deviation of one reading of a cell, of the sum of a pad's cells, and
-    of a tip [N]. pad_drift, tip_drift: largest change within `horizon` (settings) [N]. rate: readings per second.
+    of a tip [N]. pad_drift, tip_drift: largest change within HORIZON [N]. rate: readings per second.
     """
 
     cell_noise: float
@@ -99,29 +84,26 @@ class TactileCalibration:
     zeros: int
 
 
-def calibrate_tactile(
-    table: Table, grasp: GraspSettings, settings: TactileSettings | None = None
-) -> Procedure[TactileCalibration]:
+def calibrate_tactile(table: Table) -> Procedure[TactileCalibration]:
     """Record the unloaded hands, then press the table with each hand. table: configured position of the table.
 
     Failures: UNREACHABLE (the places to press are not on the table), HARDWARE_FAULT (a dead or defective cell),
     LOW_CONFIDENCE (too much noise or drift for a useful threshold; a late detection), and those of a touch.
     """
-    settings = settings or TactileSettings()
     for side, (x, y) in POINTS.items():  # before anything moves
         if not on_table(table, x, y):
             return Outcome(failure=_beside(side, x, y))
-    yield from note(f"recording the open hands for {settings.seconds:.0f} s")
-    heard = yield from listen(settings.seconds)
+    yield from note(f"recording the open hands for {SECONDS:.0f} s")
+    heard = yield from listen(SECONDS)
     if heard.failure:
         return Outcome(failure=heard.failure)
     figures: dict[Side, FingerFigures] = {}
     for side, readings in heard.unwrap().readings.items():
-        found = finger_figures(side, readings, settings)
+        found = finger_figures(side, readings)
         if found.failure:
             return Outcome(failure=found.failure)
         figures[side] = found.unwrap()
-    levels = thresholds(figures, grasp, settings)
+    levels = thresholds(figures)
     if levels.failure:
         return Outcome(failure=levels.failure)
     contact, held = levels.unwrap()
@@ -131,28 +113,25 @@ def calibrate_tactile(
         touched = yield from touch(side, x, y)
         if touched.failure:
             return Outcome(failure=touched.failure)
-        detected = _detection(touched.unwrap(), contact, CONTACT_READINGS, settings)
+        detected = _detection(touched.unwrap(), contact)
         if detected.failure:
             return Outcome(failure=detected.failure)
         stiffness[side], noticed[side] = detected.unwrap()
-    counts = [false_contacts(r, contact, grasp, settings) for r in heard.unwrap().readings.values()]
+    counts = [false_contacts(r, contact) for r in heard.unwrap().readings.values()]
     false, zeros = (sum(c) for c in zip(*counts, strict=True))
     if zeros == 0:
-        what = f"the hands sent less than {settings.horizon:.0f} s of data: false contacts could not be counted"
+        what = f"the hands sent less than {HORIZON:.0f} s of data: false contacts could not be counted"
         return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, "check the connection of the hands"))
     return Outcome(TactileCalibration(contact, held, figures, stiffness, noticed, false, zeros))
 
 
-def finger_figures(
-    side: Side, readings: Sequence[TactileReading], settings: TactileSettings | None = None
-) -> Outcome[FingerFigures]:
+def finger_figures(side: Side, readings: Sequence[TactileReading]) -> Outcome[FingerFigures]:
     """Compute the noise and drift of one hand. The noise comes from the differences of successive readings, which
     a drift does not affect. The drift comes from means over a tenth of a second. Fails with HARDWARE_FAULT for too
     few readings and for dead or defective cells."""
-    settings = settings or TactileSettings()
     stamps = np.array([r.stamp for r in readings])
     span = float(stamps[-1] - stamps[0]) if len(stamps) > 1 else 0.0
-    if len(stamps) < 200 or span < 0.9 * settings.seconds:
+    if len(stamps) < 200 or span < 0.9 * SECONDS:
         what = f"the {side} hand sent only {len(stamps)} readings in {span:.0f} s"
         return _broken(what, "check the connection of the hand", {"readings": len(stamps)})
     cells = np.array([r.cells for r in readings])
@@ -160,7 +139,7 @@ def finger_figures(
     noise = np.diff(cells, axis=0).std(axis=0) / np.sqrt(2.0)
     tip_noise = np.diff(tips, axis=0).std(axis=0) / np.sqrt(2.0)
     usual = float(np.median(noise))
-    bad = ~np.isfinite(noise) | (noise > settings.odd * usual) | (noise < usual / settings.odd) | (noise == 0.0)
+    bad = ~np.isfinite(noise) | (noise > ODD * usual) | (noise < usual / ODD) | (noise == 0.0)
     if bad.any():
         pad, row, column = (int(i) for i in np.argwhere(bad)[0])
         what = f"the {side} hand's pad {pad} has a defective cell: row {row}, column {column}"
@@ -169,7 +148,7 @@ def finger_figures(
         return _broken(f"a tip of the {side} hand is dead", "replace the pad", {})
     rate = (len(stamps) - 1) / span
     pads = cells.sum(axis=(2, 3))
-    pad_drift, tip_drift = (_drift(x, rate, settings.horizon) for x in (pads, tips))
+    pad_drift, tip_drift = (_drift(x, rate) for x in (pads, tips))
     pad_noise = float((np.diff(pads, axis=0).std(axis=0) / np.sqrt(2.0)).max())
     return Outcome(
         FingerFigures(
@@ -178,26 +157,23 @@ def finger_figures(
     )
 
 
-def thresholds(
-    figures: Mapping[Side, FingerFigures], grasp: GraspSettings, settings: TactileSettings | None = None
-) -> Outcome[tuple[float, float]]:
+def thresholds(figures: Mapping[Side, FingerFigures]) -> Outcome[tuple[float, float]]:
     """Return contact_force and held_force [N], computed for the worse of the two hands.
 
     A contact is detected from single readings, and a hold from the mean of several readings. Both are relative to
     a tare, which is a mean too.
     """
-    settings = settings or TactileSettings()
     worst = {
         name: max(getattr(f, name) for f in figures.values())
         for name in ("pad_noise", "tip_noise", "pad_drift", "tip_drift")
     }
-    k = settings.reserve * settings.sigmas
+    k = RESERVE * SIGMAS
     contact = k * worst["tip_noise"] * np.sqrt(1.0 + 1.0 / TARE_READINGS) + worst["tip_drift"]
     mean_noise = worst["pad_noise"] * np.sqrt(1.0 / CONFIRM_READINGS + 1.0 / TARE_READINGS)
-    held = k * mean_noise + settings.reserve * worst["pad_drift"]
+    held = k * mean_noise + RESERVE * worst["pad_drift"]
     for name, level, highest in (
-        ("contact", contact, settings.max_contact),
-        ("hold", held, settings.max_held),
+        ("contact", contact, MAX_CONTACT),
+        ("hold", held, MAX_HELD),
     ):
         if not level <= highest:
             return Outcome(
@@ -211,9 +187,7 @@ def thresholds(
     return Outcome((max(0.1, round(float(contact), 3)), max(0.1, round(float(held), 3))))
 
 
-def _detection(
-    touched: TouchReadings, contact: float, in_a_row: int, settings: TactileSettings
-) -> Outcome[tuple[float, float]]:
+def _detection(touched: TouchReadings, contact: float) -> Outcome[tuple[float, float]]:
     """Return the stiffness [N/m], and the depth below first contact at which the threshold detects the contact
     [m]. It is assumed that each tip bears half of the force."""
     fitted = contact_height(touched)
@@ -221,6 +195,7 @@ def _detection(
         return Outcome(failure=fitted.failure)
     first, stiffness = fitted.unwrap()
     over = 0.5 * touched.force >= contact
+    in_a_row = CONTACT_READINGS
     at = next((k for k in range(in_a_row - 1, len(over)) if over[k - in_a_row + 1 : k + 1].all()), None)
     if at is None:
         peak = 0.5 * float(touched.force.max())
@@ -230,20 +205,20 @@ def _detection(
         values: dict[str, object] = {"force_n": peak, "contact_force_n": contact}
         return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, hint, values))
     late = first - float(touched.height[at])
-    if not -0.5 * settings.latest <= late <= settings.latest:
+    if not -0.5 * LATEST <= late <= LATEST:
         what = f"the {touched.side} hand's contact was detected {1e3 * late:.1f} mm below the table top"
         hint = "check the fingertips' cells"
         return Outcome(failure=Failure(FailureKind.LOW_CONFIDENCE, what, hint, {"depth_m": late}))
     return Outcome((stiffness, late))
 
 
-def _drift(x: Array, rate: float, horizon: float) -> float:
+def _drift(x: Array, rate: float) -> float:
     """Return the largest change of any column of x (n, k) within the horizon, computed from means over a tenth of
     a second. The expected range of the noise of these means, 2 sqrt(2 ln m) standard deviations for m normal
     values, is subtracted in quadrature."""
     n = max(1, round(0.1 * rate))
     means = x[: len(x) // n * n].reshape(-1, n, x.shape[1]).mean(axis=1)
-    steps = min(len(means) - 1, round(horizon * rate / n))
+    steps = min(len(means) - 1, round(HORIZON * rate / n))
     within = np.lib.stride_tricks.sliding_window_view(means, steps + 1, axis=0)
     largest = float((within.max(axis=-1) - within.min(axis=-1)).max())
     deviation = float(np.diff(means, axis=0).std()) / np.sqrt(2.0)
@@ -251,9 +226,7 @@ def _drift(x: Array, rate: float, horizon: float) -> float:
     return float(np.sqrt(max(0.0, largest**2 - noise**2)))
 
 
-def false_contacts(
-    readings: Sequence[TactileReading], contact: float, grasp: GraspSettings, settings: TactileSettings
-) -> tuple[int, int]:
+def false_contacts(readings: Sequence[TactileReading], contact: float) -> tuple[int, int]:
     """Count false contacts in the recording of an unloaded hand. Returns (number of periods with a false contact,
     number of periods). Each period begins with a tare and lasts for the horizon.
 
@@ -262,7 +235,7 @@ def false_contacts(
     """
     tips = np.array([r.tip for r in readings])
     span = readings[-1].stamp - readings[0].stamp
-    n, zeros, false = round(settings.horizon * (len(tips) - 1) / span), 0, 0
+    n, zeros, false = round(HORIZON * (len(tips) - 1) / span), 0, 0
     for start in range(0, len(tips) - n, n // 2):
         over = (tips[start : start + n] - tips[start : start + TARE_READINGS].mean(axis=0)).max(axis=1) >= contact
         runs = np.convolve(over, np.ones(CONTACT_READINGS), "valid")

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.cloth import Tell
 from calibration.friction import calibrate_friction
-from calibration.identify import identify_material, predict_candidates, silhouette
+from calibration.identify import identify_friction, predict_candidates, silhouette
 from calibration.shear import calibrate_shear, clip_and_lowest, elongations
 from cell.commands.calibrate.paper import PAPER
 from cell.config.garments.garment_file import load_garment
@@ -104,10 +104,10 @@ def identified(quick: bool, tell: Tell) -> dict[str, Any]:
     truth = believed.with_friction(TRUE_FRICTION * believed.friction_static)
     end = predict_fold(other, other.lay_flat(0.0025), truth, paths)
     outline = np.asarray(silhouette(end.vertices, other.triangles).exterior.coords)[:-1]
-    found = identify_material([outline], grid, believed)
+    found = identify_friction(outline, grid, believed)
     return {
         "identified_friction_believed": believed.friction_static,
         "identified_friction_true": truth.friction_static,
-        "identified_friction": found.friction.value,
-        "identified_friction_deviation_assumed": found.friction.deviation,
+        "identified_friction": found.friction,
+        "identified_friction_deviation_assumed": found.deviation,
     }

@@ -1,2 +1,1 @@
-"""Run calibration procedures (calibration/) on a cell, with the same checks, stop circuit and journal as a
-fold."""
+"""Performs the procedures of `calibration` in a cell, with the checks, stop circuit and journal of a fold."""

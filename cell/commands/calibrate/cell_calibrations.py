@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.camera import CameraSettings, IntrinsicsCalibration, calibrate_camera
+from calibration.camera import IntrinsicsCalibration, calibrate_camera, check_views
 from calibration.hand_eye import HandEyeCalibration, HandEyeSettings, calibrate_hand_eye
-from calibration.table import TableCalibration, TableSettings, calibrate_table
+from calibration.table import TableCalibration, calibrate_table, check_points
 from calibration.tactile import TactileCalibration, calibrate_tactile
 from cell.calibrating.score import hand_eye_error, intrinsics_error, table_error, tactile_error
 from cell.commands.calibrate.run_on_cell import (
@@ -20,7 +20,6 @@ from cell.commands.calibrate.run_on_cell import (
     add_action,
     camera_provenance,
     mm,
-    settings_of,
 )
 from cell.commands.options import Commands, count
 from cell.config.calibration_file import calibration_text, table_text, tactile_text
@@ -53,7 +52,7 @@ def add_options(actions: Commands) -> None:
 
 
 def _table(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:
-    wanted = settings_of(TableSettings, points=options.points)
+    check_points(options.points)
 
     def figures(c: TableCalibration) -> dict[str, Any]:
         rms, differ = c.residual_rms, c.arms_differ
@@ -71,7 +70,7 @@ def _table(options: argparse.Namespace, settings: CellSettings) -> CellCalibrati
     return CellCalibration(
         part="height",
         setting="table.calibration",
-        procedure=lambda cell: calibrate_table(cell.table, wanted),
+        procedure=lambda cell: calibrate_table(cell.table, options.points),
         figures=figures,
         error=table_error,
         text=lambda c, provenance: table_text(c.height, provenance),
@@ -79,7 +78,7 @@ def _table(options: argparse.Namespace, settings: CellSettings) -> CellCalibrati
 
 
 def _camera(options: argparse.Namespace, settings: CellSettings) -> CellCalibration:
-    wanted = settings_of(CameraSettings, views=options.views)
+    check_views(options.views)
     present, present_provenance = camera_calibration(settings), camera_provenance(settings)
 
     def figures(c: IntrinsicsCalibration) -> dict[str, Any]:
@@ -106,7 +105,7 @@ def _camera(options: argparse.Namespace, settings: CellSettings) -> CellCalibrat
     return CellCalibration(
         part="intrinsics",
         setting="camera.calibration",
-        procedure=lambda cell: calibrate_camera(wanted),
+        procedure=lambda cell: calibrate_camera(options.views),
         figures=figures,
         error=intrinsics_error,
         text=text,
@@ -117,7 +116,7 @@ def _hand_eye(options: argparse.Namespace, settings: CellSettings) -> CellCalibr
     present, table, present_provenance = camera_calibration(settings), settings.table, camera_provenance(settings)
     measured = present_provenance.get("intrinsics", {}).get("by") != DATA_SHEET
     kind = HandEyeSettings if measured else HandEyeSettings.with_lens_of_data_sheet
-    wanted = settings_of(kind, views=options.views)
+    wanted = kind(views=options.views)
 
     def pose(c: HandEyeCalibration) -> Array:
         return np.asarray(np.linalg.inv(table.T_base_table) @ c.T_base_camera)
@@ -168,7 +167,7 @@ def _tactile(options: argparse.Namespace, settings: CellSettings) -> CellCalibra
     return CellCalibration(
         part="thresholds",
         setting="grasp.calibration",
-        procedure=lambda cell: calibrate_tactile(cell.table, cell.grasp),
+        procedure=lambda cell: calibrate_tactile(cell.table),
         figures=figures,
         error=tactile_error,
         text=lambda c, provenance: tactile_text(

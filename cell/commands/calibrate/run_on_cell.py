@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from calibration.effects import Procedure
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
@@ -21,11 +21,10 @@ from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 
-__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "settings_of"]
+__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm"]
 
 Provenance = dict[str, dict[str, Any]]
 DATA_SHEET = "data sheet"
-S = TypeVar("S")
 
 
 @dataclass(frozen=True)
@@ -158,14 +157,6 @@ def camera_provenance(settings: CellSettings) -> Provenance:
         return shipped
     from_file = read_camera_file(settings.camera.calibration).provenance
     return shipped | {part: dict(notes) for part, notes in from_file.items()} if from_file else {}
-
-
-def settings_of(kind: Callable[..., S], **values: Any) -> S:
-    """Make a procedure's settings. Raises ConfigurationError for invalid values."""
-    try:
-        return kind(**values)
-    except ValueError as e:
-        raise ConfigurationError(str(e), "see foldcell calibrate --help") from e
 
 
 def mm(metres: float) -> float:

@@ -12,7 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.identify import MaterialEstimate, Noise, identify_material, outline_residual, predict_candidates
+from calibration.identify import (
+    SIGMA,
+    FrictionEstimate,
+    identify_friction,
+    outline_residual,
+    predict_candidates,
+)
 from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import simulated_paths
 from cell.states.stages import Attempt, Plan
@@ -32,31 +38,31 @@ def adapt(
 ) -> tuple[Garment, dict[str, object]]:
     """Return the garment with the friction learned from this fold, and figures for the journal. If learning is
     disabled or no fold remains, the garment is unchanged."""
-    contour, view, noise = inspection.contour, inspection.view, Noise()
+    contour, view = inspection.contour, inspection.view
     garment, predicted = plan.garment, attempt.predicted
     if not cell.settings.optimiser.learn_friction or index + 1 >= len(plan.steps):  # no fold remains
         return garment, {}
     residual = outline_residual(contour, _on_table(view, predicted.vertices), predicted.triangles)
-    if residual < noise.sigma:
+    if residual < SIGMA:
         return garment, {"outline_residual_m": residual}
     paths = simulated_paths(cell.settings, attempt.motion)
 
-    def learn() -> MaterialEstimate:
+    def learn() -> FrictionEstimate:
         candidates = predict_candidates(
             plan.mesh, plan.vertices, garment.material, paths, FACTORS, seen_as=lambda x: _on_table(view, x),
             pads=cell.settings.gripper.pads,
         )  # fmt: skip
-        return identify_material([contour], candidates, garment.material, noise)
+        return identify_friction(contour, candidates, garment.material)
 
     estimate = cell.compute(len(FACTORS) * cell.settings.computing.simulation_s, learn)
     material = estimate.update_of(garment.material, plan.nominal.material)
     before, after = garment.material.friction_static, material.friction_static
-    cell.recorder.adapted(cell.ports.clock.now(), after, estimate.friction.learned)
+    cell.recorder.adapted(cell.ports.clock.now(), after, estimate.learned)
     record: dict[str, object] = {
         "outline_residual_m": residual,
         "friction_before": before,
-        "friction_estimate": estimate.friction.value,
-        "friction_learned": estimate.friction.learned,
+        "friction_estimate": estimate.friction,
+        "friction_learned": estimate.learned,
         "friction": after,
         "misfit_m": estimate.misfit,
     }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.board import BOARD, BoardView, draw_view, find_board
-from calibration.camera import CameraSettings, calibrate_camera, fit_intrinsics
+from calibration.camera import calibrate_camera, fit_intrinsics
 from calibration.effects import Bring, Look, Note, Sight
 from robots.errors import FailureKind
 from robots.ports import BoardPlace, CameraFrame, Intrinsics
@@ -154,7 +154,7 @@ def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
     pictures = [painted(pose(np.random.default_rng(k))) for k in range(7)]
     pictures[2] = np.zeros_like(pictures[0])
     stack = iter(pictures)
-    outcome, asked = run(calibrate_camera(CameraSettings(views=6)), {Look: lambda _: sight(next(stack))})
+    outcome, asked = run(calibrate_camera(6), {Look: lambda _: sight(next(stack))})
     c = outcome.unwrap()
     assert c.views == 6 and abs(c.intrinsics.fx - K.fx) < 4 * c.sigma[0] + 1.0
     places = [e.place for e in asked if isinstance(e, Bring)]
@@ -164,6 +164,6 @@ def test_the_procedure_asks_for_the_board_until_it_has_its_views() -> None:
 
 def test_a_board_that_is_never_seen_ends_the_calibration_as_out_of_view() -> None:
     dark = sight(np.zeros((480, 640, 3), np.uint8))
-    outcome, asked = run(calibrate_camera(CameraSettings(views=5)), {Look: lambda _: dark})
+    outcome, asked = run(calibrate_camera(5), {Look: lambda _: dark})
     assert outcome.failure and outcome.failure.kind is FailureKind.OUT_OF_VIEW and outcome.failure.hint
     assert sum(isinstance(e, Look) for e in asked) == 10

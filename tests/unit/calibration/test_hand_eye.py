@@ -29,6 +29,8 @@ from skills.vocabulary import CameraCalibration, Outcome, Table
 TABLE = Table(-0.10, (0.20, 1.10), (-0.75, 0.75))
 CAMERA = CameraCalibration(MOUNT.intrinsics, np.linalg.inv(TABLE.T_base_table) @ MOUNT.T_base_camera(0.0))
 
+SETTINGS = HandEyeSettings()
+
 
 def random_pose(rng: np.random.Generator, turn: float = 1.0, shift: float = 0.3) -> np.ndarray:
     w = rng.standard_normal(3)
@@ -102,7 +104,7 @@ def test_exact_views_give_the_exact_camera(name: str) -> None:
     """With arms of seven and of six joints."""
     robot = find_robot(name).load_model()
     cell = Cell(robot, 0, noise=0.0, bias=0.0)
-    found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(6)).unwrap()
+    found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(6), SETTINGS).unwrap()
     assert off(cell.X, found.T_base_camera) == pytest.approx((0.0, 0.0), abs=1e-3)
     for side in Side:
         assert off(cell.Y[side], found.T_tool_board[side]) == pytest.approx((0.0, 0.0), abs=1e-3)
@@ -125,7 +127,7 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
     errors = []
     for seed in range(6):
         cell = Cell(robot, seed)
-        found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(12)).unwrap()
+        found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(12), SETTINGS).unwrap()
         errors.append(off(cell.X, found.T_base_camera))
         assert found.rms < 0.2 and found.position < 2e-3 and found.views == 24
         assert errors[-1][0] < 5.0 * 1e3 * found.position_sigma
@@ -138,7 +140,7 @@ def test_an_inaccurate_lens_calibration_shows_in_the_standard_deviation(robot: R
     this."""
     wrong = replace(MOUNT.intrinsics, fx=1.002 * MOUNT.intrinsics.fx, fy=1.002 * MOUNT.intrinsics.fy)
     cell = Cell(robot, 0)
-    found = fit_hand_eye(robot, wrong, cell.views(8)).unwrap()
+    found = fit_hand_eye(robot, wrong, cell.views(8), SETTINGS).unwrap()
     mm, _ = off(cell.X, found.T_base_camera)
     assert 0.5 < mm < 2.5 * 1e3 * found.position_sigma
 
@@ -153,7 +155,7 @@ def test_one_wrong_joint_reading_shows_in_the_standard_deviation(
     q = views[4].q.copy()
     q[1] += wrong
     views[4] = replace(views[4], q=q)
-    c = fit_hand_eye(robot, MOUNT.intrinsics, views).unwrap()
+    c = fit_hand_eye(robot, MOUNT.intrinsics, views, SETTINGS).unwrap()
     mm, degrees = off(cell.X, c.T_base_camera)
     assert mm < 1.5e3 * c.position_sigma and degrees < 1.5 * np.rad2deg(c.angle_sigma)
 
@@ -175,8 +177,11 @@ def test_a_board_that_slips_in_the_hand_shows_in_the_standard_deviation(robot: R
 
 
 def test_two_hands_reduce_the_standard_deviation(robot: RobotModel) -> None:
-    one = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8, (Side.LEFT,))).unwrap() for s in range(3)]
-    two = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8)).unwrap() for s in range(3)]
+    one = [
+        fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8, (Side.LEFT,)), SETTINGS).unwrap()
+        for s in range(3)
+    ]
+    two = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8), SETTINGS).unwrap() for s in range(3)]
     assert np.mean([c.position_sigma for c in two]) < np.mean([c.position_sigma for c in one])
 
 
@@ -189,7 +194,7 @@ def test_uninformative_poses_and_pictures_are_refused(robot: RobotModel) -> None
         (MOUNT.intrinsics, still, "one axis"),
         (wrong_lens, views, "miss"),
     ):
-        refused = fit_hand_eye(robot, lens, shown).failure
+        refused = fit_hand_eye(robot, lens, shown, SETTINGS).failure
         assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and word in refused.what and refused.hint
 
 
@@ -198,7 +203,7 @@ def procedure(robot: RobotModel, monkeypatch: pytest.MonkeyPatch, cell: Cell, an
     pictures."""
     from tests.unit.calibration.conftest import run
 
-    monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb, board: cell.view())
+    monkeypatch.setattr("calibration.hand_eye.find_board", lambda rgb: cell.view())
     frame = CameraFrame(
         0.0, 1, np.zeros((480, 640, 3), np.uint8), np.ones((480, 640), np.float32), MOUNT.intrinsics
     )

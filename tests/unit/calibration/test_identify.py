@@ -6,19 +6,17 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibration import identify
 from calibration.identify import (
     BOUND,
     FRICTIONS,
     Candidates,
-    MaterialEstimate,
-    Noise,
-    Quantity,
-    identify_material,
+    FrictionEstimate,
+    identify_friction,
     outline_residual,
     predict_candidates,
     silhouette,
 )
-from robots.errors import ConfigurationError
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.trajectory.arcs.paths import fold_paths
@@ -62,73 +60,51 @@ def dragging():
 def test_a_fold_that_drags_moves_the_estimate_towards_the_truth(dragging, factor):
     """The estimate moves in the right direction and nearer to the truth. The stated deviation is not a bound."""
     paths, grid = dragging
-    found = identify_material([seen(factor, paths)], grid, BELIEVED)
-    assert (found.friction.value - MU) * (factor - 1.0) > 0.0
-    assert abs(found.friction.value - factor * MU) < abs(MU - factor * MU)
-    assert found.friction.learned > 0.5
+    found = identify_friction(seen(factor, paths), grid, BELIEVED)
+    assert (found.friction - MU) * (factor - 1.0) > 0.0
+    assert abs(found.friction - factor * MU) < abs(MU - factor * MU)
+    assert found.learned > 0.5
 
 
 def test_a_fold_without_drag_leaves_the_prior_unchanged():
     """With an ordinary arc the part at rest does not move at any of these frictions, so nothing is learned."""
     paths = steep(0.25)
-    found = identify_material([seen(0.65, paths)], candidates(paths, (0.6, 1.6)), BELIEVED)
-    assert found.friction.learned < 0.2
-    assert found.friction.value == pytest.approx(MU, rel=0.1)
+    found = identify_friction(seen(0.65, paths), candidates(paths, (0.6, 1.6)), BELIEVED)
+    assert found.learned < 0.2
+    assert found.friction == pytest.approx(MU, rel=0.1)
     assert found.update_of(BELIEVED, BELIEVED).friction_static == pytest.approx(MU, rel=0.02)
 
 
-def moving(frictions, stretches, slope=0.1, growth=0.0):
-    """Candidates in which a square moves by slope * ln(mu) and grows by growth * s."""
-    shapes = [
-        [(shapely.box(slope * np.log(mu), 0.0, slope * np.log(mu) + 0.3 + growth * s, 0.3),) for s in stretches]
-        for mu in frictions
-    ]
-    return Candidates(np.array(frictions), np.array(stretches), shapes)
+def box(x, height=0.3):
+    return shapely.box(x, 0.0, x + 0.3, height)
+
+
+def outline(shape):
+    return np.asarray(shape.exterior.coords)[:-1]
+
+
+FOUR = np.array([0.25, 0.35, 0.5, 0.7])
+GRID = Candidates(FOUR, [box(0.1 * np.log(mu)) for mu in FOUR])
+"""A square that moves by 0.1 ln(mu)."""
 
 
 @pytest.mark.parametrize("truth", [0.32, 0.45, 0.6])
-def test_a_synthetic_drift_is_recovered(truth):
-    grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
-    outline = np.asarray(shapely.box(0.1 * np.log(truth), 0.0, 0.1 * np.log(truth) + 0.3, 0.3).exterior.coords)[
-        :-1
-    ]
-    found = identify_material([outline], grid, BELIEVED, Noise(sigma=0.001))
-    assert found.friction.value == pytest.approx(truth, rel=0.06)
-    assert found.misfit < 3e-3
-    assert found.stretch.learned == 0.0 and found.stretch.value == pytest.approx(0.03)
-
-
-def test_stretch_is_learned_only_where_the_outline_shows_it():
-    grid = {growth: moving((0.3, 0.6), (0.02, 0.03, 0.045), 0.1, growth) for growth in (0.3, 3.0)}
-    learned = []
-    for growth, candidate in grid.items():
-        outline = np.asarray(shapely.box(0.1 * np.log(MU), 0, 0.1 * np.log(MU) + 0.3 + growth * 0.042, 0.3)
-                             .exterior.coords)[:-1]  # fmt: skip
-        learned.append(identify_material([outline], candidate, BELIEVED).stretch)
-    assert learned[0].learned < 0.3 < learned[1].learned
-    assert learned[1].value == pytest.approx(0.042, rel=0.12)
+def test_a_synthetic_drift_is_recovered(monkeypatch, truth):
+    monkeypatch.setattr(identify, "SIGMA", 0.001)
+    found = identify_friction(outline(box(0.1 * np.log(truth))), GRID, BELIEVED)
+    assert found.friction == pytest.approx(truth, rel=0.06) and found.misfit < 3e-3
 
 
 def test_an_unexplained_outline_widens_the_estimate():
-    grid = moving((0.25, 0.35, 0.5, 0.7), (0.03,))
-    fitting, strange = shapely.box(-0.08, 0.0, 0.22, 0.3), shapely.box(-0.08, 0.0, 0.22, 0.45)
-    a, b = (identify_material([np.asarray(s.exterior.coords)[:-1]], grid, BELIEVED) for s in (fitting, strange))
-    assert b.misfit > 5 * a.misfit and b.friction.deviation > 2 * a.friction.deviation
-
-
-@pytest.mark.parametrize("bad", ["nan", "count", "order"])
-def test_inconsistent_input_is_refused(bad):
-    grid = moving((0.5, 0.3) if bad == "order" else (0.3, 0.5), (0.03,))
-    square = np.array([[0.0, 0], [0.3, 0], [0.3, 0.3], [0, np.nan if bad == "nan" else 0.3]])
-    with pytest.raises(ConfigurationError):
-        identify_material([square] * (2 if bad == "count" else 1), grid, BELIEVED)
+    a, b = (identify_friction(outline(box(-0.08, height)), GRID, BELIEVED) for height in (0.3, 0.45))
+    assert b.misfit > 5 * a.misfit and b.deviation > 2 * a.deviation
 
 
 @given(st.floats(0.05, 3.0), st.floats(0.0, 1.0), st.floats(0.3, 0.7))
 def test_an_update_is_damped_and_bounded(value, learned, believed):
     """The update lies between belief and estimate, and nearer to the estimate the more was learned. Both frictions
     change alike."""
-    estimate = MaterialEstimate(Quantity(value, 0.1, learned), Quantity(0.03, 0.01, 0.0), 0.002)
+    estimate = FrictionEstimate(value, 0.1, learned, 0.002)
     before = BELIEVED.with_friction(believed)
     after = estimate.update_of(before, BELIEVED)
     low, high = (1.0 - BOUND) * MU, (1.0 + BOUND) * MU

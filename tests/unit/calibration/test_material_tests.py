@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from calibration import shear
 from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
-from calibration.friction import calibrate_friction, friction_angle, slides, tilted
+from calibration.friction import calibrate_friction, friction_angle, tilted
 from calibration.shear import (
     CLIP,
     calibrate_shear,
@@ -22,8 +22,6 @@ from calibration.shear import (
 )
 from cell.config.garments.garment_file import list_garments, load_garment
 from robots.errors import ConfigurationError
-from skills.cloth.elasticity import GRAVITY
-from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.vocabulary import REFERENCE_DROP, Material
 
@@ -76,13 +74,6 @@ def test_the_friction_is_the_tangent_of_the_slope_and_the_virtual_towel_agrees()
     assert max(holding) < 1e-4 < test.tried[-1][1]
     frictions = [mu for mu, _ in test.tried]
     assert frictions == sorted(frictions, reverse=True)
-
-
-def test_a_towel_slides_as_a_block():
-    mesh = mesh_from_contour(TOWEL, 0.03)
-    angle, mu = math.radians(25.0), 0.3
-    moved, _ = slides(mesh, replace(MATERIAL, friction_static=mu, friction_dynamic=mu), angle, seconds=0.5)
-    assert moved == pytest.approx(0.5 * GRAVITY * (math.sin(angle) - mu * math.cos(angle)) * 0.25, rel=0.02)
 
 
 def test_a_tilted_table_is_a_rotation_with_the_side_at_low_x_lifted():

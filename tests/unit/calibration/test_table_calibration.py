@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.effects import Bring, Reach, Touch, TouchReadings
-from calibration.table import MOST_POINTS, TableSettings, calibrate_table, contact_height, fit_plane
-from robots.errors import Failure, FailureKind
+from calibration.table import MOST_POINTS, calibrate_table, check_points, contact_height, fit_plane
+from robots.errors import ConfigurationError, Failure, FailureKind
 from robots.ports import Side
 from skills.vocabulary import Outcome, Table
 from tests.unit.calibration.conftest import run
@@ -108,9 +108,9 @@ def plane(points: int, height: float = -0.104, a: float = 0.004, b: float = -0.0
     return np.column_stack((xy, height + a * off[:, 0] + b * off[:, 1]))
 
 
-def fitted(points: np.ndarray, **settings: float) -> Outcome:
+def fitted(points: np.ndarray) -> Outcome:
     sides = (Side.LEFT, Side.RIGHT) * len(points)
-    return fit_plane(points, sides[: len(points)], np.full(len(points), STIFFNESS), TableSettings(**settings))
+    return fit_plane(points, sides[: len(points)], np.full(len(points), STIFFNESS))
 
 
 def test_an_exact_plane_is_recovered() -> None:
@@ -171,7 +171,7 @@ def test_no_hand_descends_beside_a_narrow_table() -> None:
     refused = outcome.failure
     assert refused and refused.kind is FailureKind.UNREACHABLE and not asked, "nothing moves"
     assert "6 of 8" in refused.what and "not on the table" in refused.what and "--points" in refused.hint
-    outcome, asked = run(calibrate_table(narrow, TableSettings(points=6)), {Touch: flat})
+    outcome, asked = run(calibrate_table(narrow, 6), {Touch: flat})
     assert len(outcome.unwrap().points) == 6
     assert all(abs(e.y) <= 0.30 for e in asked if isinstance(e, Touch))
     short = Table(-0.10, (0.20, 0.75), (-0.75, 0.75))
@@ -190,5 +190,5 @@ def test_the_procedure_ends_without_contact_or_with_too_few_points() -> None:
 
 @pytest.mark.parametrize("points", [0, 2, MOST_POINTS + 1])
 def test_too_few_points_for_a_plane_are_refused(points: int) -> None:
-    with pytest.raises(ValueError, match="3 to"):
-        TableSettings(points=points)
+    with pytest.raises(ConfigurationError, match="3 to"):
+        check_points(points)

@@ -10,7 +10,6 @@ import pytest
 from calibration.effects import RecordTactile, TactileRecording, Touch
 from calibration.tactile import (
     FingerFigures,
-    TactileSettings,
     calibrate_tactile,
     false_contacts,
     finger_figures,
@@ -21,7 +20,6 @@ from robots.ports import Side, TactileReading
 from skills.grasping.confirm import CONFIRM_READINGS
 from skills.grasping.tare import TARE_READINGS
 from skills.vocabulary import Outcome, Table
-from tests.builders.shipped_settings import GRASP
 from tests.unit.calibration.conftest import run
 from tests.unit.calibration.test_table_calibration import TABLE, press
 
@@ -88,7 +86,7 @@ def figures(tip_noise: float = TIP, pad_drift: float = 0.0, pad_noise: float = 0
 
 
 def test_thresholds_are_ten_standard_deviations_of_the_compared_signal() -> None:
-    contact, held = thresholds({Side.LEFT: figures()}, GRASP).unwrap()
+    contact, held = thresholds({Side.LEFT: figures()}).unwrap()
     assert contact == pytest.approx(10 * TIP * np.sqrt(1 + 1 / TARE_READINGS), abs=1e-3)
     mean = np.sqrt(1 / CONFIRM_READINGS + 1 / TARE_READINGS)
     assert held == pytest.approx(10 * 0.035 * mean, abs=1e-3)
@@ -96,21 +94,21 @@ def test_thresholds_are_ten_standard_deviations_of_the_compared_signal() -> None
 
 def test_the_worse_hand_decides_and_more_noise_never_lowers_a_threshold() -> None:
     calm, loud = figures(), figures(0.05, 0.2, 0.06)
-    both = thresholds({Side.LEFT: calm, Side.RIGHT: loud}, GRASP).unwrap()
-    assert both == thresholds({Side.LEFT: loud}, GRASP).unwrap()
-    assert np.all(np.array(both) > thresholds({Side.LEFT: calm}, GRASP).unwrap())
+    both = thresholds({Side.LEFT: calm, Side.RIGHT: loud}).unwrap()
+    assert both == thresholds({Side.LEFT: loud}).unwrap()
+    assert np.all(np.array(both) > thresholds({Side.LEFT: calm}).unwrap())
 
 
 @pytest.mark.parametrize("bad", [figures(tip_noise=0.4), figures(pad_drift=3.0), figures(tip_noise=float("nan"))])
 def test_cells_that_no_threshold_helps_are_refused(bad: FingerFigures) -> None:
-    refused = thresholds({Side.LEFT: bad}, GRASP).failure
+    refused = thresholds({Side.LEFT: bad}).failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and refused.hint
 
 
 def test_the_procedure_listens_then_presses_with_each_hand() -> None:
     heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, 0.042, side=e.side))}
-    outcome, asked = run(calibrate_tactile(TABLE, GRASP), answers)
+    outcome, asked = run(calibrate_tactile(TABLE), answers)
     c = outcome.unwrap()
     assert c.false_contacts == 0 and c.zeros == 12
     for side in Side:  # the press is detected when a tip bears the threshold, after two more readings at 3 mm/s
@@ -122,14 +120,14 @@ def test_the_procedure_listens_then_presses_with_each_hand() -> None:
 def test_a_hand_that_feels_the_table_late_is_refused() -> None:
     heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.09)) for seed, side in enumerate(Side)}))
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
-    outcome, _ = run(calibrate_tactile(TABLE, GRASP), answers)
+    outcome, _ = run(calibrate_tactile(TABLE), answers)
     assert outcome.failure and outcome.failure.kind is FailureKind.LOW_CONFIDENCE and "mm" in outcome.failure.what
 
 
 def test_a_threshold_above_the_press_force_is_reported() -> None:
     heard = Outcome(TactileRecording({side: tuple(readings(seed, tip=0.17)) for seed, side in enumerate(Side)}))
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1))}
-    refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
+    refused = run(calibrate_tactile(TABLE), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE
     assert "was not detected: 1.4" in refused.what and all(np.isfinite(v) for v in refused.values.values())
 
@@ -139,10 +137,8 @@ def test_false_contacts_are_counted_over_the_horizon_after_a_late_first_reading(
     """Over a network a stamp is the time of arrival, so the first two may be any time apart."""
     heard = readings(tip=0.09)
     heard[0] = replace(heard[0], stamp=heard[1].stamp - first)
-    assert false_contacts(heard, 0.05, GRASP, TactileSettings()) == (6, 6), (
-        "the cells are far too noisy for the threshold"
-    )
-    assert false_contacts(heard, 5.0, GRASP, TactileSettings()) == (0, 6)
+    assert false_contacts(heard, 0.05) == (6, 6), "the cells are far too noisy for the threshold"
+    assert false_contacts(heard, 5.0) == (0, 6)
 
 
 def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,17 +146,12 @@ def test_readings_shorter_than_the_horizon_report_zero_windows(monkeypatch: pyte
     monkeypatch.setattr("calibration.tactile.false_contacts", lambda *_: (0, 0))
     heard = Outcome(TactileRecording({side: tuple(readings(seed)) for seed, side in enumerate(Side)}))
     answers = {RecordTactile: lambda _: heard, Touch: lambda e: Outcome(press(-0.1, side=e.side))}
-    refused = run(calibrate_tactile(TABLE, GRASP), answers)[0].failure
+    refused = run(calibrate_tactile(TABLE), answers)[0].failure
     assert refused and refused.kind is FailureKind.LOW_CONFIDENCE and "could not be counted" in refused.what
 
 
 @pytest.mark.parametrize("y", [(-0.28, 0.75), (-0.75, 0.28)])
 def test_no_hand_presses_beside_a_narrow_table(y: tuple[float, float]) -> None:
-    outcome, asked = run(calibrate_tactile(Table(-0.1, (0.20, 1.10), y), GRASP), {})
+    outcome, asked = run(calibrate_tactile(Table(-0.1, (0.20, 1.10), y)), {})
     assert outcome.failure and outcome.failure.kind is FailureKind.UNREACHABLE and outcome.failure.hint
     assert "not on the table" in outcome.failure.what and not asked
-
-
-def test_listening_must_be_longer_than_the_horizon() -> None:
-    with pytest.raises(ValueError, match="twice"):
-        TactileSettings(seconds=20.0)
