@@ -56,7 +56,7 @@ T = TypeVar("T")
 class Emulator:
     """Serves a cell's ports as a Baxter on ROS, with the cell's clock on /clock.
 
-    pace: largest ratio of cell time to wall time; None: no limit. patience: wall time for which the loop waits for
+    patience: wall time for which the loop waits for
     the next command after a command [s], so that a program on a busy machine is not late. A real robot does not
     wait. tell: called once for each kind of message that is not executed. past: the initial state, as an earlier
     program left it. Before the topics open, the ports' time advances until they have reached this state.
@@ -69,11 +69,10 @@ class Emulator:
         node: Node,
         camera: CameraTopics = CameraTopics(),  # noqa: B008  # frozen
         tell: Callable[[str], None] = lambda _: None,
-        pace: float | None = 1.0,
         patience: float = 0.0,
         past: InitialState = USED,
     ) -> None:
-        self._ports, self._node, self._camera, self._tell, self._pace = ports, node, camera, tell, pace
+        self._ports, self._node, self._camera, self._tell = ports, node, camera, tell
         self._patience, self._past = patience, past
         self._commanded = dict.fromkeys(Side, (-math.inf, -math.inf))
         """Arrival of each arm's latest command: cell time and wall time [s]."""
@@ -271,13 +270,11 @@ class Emulator:
                 self._command_came.wait(seconds)
 
     def _keep_pace(self, until: Event) -> None:
-        if self._pace is None:
-            time.sleep(0.0)  # yield to the topics' threads
-            return
+        """Wait, so that the cell's time runs no faster than the wall clock."""
         wall = time.monotonic()
         if self._origin is None:
             self._origin = wall, self._now
-        due = self._origin[0] + (self._now - self._origin[1]) / self._pace
+        due = self._origin[0] + (self._now - self._origin[1])
         if wall - due > MAX_LAG:
             self._origin = wall, self._now
         until.wait(max(0.0, due - wall))

@@ -145,10 +145,10 @@ def _plan_descent(
     return Outcome(Descent(frozen(solution.q), frozen(depth[:reached]), above))
 
 
-def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent], samples: int = 12) -> Array:
-    """Sample the joints (samples, joints) while all hands descend simultaneously to their planned grasps."""
-    q = np.tile(q_above, (samples, 1))
-    for i, share in enumerate(np.linspace(0.0, 1.0, samples)):
+def _simultaneous_descents(q_above: Array, descend: Mapping[Side, Descent]) -> Array:
+    """Sample the joints (12, joints) while all hands descend simultaneously to their planned grasps."""
+    q = np.tile(q_above, (12, 1))
+    for i, share in enumerate(np.linspace(0.0, 1.0, len(q))):
         for side, descent in descend.items():
             q[i, arm_slice(side, q.shape[1])] = descent.at(share * descent.grasp_depth)
     return q

@@ -35,7 +35,6 @@ def plan_along(
     q_now: Array,
     path: Array,
     *,
-    sides: tuple[Side, ...] = tuple(Side),
     limits: JointLimits | None = None,
     tool_speed: float | None = None,
 ) -> Outcome[ArmTrajectory]:
@@ -43,7 +42,7 @@ def plan_along(
 
     The motion joins the path at its sample nearest to q_now, and the distance from it fades out; if this is in
     collision, the arms first move straight to this sample. The fingers may touch the table. tool_speed: maximum
-    speed of the tools of `sides` [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE (q_now is
+    speed of the tools [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE (q_now is
     too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
     """
     invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
@@ -58,10 +57,10 @@ def plan_along(
     fading = _fading(rest, offset)
     if np.abs(fading - q_now).max() < 1e-6:
         return Outcome(hold(q_now))
-    planned = _timed(model, checker, fading, sides, limits, tool_speed)
+    planned = _timed(model, checker, fading, limits, tool_speed)
     if planned.failure and planned.failure.kind is FailureKind.IN_COLLISION:
         joining = np.linspace(q_now, rest[0], int(np.ceil(np.abs(offset).max() / SPACING)) + 1)
-        straight = _timed(model, checker, np.vstack([joining[:-1], rest]), sides, limits, tool_speed)
+        straight = _timed(model, checker, np.vstack([joining[:-1], rest]), limits, tool_speed)
         return straight if straight.ok else planned
     return planned
 
@@ -80,12 +79,11 @@ def _timed(
     model: RobotModel,
     checker: CollisionChecker,
     q: Array,
-    sides: tuple[Side, ...],
     limits: JointLimits | None,
     tool_speed: float | None,
 ) -> Outcome[ArmTrajectory]:
     """Return the motion along q (n, joints), if it is free."""
-    lengths = np.stack([_tool_travelled(model, side, q) for side in sides], axis=1)
+    lengths = np.stack([_tool_travelled(model, side, q) for side in Side], axis=1)
     try:
         motion = time_path(q, limits or model.planning, lengths=lengths, speed=tool_speed)
     except TimingError as e:

@@ -41,11 +41,10 @@ def plan_retreat(
     q_now: Array,
     sides: tuple[Side, ...] = tuple(Side),
     *,
-    height: float = RETREAT_HEIGHT,
     limits: JointLimits | None = None,
     rng: np.random.Generator | None = None,
 ) -> Outcome[Retreat]:
-    """Plan a straight lift by `height` [m] from q_now (joints,), at rest, then both arms to the parked pose.
+    """Plan a straight lift by RETREAT_HEIGHT from q_now (joints,), at rest, then both arms to the parked pose.
 
     If the retreat by the full height fails, smaller heights are tried (HEIGHT_SHARES). Failures: those of
     `plan_lift` and `plan_free_motion`, for the full height.
@@ -53,7 +52,9 @@ def plan_retreat(
     limits = limits or model.planning
     first_failure: Failure | None = None
     for share in HEIGHT_SHARES:
-        retreat = plan_lift(model, checker, q_now, sides, share * height, careful=CAREFUL_RISE, limits=limits)
+        retreat = plan_lift(
+            model, checker, q_now, sides, share * RETREAT_HEIGHT, careful=CAREFUL_RISE, limits=limits
+        )
         if retreat.ok:
             park = plan_free_motion(model, checker, retreat.unwrap().q[-1], model.q_park, limits=limits, rng=rng)
             if park.ok:

@@ -80,8 +80,8 @@ def no_path_found(contact: Contact | None) -> Failure:
     )
 
 
-def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
-    """Replace the corners of the path through points (n, joints) by parabolas, and sample it evenly: (samples,
+def blend_corners(points: Array, share: float) -> Array:
+    """Replace the corners of the path through points (n, joints) by parabolas, and sample it evenly: (120,
     joints).
 
     share: part (0..0.5) of each adjoining segment that a parabola replaces.
@@ -94,7 +94,7 @@ def blend_corners(points: Array, share: float, samples: int = 120) -> Array:
     path.append(points[-1:])
     path_points = np.vstack(path)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path_points, axis=0), axis=1))])
-    even_s = np.linspace(0.0, s[-1], samples)
+    even_s = np.linspace(0.0, s[-1], 120)
     return np.stack([np.interp(even_s, s, path_points[:, k]) for k in range(path_points.shape[1])], axis=1)
 
 

@@ -43,27 +43,13 @@ def validate_duration(seconds: float, what: str = "the motion") -> None:
         )
 
 
-def validate_path(path: Array, samples: int = 2, lengths: Array | None = None, speed: float | None = None) -> None:
-    """Raises TimingError if a joint path is not at least `samples` vectors of finite numbers.
-
-    The error is also raised for lengths (distances that the tools have travelled, one row per sample) that do not
-    fit the path or are not finite, and for a speed [m/s] that is not above zero.
-    """
+def validate_path(path: Array, samples: int = 2) -> None:
+    """Raises TimingError if a joint path is not at least `samples` vectors of finite numbers."""
     shape = np.shape(path)
     if len(shape) != 2 or shape[0] < samples or shape[1] == 0:
         what = f"a path of shape {shape} cannot be timed: {samples} or more samples are needed"
         raise _bad_input(what, shape=shape)
     _check_finite("joint path", path)
-    if lengths is not None:
-        if np.ndim(lengths) != 2 or len(lengths) != len(path):
-            raise _bad_input(
-                f"{len(path)} samples of the joint path do not fit tool lengths of shape {np.shape(lengths)}",
-                samples=len(path),
-                shape=np.shape(lengths),
-            )
-        _check_finite("tools' length", lengths)
-    if speed is not None and not speed > 0.0:
-        raise _bad_input(f"the tools' speed cap is {speed} m/s; it has to be above zero", speed=float(speed))
 
 
 def validate_times(t: Array, samples: int) -> None:

@@ -195,7 +195,7 @@ def time_path(
     with a stop between them. Raises TimingError for a single sample, for values that are not finite, and for a
     motion that would take too long.
     """
-    validate_path(path, lengths=lengths, speed=speed)
+    validate_path(path)
     kept = _without_repeats(path / limits.velocity)
     path, lengths = path[kept], None if lengths is None else lengths[kept]
     best: ArmTrajectory | None = None
@@ -427,11 +427,8 @@ class _WithLengths(toppra.interpolator.AbstractGeometricPath):
 
     @property
     def path_interval(self) -> Array:
+        """Range of the path parameter; TOPP-RA compares its grid with it."""
         return np.array([self._curves[0].x[0], self._curves[0].x[-1]])
-
-    @property
-    def waypoints(self) -> None:
-        return None
 
 
 def _smooth_and_stretch(curve: CubicSpline, t: Array, s: Array, limits: JointLimits) -> ArmTrajectory:

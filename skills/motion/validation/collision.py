@@ -183,13 +183,11 @@ class CollisionChecker:
                 smallest = min(smallest, pin.computeDistance(self._geometry, data, i).min_distance)
         return float(smallest)
 
-    def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05, allow_fingertips: bool = False) -> bool:
+    def edge_free(self, q0: Array, q1: Array, *, resolution: float = 0.05) -> bool:
         """Whether the straight line from q0 (joints,) to q1 (joints,) is free, checked every `resolution`
         [rad]."""
         n = max(1, int(np.ceil(np.abs(q1 - q0).max() / resolution)))
         # Indices divisible by high powers of two come first, because widely spaced poses find most collisions
         # early.
         order = sorted(range(1, n + 1), key=lambda i: (i & -i) * -1)
-        return not any(
-            self.in_collision(q0 + (i / n) * (q1 - q0), allow_fingertips=allow_fingertips) for i in order
-        )
+        return not any(self.in_collision(q0 + (i / n) * (q1 - q0)) for i in order)

@@ -176,15 +176,6 @@ def test_a_board_that_slips_in_the_hand_shows_in_the_standard_deviation(robot: R
         assert mm < 1.2e3 * c.position_sigma and degrees < 1.2 * np.rad2deg(c.angle_sigma)
 
 
-def test_two_hands_reduce_the_standard_deviation(robot: RobotModel) -> None:
-    one = [
-        fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8, (Side.LEFT,)), SETTINGS).unwrap()
-        for s in range(3)
-    ]
-    two = [fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, s).views(8), SETTINGS).unwrap() for s in range(3)]
-    assert np.mean([c.position_sigma for c in two]) < np.mean([c.position_sigma for c in one])
-
-
 def test_uninformative_poses_and_pictures_are_refused(robot: RobotModel) -> None:
     views = Cell(robot, 1).views(6)
     still = [replace(v, q=views[0].q, view=views[0].view) for v in views if v.side is Side.LEFT]

@@ -22,7 +22,6 @@ from calibration.shear import (
 )
 from cell.config.garments.garment_file import list_garments, load_garment
 from robots.errors import ConfigurationError
-from skills.cloth.settings import SolverSettings
 from skills.vocabulary import REFERENCE_DROP, Material
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
@@ -160,10 +159,6 @@ def test_the_calibrated_fabric_elongates_equally_on_another_mesh(hung):
     shape = hung_shape(TOWEL, pair, 1, MATERIAL.thickness, 0.026)
     found, _ = elongations(shape, replace(MATERIAL, stretch_fraction=hung.strip_stretch))
     assert found.mean() == pytest.approx(0.02, abs=3e-3)
-
-
-def test_the_reference_strip_equals_that_of_the_solver():
-    assert SolverSettings().reference_drop == REFERENCE_DROP
 
 
 def test_the_measured_line_lies_in_the_garment():

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from calibration.effects import Grip, Reach, RecordTactile, Touch
-from calibration.table import TableSettings, calibrate_table
+from calibration.table import calibrate_table
 from cell.calibrating import session
 from cell.calibrating.reach import holding_board
 from cell.calibrating.session import CalibrationRequest, calibrate
@@ -124,9 +124,7 @@ def test_a_stop_ends_a_calibration_immediately(tmp_path: Path) -> None:
             held[0].ports.stop.trigger("a test")
 
     request = CalibrationRequest("table", 0, "sim", load_settings(), tmp_path, False, say)
-    end = calibrate(
-        request, lambda cell: calibrate_table(cell.table, TableSettings(points=3)), lambda c, t: {}, held.append
-    )
+    end = calibrate(request, lambda cell: calibrate_table(cell.table, 3), lambda c, t: {}, held.append)
     assert end.value is None and end.failure and end.failure.kind is FailureKind.STOPPED
     assert end.result == "not_done" and end.safe and end.exit_code == 2
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:

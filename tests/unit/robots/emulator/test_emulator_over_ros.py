@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from served import PATIENCE, Program, Serve, wait
 
 from robots.baxter.names import ARM_JOINTS, JOINT_NAMES
 from robots.baxter.ros import topics
-from robots.baxter.ros.electric_gripper import FULL_FORCE, HARDWARE_ID
+from robots.baxter.ros.electric_gripper import HARDWARE_ID
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Intrinsics, Ports, Side, TactileReading, arm_slice
 from robots.ros.driver import CameraTopics
@@ -207,18 +206,6 @@ def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: Fa
     np.testing.assert_array_equal(cell.q, before)
 
 
-def test_an_unsupported_mode_holds_the_arm(serve: Serve, cell: FakeCell) -> None:
-    program = serve(cell.ports())
-    program.enable()
-    to, before = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command), cell.q.copy()
-    for _ in range(2):
-        to.publish(program.m.joint_command(2, [0.5] * 7, names(Side.LEFT)))
-        program.let(0.1)
-    wait(lambda: cell.commands, "it holds")
-    np.testing.assert_array_equal(cell.q, before)
-    assert len(program.told) == 1 and "mode 2" in program.told[0]
-
-
 # motors and stop ---------------------------------------------------------------------------------------
 
 
@@ -322,29 +309,6 @@ def test_the_gripper_is_calibrated_configured_and_closes(serve: Serve, simulated
     assert heard.newest.force == pytest.approx(0.0, abs=1.0)
     opening = program.emulator.perform(lambda: simulated.grippers[side].state().opening).result(PATIENCE)
     assert opening == pytest.approx(0.3 * simulated.grippers[side].max_opening, abs=1e-3)
-
-
-def test_the_configured_force_reaches_the_port(serve: Serve, cell: FakeCell) -> None:
-    ports, told = cell.ports(), []
-
-    class Gripper:
-        side, max_opening = Side.RIGHT, 0.03
-        state = staticmethod(ports.grippers[Side.RIGHT].state)
-
-        def calibrate(self) -> None: ...
-
-        def command(self, opening: float, force: float) -> None:
-            told.append((opening, force))
-
-    program = serve(replace(ports, grippers={**ports.grippers, Side.RIGHT: Gripper()}))
-    to = program.publisher(topics.gripper_command(Side.RIGHT), program.m.end_effector_command)
-    to.publish(program.m.end_effector_command(HARDWARE_ID, "configure", '{"holding_force": 40}', "test", 1))
-    for _ in range(3):
-        to.publish(program.m.end_effector_command(HARDWARE_ID, "go", '{"position": 50}', "test", 2))
-    to.publish(program.m.end_effector_command(HARDWARE_ID + 1, "go", '{"position": 60}', "test", 3))
-    to.publish(program.m.end_effector_command(HARDWARE_ID, "go", '{"position": 70}', "test", 4))
-    wait(lambda: len(told) > 1, "both")
-    assert told == [pytest.approx((0.015, 0.4 * FULL_FORCE)), pytest.approx((0.021, 0.4 * FULL_FORCE))]
 
 
 def test_the_head_turns_to_the_commanded_angle(serve: Serve, simulated: Ports) -> None:
@@ -469,15 +433,3 @@ def test_commands_that_arrive_while_the_loop_is_busy_expire(serve: Serve, cell: 
     program.let(0.1)
     assert cell.commands == []
     program.insist(to, shuffled(program, Side.LEFT, cell.q), lambda: cell.commands, "a new one is obeyed")
-
-
-def test_arms_keep_the_commanded_speed_ratio(serve: Serve, cell: FakeCell) -> None:
-    free, held = FakeCell(), cell
-    program = serve(held.ports(), pace=1.0)
-    program.let(0.1)
-    wall, begin = time.monotonic(), held.now
-    program.let(1.0)
-    assert held.now - begin <= time.monotonic() - wall + 0.05  # a slow machine may be slower
-    program.end()
-    program = serve(free.ports(), pace=None)
-    wait(lambda: free.now > 5.0, "time flies")

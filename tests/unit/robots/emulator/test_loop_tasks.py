@@ -2,30 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from robots.baxter.emulator.loop_tasks import SETTLE, LoopTasks
-
-
-def test_a_task_runs_at_the_next_tick_and_completes_after_publishing() -> None:
-    errands, done = LoopTasks(), []
-    future = errands.ask(lambda: done.append(1) or "answer")
-    assert not done
-    assert errands.run() and done == [1]
-    for _ in range(SETTLE - 1):
-        assert not errands.run()
-        assert not future.done()
-    errands.run()
-    assert future.result(0) == "answer" and done == [1]
-
-
-def test_an_exception_of_a_task_is_raised_by_its_future() -> None:
-    errands = LoopTasks()
-    future = errands.ask(lambda: 1 // 0)
-    for _ in range(SETTLE + 1):
-        errands.run()
-    with pytest.raises(ZeroDivisionError):
-        future.result(0)
+from robots.baxter.emulator.loop_tasks import LoopTasks
 
 
 def test_a_cancelled_task_is_not_executed() -> None:

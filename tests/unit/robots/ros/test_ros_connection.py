@@ -51,13 +51,6 @@ def test_all_silent_topics_are_named_in_one_error(puppet: Puppet, connect: Conne
     assert master_address()[0] in error.hint
 
 
-def test_a_silent_robot_is_refused(puppet: Puppet, connect: Connect, monkeypatch) -> None:
-    monkeypatch.setattr(connection, "ANSWER_S", 0.4)
-    puppet.silent = set(HEARD)
-    error = refusal(connect)
-    assert all(topic in error.what for topic in HEARD)
-
-
 def test_pads_with_another_message_format_count_as_silent(connect: Connect, monkeypatch) -> None:
     monkeypatch.setattr(connection, "ANSWER_S", 2.5)
     error = refusal(connect, tactile_rows=5)

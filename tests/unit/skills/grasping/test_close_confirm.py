@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.grasping.close import Closed, CloseState, close, speed_of, start_close
+from skills.grasping.close import Closed, CloseState, close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, count_layers, start_confirm
 from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.tare import TactileBias, start_tare, tare
@@ -94,12 +94,6 @@ def test_closing_ends_with_pads_that_are_already_closed() -> None:
     hand.opening = 0.001
     end, _ = close_on(hand)
     assert end.ok
-
-
-def test_the_opening_speed_is_estimated_from_readings() -> None:
-    pairs = tuple((0.01 * k, 0.03 - 0.001 * k) for k in range(10))
-    assert speed_of(pairs) == pytest.approx(-0.1)
-    assert speed_of(pairs[:3]) is None
 
 
 # --- confirming: rates over seeded grasps --------------------------------------------------------------
@@ -199,15 +193,6 @@ def test_the_probability_of_a_layer_count_is_calibrated() -> None:
     assert right[unsure].mean() == pytest.approx(said[unsure].mean(), abs=0.08)
 
 
-def test_a_repeated_reading_counts_once() -> None:
-    hand, pads = grasp(0, 1.0, 1)
-    state, reading = start_confirm(SETTINGS, pads, Expectation(NOMINAL)), hand.read()
-    for _ in range(50):
-        state = confirm(reading, state)
-        assert not isinstance(state, Outcome)
-    assert len(state.pads) == 1
-
-
 # --- lifting -------------------------------------------------------------------------------------------
 
 
@@ -234,15 +219,6 @@ def test_a_lift_that_keeps_its_grip_is_held_and_one_that_loses_it_is_missed(scal
         hand.opening, hand.pads = thickness, force * 0.3
         wrong["pressure gone"] += lift_of(hand, pads, held).ok
     assert wrong == {"kept": 0, "fallen": 0, "pressure gone": 0}
-
-
-def test_a_lift_updates_the_figures_of_the_grasp() -> None:
-    hand, pads = grasp(1, 1.0, 1)
-    held = confirm_on(hand, pads).unwrap()
-    hand.pads = hand.pads * 0.9
-    lifted = lift_of(hand, pads, held).unwrap()
-    assert lifted.grip == pytest.approx(0.9 * held.grip, rel=0.05) and lifted.count == held.count
-    assert lifted.stamp > held.stamp
 
 
 def test_stale_readings_end_every_grasp_phase() -> None:

@@ -216,8 +216,3 @@ def test_descent_limits_in_the_wrong_order_are_refused() -> None:
         DescentGoal(contact=0.0, bottom=0.01)
     with pytest.raises(ValueError, match="bottom"):
         DescentGoal(contact=0.01, bottom=0.005, stop=0.0)
-
-
-def test_the_same_readings_give_the_same_commands() -> None:
-    first, second = (lower(DescendingHand(5)) for _ in range(2))
-    assert first == second

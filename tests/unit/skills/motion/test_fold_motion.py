@@ -19,7 +19,7 @@ from skills.motion.moves.grasp import plan_grasp
 from skills.motion.moves.lift import plan_lift
 from skills.motion.moves.retreat import CAREFUL_RISE, plan_retreat
 from skills.motion.timing.inputs import LONGEST_MOTION
-from skills.motion.timing.timing import free_motion, peaks
+from skills.motion.timing.timing import peaks
 from skills.motion.validation.collision import CollisionChecker
 from skills.motion.validation.trajectory_check import check_trajectory
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, Outcome, Table, ToolPath, tool_rotation
@@ -432,12 +432,6 @@ def test_hands_that_would_collide_are_reported_by_name(checker):
     assert failure.values["binding"]["constraint"] == "arms" and "further apart" in failure.hint
 
 
-def test_paths_that_do_not_fit_the_step_are_refused(checker):
-    step, paths = towel_fold("medium", 1)
-    with pytest.raises(ValueError, match="do not fit"):
-        planned(checker, step, {GraspId.LEFT: paths[GraspId.LEFT]})
-
-
 def test_arms_above_the_table_retreat_to_the_parked_pose(checker):
     step, paths = towel_fold("large", 2)
     motion = planned(checker, step, paths).unwrap()
@@ -510,16 +504,6 @@ def test_angles_of_is_the_inverse_of_tool_rotation():
     h, p, r = rng.uniform(-3, 3, 50), rng.uniform(-1.2, 1.2, 50), rng.uniform(-1.2, 1.2, 50)
     R = tool_rotation(h, p, r)
     assert np.abs(tool_rotation(*angles_of(R)) - R).max() < 1e-12
-
-
-def test_path_deviation_measures_a_known_offset():
-    """The tests above use `path_deviation`."""
-    motion = free_motion(MODEL.q_park, MODEL.q_park + 0.1, MODEL.planning)
-    position = tools(Side.LEFT, motion.q)[:, :3, 3] - [0, 0, TABLE.height]
-    zero = np.zeros(len(position))
-    for off in (0.0, 0.02):
-        path = ToolPath(motion.t, position + np.array([0, 0, off]), zero, zero, zero)
-        assert 0.5 * off <= path_deviation(MODEL, TABLE, motion, {Side.LEFT: path}) <= off + 1e-6
 
 
 def test_a_hand_turned_by_pi_leans_in_the_same_direction():

@@ -211,7 +211,6 @@ def spoilt(values, wrong):
     "ask",
     [
         lambda wrong: time_path(spoilt(GOOD, wrong), LIMITS),
-        lambda wrong: time_path(GOOD, LIMITS, lengths=spoilt(np.ones((4, 2)), wrong), speed=0.1),
         lambda wrong: time_law(spoilt(GOOD, wrong), TIMES, LIMITS),
         lambda wrong: time_law(GOOD, spoilt(TIMES, wrong), LIMITS),
         lambda wrong: free_motion(spoilt(GOOD[0], wrong), GOOD[1], LIMITS),
@@ -232,9 +231,6 @@ def test_values_that_are_not_finite_are_refused_with_their_place(ask, wrong):
         (lambda: time_path(GOOD[:1], LIMITS), "2 or more"),
         (lambda: time_path(GOOD[:0], LIMITS), "2 or more"),
         (lambda: time_path(GOOD[0], LIMITS), "2 or more"),
-        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((3, 1)), speed=0.1), "4 samples"),
-        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((4, 1)), speed=0.0), "above zero"),
-        (lambda: time_path(GOOD, LIMITS, lengths=np.ones((4, 1)), speed=np.nan), "above zero"),
         (lambda: time_law(GOOD[:1], TIMES[:1], LIMITS), "2 or more"),
         (lambda: time_law(GOOD, TIMES[:3], LIMITS), "4 samples"),
         (lambda: time_law(GOOD, TIMES[[0, 1, 1, 3]], LIMITS), "sample 1 is at 0.666667 s"),

@@ -267,33 +267,6 @@ def test_set_points_keep_the_joint_velocity_limits(puppet: Puppet, arms: Arms, l
     np.testing.assert_allclose(arms.command(stood + 5.0).q, np.minimum(stood + reach, limits.upper), atol=1e-12)
 
 
-def test_set_points_are_within_the_limits_for_any_command(puppet: Puppet, arms: Arms, limits: JointLimits) -> None:
-    puppet.q = limits.upper - 0.01
-    wait(lambda: np.array_equal(arms.port.state().q, puppet.q), "they stand near their ends")
-    sent = arms.command(limits.upper + 0.01, 3.0 * limits.velocity)
-    np.testing.assert_array_equal(sent.q, limits.upper)
-    np.testing.assert_array_equal(sent.qd, limits.velocity)
-    assert sent.clipped
-
-
-def test_arms_outside_their_limits_hold_and_return_without_a_jump(
-    puppet: Puppet, arms: Arms, limits: JointLimits
-) -> None:
-    """A person pushed the arms there."""
-    reach = limits.velocity * JUMP_TIME
-    puppet.q = limits.upper + 2.5 * reach
-    stood = puppet.q.copy()
-    wait(lambda: np.array_equal(arms.port.state().q, stood), "they stand outside")
-    held = arms.command(stood)
-    np.testing.assert_array_equal(held.q, stood)
-    assert not held.clipped
-    for k in (1, 2, 3):
-        arms.pass_time(0.01)
-        sent = arms.command(limits.upper - 0.01)
-        np.testing.assert_allclose(sent.q, np.maximum(stood - k * reach, limits.upper - 0.01), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(arms.command(stood).q, limits.upper)  # the arms do not leave their limits again
-
-
 def test_the_first_set_point_after_enabling_starts_at_the_arms_position(
     puppet: Puppet, ports: Ports, limits: JointLimits
 ) -> None:

@@ -69,12 +69,6 @@ def test_the_time_of_a_suspend_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     assert clock.now() - before >= 600.0
 
 
-def test_the_clock_reads_the_time_of_the_topic(told: Told) -> None:
-    assert told.clock.now() == 0.0
-    told.set(12.5)
-    assert told.clock.now() == 12.5
-
-
 def test_the_topics_clock_never_goes_back(told: Told) -> None:
     told.set(12.5)
     told.say(3.0)

@@ -11,7 +11,7 @@ from puppet import Connect, Hand, HandClock, Puppet, wait
 
 from robots.baxter.ros.ports.gripper import RosGripper
 from robots.errors import DriverError, FailureKind
-from robots.ports import Ports, Side
+from robots.ports import Side
 from robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
@@ -145,18 +145,6 @@ def test_the_newest_of_several_quick_commands_wins(bench: Bench, puppet: Puppet)
     assert heard == sorted(heard)
 
 
-def test_a_new_command_during_force_configuration_wins(bench: Bench, puppet: Puppet) -> None:
-    bench.calibrate()
-    bench.hand.deaf = True
-    bench.port.command(0.01, 6.0)
-    bench.port.command(0.02, 6.0)
-    bench.hand.deaf = False
-    while bench.port.state().moving:
-        bench.pass_time(0.06)
-    assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"]
-    assert bench.port.state().opening == pytest.approx(0.02)
-
-
 def test_the_force_is_configured_only_when_it_changes(bench: Bench) -> None:
     bench.calibrate()
     for opening, force in ((0.01, 6.0), (0.02, 6.0), (0.01, 3.0), (0.03, 3.0), (0.02, 6.0)):
@@ -225,12 +213,6 @@ def test_a_silent_gripper_is_a_fault_after_a_while(bench: Bench, puppet: Puppet)
     assert bench.port.state().stamp == stamp < bench.clock.now()
 
 
-def test_a_command_without_calibration_is_refused(bench: Bench, puppet: Puppet) -> None:
-    assert "calibrated" in fault(bench.port)
-    puppet.let(10)
-    assert bench.hand.heard == []
-
-
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_a_command_that_is_not_a_number_is_refused(bench: Bench, wrong: float) -> None:
     bench.calibrate()
@@ -248,26 +230,6 @@ def test_the_gripper_state_is_in_metres_and_newtons(bench: Bench, puppet: Puppet
     bench.hand.moving, bench.hand.calibrated = 0, 2
     bench.done()
     assert not bench.port.state().calibrated
-
-
-def test_the_state_before_the_first_message_has_no_valid_time(puppet: Puppet, node: Node) -> None:
-    puppet.hush("/robot/end_effector/right_gripper/state")
-    state = RosGripper(node, HandClock(), Side.RIGHT).state()
-    assert state.stamp == -math.inf and math.isnan(state.opening) and not state.calibrated
-
-
-def test_a_gripper_counts_as_moving_while_a_command_waits(bench: Bench) -> None:
-    bench.calibrate()
-    bench.hand.deaf = True
-    assert not bench.port.state().moving
-    bench.port.command(0.02, 6.0)
-    assert bench.port.state().moving
-    bench.pass_time(0.3)
-    assert bench.port.state().moving
-    bench.hand.deaf = False
-    while bench.port.state().moving:
-        bench.pass_time(0.06)
-    assert bench.port.state().opening == pytest.approx(0.02)
 
 
 def test_an_answer_to_another_program_is_ignored(puppet: Puppet, connect: Connect) -> None:
@@ -296,25 +258,6 @@ def test_each_side_has_its_own_gripper(puppet: Puppet, connect: Connect) -> None
         assert right.state().opening == pytest.approx(FULL) == right.max_opening
 
 
-def test_a_command_interrupted_by_a_stop_is_not_executed_afterwards(puppet: Puppet, ports: Ports) -> None:
-    hand, port = puppet.hands[Side.LEFT], ports.grippers[Side.LEFT]
-    port.calibrate()
-    wait(lambda: not port.state().moving, "calibrated")
-    hand.deaf = True
-    port.command(0.03, 6.0)
-    assert port.state().moving
-    ports.stop.trigger("a test")
-    wait(lambda: not port.state().moving, "nothing waits any more")
-    for order in (port.calibrate, lambda: port.command(0.01, 6.0)):
-        with pytest.raises(DriverError) as caught:
-            order()
-        assert caught.value.kind is FailureKind.STOPPED
-    before = list(hand.handled)
-    hand.deaf = False
-    puppet.let(20)
-    assert hand.handled == before and hand.position == 37.0
-
-
 @at_once_or_not
 @pytest.mark.parametrize("calibrated", [False, True], ids=["new", "calibrated"])
 def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
@@ -330,16 +273,3 @@ def test_a_gripper_in_error_is_reset_before_it_is_calibrated(
     cleared = ["clear_calibration"] * calibrated
     assert [h[0] for h in bench.handled()] == ["reset", *cleared, "calibrate", "configure", "go"]
     assert bench.port.state().calibrated and bench.port.state().opening == pytest.approx(0.02)
-
-
-def test_a_gripper_in_calibration_does_not_count_as_calibrated(bench: Bench, puppet: Puppet) -> None:
-    bench.calibrate()
-    assert bench.port.state().calibrated
-    bench.hand.deaf = True
-    bench.port.calibrate()
-    puppet.let(5)
-    assert not bench.port.state().calibrated and bench.port.state().moving
-    bench.hand.deaf = False
-    bench.pass_time(0.5)
-    bench.done()
-    assert bench.port.state().calibrated

@@ -175,26 +175,6 @@ def test_the_last_command_of_any_sequence_is_executed(calibrated: bool, deeds: l
     bench.ends()
 
 
-@pytest.mark.parametrize("error", [False, True], ids=["healthy", "in error"])
-@pytest.mark.parametrize("calibrated", [False, True], ids=["new", "calibrated"])
-def test_a_command_right_after_a_calibration_follows_it(calibrated: bool, error: bool) -> None:
-    bench = Bench(calibrated, error)
-    bench.calibrate()
-    bench.command(0.01, 6.0)
-    bench.ends()
-    assert bench.hand.calibrations == 1
-
-
-def test_the_last_of_many_commands_right_after_a_calibration_is_executed() -> None:
-    bench = Bench(calibrated=True, error=True)
-    bench.calibrate()
-    for opening in (0.01, 0.02, 0.03, 0.02):
-        bench.command(opening, 6.0)
-        bench.states(1)
-    bench.ends()
-    assert bench.hand.calibrations == 1
-
-
 @pytest.mark.parametrize("states", range(8))
 def test_a_second_calibration_during_the_first_is_executed(states: int) -> None:
     """The end of the first calibration is not taken for the end of the second."""

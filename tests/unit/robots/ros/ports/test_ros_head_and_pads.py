@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from puppet import HEAD, PADS, HandClock, Puppet, pads, wait
 
-from robots.baxter.ros.ports.head import RosHead
 from robots.baxter.ros.ports.tactile import RosTactile
-from robots.errors import DriverError
-from robots.ports import JointState, Ports, Side
+from robots.ports import Ports, Side
 from robots.ros.node import Node
 
 pytestmark = pytest.mark.filterwarnings("ignore:notifyAll")  # a warning of rospy
@@ -31,47 +29,6 @@ def test_the_head_is_commanded_until_it_arrives(puppet: Puppet, ports: Ports) ->
     message = puppet.heard[HEAD][-1]
     assert message.target == pytest.approx(0.4) and 0.0 < message.speed_ratio <= 1.0
     assert message.enable_pan_request == 1
-
-
-def standing(pan: float) -> JointState:
-    zero = np.zeros(14)
-    return JointState(0.0, zero, zero, zero, pan)
-
-
-def test_a_head_that_does_not_arrive_is_commanded_for_five_seconds(puppet: Puppet, node: Node) -> None:
-    clock = HandClock()
-    head = RosHead(node, clock)
-    wait(lambda: puppet.hears(HEAD), "it is heard")
-    head.watch(standing(0.0))
-    head.command_pan(0.4)
-    wait(lambda: len(puppet.heard[HEAD]) == 1, "it is told")  # a newer command would replace it
-    for n in range(1, 40):
-        clock.time += 0.125
-        head.watch(standing(0.0))
-        head.watch(standing(0.0))
-        wait(lambda n=n: len(puppet.heard[HEAD]) == n + 1, "once more")
-    for _ in range(5):
-        clock.time += 0.125
-        head.watch(standing(0.0))
-    puppet.let(10)
-    assert len(puppet.heard[HEAD]) == 40
-
-
-def test_the_head_turns_no_further_than_its_limit(puppet: Puppet, ports: Ports) -> None:
-    ports.head.command_pan(3.0)
-    wait(lambda: ports.arms.state().head_pan > 1.0, "it turns")
-    assert 1.3 < ports.arms.state().head_pan < 1.396
-    ports.head.command_pan(-3.0)
-    wait(lambda: ports.arms.state().head_pan < -1.3, "it turns back")
-    puppet.stays(lambda: len(puppet.heard[HEAD]))
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
-def test_an_invalid_head_angle_is_not_sent(puppet: Puppet, ports: Ports, wrong: float) -> None:
-    with pytest.raises(DriverError):
-        ports.head.command_pan(wrong)
-    puppet.let(10)
-    assert puppet.heard[HEAD] == []
 
 
 # the pads ----------------------------------------------------------------------------------------------
@@ -143,12 +100,3 @@ def test_the_reading_before_the_first_message_has_no_valid_time(puppet: Puppet, 
     puppet.hush(PADS[LEFT])
     reading = RosTactile(node, HandClock(), LEFT, 4).reading()
     assert reading.stamp == -np.inf and np.isnan(reading.cells).all() and np.isnan(replace(reading).tip).all()
-
-
-def test_a_stopped_head_motion_is_not_resumed(puppet: Puppet, ports: Ports) -> None:
-    puppet.deaf.add(HEAD)
-    ports.head.command_pan(0.4)
-    wait(lambda: len(puppet.heard[HEAD]) >= 2, "it is told again")
-    ports.stop.trigger("a test")
-    puppet.let(10)
-    puppet.stays(lambda: len(puppet.heard[HEAD]))
