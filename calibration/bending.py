@@ -28,7 +28,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
 
-__all__ = ["BendingCalibration", "bending_length", "calibrate_bending", "cantilever", "peirce"]
+__all__ = ["ANGLE", "BendingCalibration", "bending_length", "calibrate_bending", "cantilever", "peirce"]
 
 ANGLE = math.radians(41.5)
 """Slope of the plane that the tip has to reach [rad]."""
@@ -88,8 +88,6 @@ class BendingCalibration:
     mesh: ClothMesh
     pictures: Array
     times: Array
-    plane: float = ANGLE
-    """Slope of the plane that the tip has to reach [rad]."""
 
     def tip_angle(self, positions: Array) -> float:
         """Return the angle below the horizontal from the start of the free part to the tip [rad]. positions: (n,
@@ -106,24 +104,20 @@ class BendingCalibration:
         return self.simulated / self.bending_length - 1.0
 
 
-def calibrate_bending(material: Material, overhang: float, edge: float = EDGE) -> BendingCalibration:
+def calibrate_bending(material: Material, overhang: float) -> BendingCalibration:
     """Compute the bending length for a measured overhang [m], and perform the virtual test of that fabric.
 
     The result's `agrees` states whether the virtual strip bends as far as the real one. Raises ConfigurationError
     for an overhang that no fabric has.
     """
-    return cantilever(replace(material, bending_length=bending_length(overhang)), edge)
+    return cantilever(replace(material, bending_length=bending_length(overhang)))
 
 
-def cantilever(
-    material: Material, edge: float = EDGE, substeps: int | None = None, pictures: int = 61
-) -> BendingCalibration:
-    """Perform the virtual test of a fabric on a mesh of `edge` [m]. substeps: number per frame; None: chosen for
-    the fabric. pictures: number of recorded moments."""
+def cantilever(material: Material, edge: float = EDGE, pictures: int = 61) -> BendingCalibration:
+    """Perform the virtual test of a fabric on a mesh of `edge` [m]. pictures: number of recorded moments."""
     overhang, behind = EDGES * edge, np.sqrt(3.0) / 4.0 * edge
     gravity = GRAVITY * (2.0 * material.bending_length / (overhang + behind)) ** 3
-    if substeps is None:
-        substeps = 4 * math.ceil(SUBSTEPS / 4 * max(1.0, material.bending_length / SOFT) ** 1.5)
+    substeps = 4 * math.ceil(SUBSTEPS / 4 * max(1.0, material.bending_length / SOFT) ** 1.5)
     mesh = _strip(overhang, edge)
     x = np.column_stack([mesh.rest, np.full(len(mesh.rest), 0.5 * overhang)])
     # the clamp holds the part on the platform, so the strip leaves the edge level

@@ -78,12 +78,8 @@ def calibrate_camera(wanted: int) -> Procedure[IntrinsicsCalibration]:
     for k in range(max_pictures):
         if len(views) == wanted:
             break
-        asked = yield from bring(BoardPlace.SHOWN)
-        sight = yield from look()
-        failure = asked.failure or sight.failure
-        if failure:
-            return Outcome(failure=failure)
-        rgb = sight.unwrap().frame.rgb
+        yield from bring(BoardPlace.SHOWN)
+        rgb = (yield from look()).frame.rgb
         view = find_board(rgb)
         if view is None or len(view.index) < MIN_CORNERS:
             found = 0 if view is None else len(view.index)

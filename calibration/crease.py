@@ -94,7 +94,6 @@ def press_coupons(
     seconds: float,
     residual_curvature: float = RESIDUAL_CURVATURE,
     edge: float = EDGE,
-    crease_time: float = CREASE_TIME,
     specimens: int = SPECIMENS,
 ) -> tuple[float, PressedCoupon]:
     """Simulate the test. Returns the mean kept angle [rad] and the first specimen.
@@ -104,7 +103,7 @@ def press_coupons(
     """
     settings = SolverSettings(
         substeps=SUBSTEPS, gravity=(0.0, 0.0, 0.0), drag=DRAG, sleep_frames=0,
-        residual_curvature=residual_curvature, crease_set=crease_set, crease_time=crease_time,
+        residual_curvature=residual_curvature, crease_set=crease_set,
     )  # fmt: skip
     pressed = replace(material, thickness=min(material.thickness, MOST_THICKNESS * edge))
     coupons = [

@@ -2,8 +2,8 @@
 
 A procedure is a generator. It yields effects, receives their outcomes and returns its own outcome. It has no other
 access to the cell. The runner in cell/calibrating performs the effects: it plans, checks, watches the stop circuit
-and writes the journal. A procedure receives only planning failures (UNREACHABLE, IN_COLLISION) and may handle
-them. Every other failure ends it.
+and writes the journal. A procedure receives only the failures of planning (ANSWERABLE), which come before any
+motion, and may handle them. Every other failure ends it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from robots.errors import FailureKind
 from robots.ports import Array, BoardPlace, CameraFrame, Side, TactileReading
 from skills.vocabulary import Outcome
 
 __all__ = [
+    "ANSWERABLE",
     "Bring",
     "Effect",
     "Grip",
@@ -133,13 +135,17 @@ class Note:
 
 Effect = Look | Reach | Touch | RecordTactile | Grip | Bring | Note
 
+ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
+"""Failures of planning, which the procedure receives."""
+
 T = TypeVar("T")
 Answer = Outcome[Any]
-Procedure = Generator[Effect, Answer, Outcome[T]]
+Request = Generator[Effect, Answer, T]
+Procedure = Request[Outcome[T]]
 
 
-def look() -> Procedure[Sight]:
-    return (yield Look())
+def look() -> Request[Sight]:
+    return (yield Look()).unwrap()
 
 
 def reach(side: Side, T_base_tool: Array) -> Procedure[Array]:
@@ -151,17 +157,17 @@ def touch(side: Side, x: float, y: float) -> Procedure[TouchReadings]:
     return (yield Touch(side, x, y))
 
 
-def listen(seconds: float) -> Procedure[TactileRecording]:
-    return (yield RecordTactile(seconds))
+def listen(seconds: float) -> Request[TactileRecording]:
+    return (yield RecordTactile(seconds)).unwrap()
 
 
-def grip(side: Side, opening: float, force: float) -> Procedure[bool]:
-    return (yield Grip(side, opening, force))
+def grip(side: Side, opening: float, force: float) -> Request[None]:
+    yield Grip(side, opening, force)
 
 
-def bring(place: BoardPlace) -> Procedure[bool]:
-    return (yield Bring(place))
+def bring(place: BoardPlace) -> Request[None]:
+    yield Bring(place)
 
 
-def note(text: str, picture: NDArray[np.uint8] | None = None, name: str = "") -> Procedure[bool]:
-    return (yield Note(text, picture, name))
+def note(text: str, picture: NDArray[np.uint8] | None = None, name: str = "") -> Request[None]:
+    yield Note(text, picture, name)

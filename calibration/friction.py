@@ -40,6 +40,9 @@ LIFTS, LIFT_S = 10, 0.1
 """Number of steps in which the table is lifted, and the duration of each [s]."""
 EDGE = 0.026
 
+Picture = tuple[Array, float, float, float]
+"""Vertices (n, 3), time since the last picture [s], slope of the table [rad] and friction."""
+
 
 def friction_angle(height: float, length: float) -> float:
     """Return asin(H_s / L_t) [rad], with the height H_s of the lifted side and the table's length L_t [m].
@@ -149,7 +152,7 @@ def calibrate_friction(
         mu = held - STEP * wanted
         moved = table.advance(material.with_friction(mu), angle, WATCH_S)
         tried.append((mu, moved))
-        film.take(table, WATCH_S, angle, mu)
+        film.append((table.positions, WATCH_S, angle, mu))
         if moved > MOVED:
             slid = mu
         else:
@@ -158,37 +161,25 @@ def calibrate_friction(
         f"the virtual garment holds at {held:.4f} and slides at {slid:.4f};"
         f" tan({math.degrees(angle):.2f} degrees) = {wanted:.4f}"
     )
+    pictures, seconds, lifts, frictions = (np.array(column) for column in zip(*film, strict=True))
     return FrictionCalibration(
-        angle, wanted, 0.5 * (held + slid), tuple(tried), mesh, frozen(np.array(film.pictures)),
-        frozen(np.cumsum(film.seconds)), frozen(np.array(film.lifts)), frozen(np.array(film.frictions)),
+        angle, wanted, 0.5 * (held + slid), tuple(tried), mesh, frozen(pictures),
+        frozen(np.cumsum(seconds)), frozen(lifts), frozen(frictions),
     )  # fmt: skip
 
 
-class _Film:
-    """Collects the pictures of the test, for the report."""
-
-    def __init__(self) -> None:
-        self.pictures: list[Array] = []
-        self.seconds: list[float] = []
-        self.lifts: list[float] = []
-        self.frictions: list[float] = []
-
-    def take(self, table: _TiltedTable, seconds: float, lift: float, friction: float) -> None:
-        self.pictures.append(table.positions)
-        self.seconds.append(seconds)
-        self.lifts.append(lift)
-        self.frictions.append(friction)
-
-
-def _lift(mesh: ClothMesh, material: Material, angle: float, wanted: float) -> tuple[float, _TiltedTable, _Film]:
+def _lift(
+    mesh: ClothMesh, material: Material, angle: float, wanted: float
+) -> tuple[float, _TiltedTable, list[Picture]]:
     """Lift the virtual table with a friction that holds the garment. Returns that friction, the table and its
     pictures."""
     factor = START
     while True:
-        mu, table, film = factor * wanted, _TiltedTable(mesh, material), _Film()
+        mu, table = factor * wanted, _TiltedTable(mesh, material)
+        film: list[Picture] = []
         for lift in np.linspace(0.0, angle, LIFTS):
             table.advance(material.with_friction(mu), float(lift), LIFT_S)
-            film.take(table, LIFT_S, float(lift), mu)
+            film.append((table.positions, LIFT_S, float(lift), mu))
         moved = table.advance(material.with_friction(mu), angle, WATCH_S)
         if moved <= MOVED or factor >= MAX_FACTOR:
             return mu, table, film

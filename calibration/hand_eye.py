@@ -159,15 +159,11 @@ def _views_in(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> Pr
             continue
         if not holding:
             yield from grip(side, 0.02, GRIP_FORCE)
-            asked = yield from bring(PLACES[side])
-            if asked.failure:
-                return Outcome(failure=asked.failure)
+            yield from bring(PLACES[side])
             yield from grip(side, 0.0, GRIP_FORCE)
             holding = True
         sight = yield from look()
-        if sight.failure:
-            return Outcome(failure=sight.failure)
-        rgb, q, n = sight.unwrap().frame.rgb, sight.unwrap().q, len(views) + 1
+        rgb, q, n = sight.frame.rgb, sight.q, len(views) + 1
         view = find_board(rgb)
         if view is None or len(view.index) < MIN_CORNERS:
             yield from note(f"{side} hand: pose rejected, {0 if view is None else len(view.index)} corners")
@@ -180,9 +176,7 @@ def _views_in(side: Side, T_base_camera: Array, settings: HandEyeSettings) -> Pr
     if not holding:
         what = f"the {side} hand reaches none of the {len(poses)} poses in front of the camera"
         return Outcome(failure=Failure(FailureKind.UNREACHABLE, what, "clear the table's surroundings"))
-    removed = yield from bring(BoardPlace.AWAY)  # before the hand opens, so that the board does not fall
-    if removed.failure:
-        return Outcome(failure=removed.failure)
+    yield from bring(BoardPlace.AWAY)  # before the hand opens, so that the board does not fall
     yield from grip(side, 0.02, GRIP_FORCE)
     if len(views) < settings.views:
         what = f"the board was seen in {len(views)} poses of the {side} hand; {settings.views} are needed"

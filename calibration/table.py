@@ -134,12 +134,10 @@ def calibrate_table(table: Table, wanted: int = POINTS) -> Procedure[TableCalibr
         if len(contacts) == wanted:
             break
         touched = yield from touch(side, x, y)
-        if touched.failure and touched.failure.kind in {FailureKind.UNREACHABLE, FailureKind.IN_COLLISION}:
+        if touched.failure:
             skipped = touched.failure
             yield from note(f"point {k + 1} at ({x:.2f}, {y:.2f}) skipped: {touched.failure.what}")
             continue
-        if touched.failure:
-            return Outcome(failure=touched.failure)
         contact = contact_height(touched.unwrap())
         if contact.failure:
             return Outcome(failure=contact.failure)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import (
+    ANSWERABLE,
     Bring,
     Effect,
     Grip,
@@ -39,9 +40,6 @@ __all__ = ["STATE", "ProcedureRunner"]
 STATE = "calibrating"
 GRIP_S = 0.8
 IN_HAND = {BoardPlace.LEFT_HAND: Side.LEFT, BoardPlace.RIGHT_HAND: Side.RIGHT}
-ANSWERABLE = frozenset({FailureKind.UNREACHABLE, FailureKind.IN_COLLISION})
-"""Planning failures, which come before any motion. The procedure receives them and may handle them; any other
-failure ends the procedure."""
 
 T = TypeVar("T")
 

@@ -6,7 +6,7 @@ import json
 import sys
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.effects import Procedure
-from cell.calibrating.calibration_prompts import CalibrationPrompts
 from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
@@ -35,6 +34,7 @@ from cell.simulation import SimulationSettings, Truth
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
 from cell.states.run_context import RunContext
+from cell.states.transition_table import Event
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.interrupts import Interrupts
@@ -51,7 +51,7 @@ from robots.errors import (
 from robots.ports import Stop
 from skills.vocabulary import Outcome
 
-__all__ = ["CalibrationEnd", "CalibrationRequest", "calibrate"]
+__all__ = ["CalibrationEnd", "CalibrationPrompts", "CalibrationRequest", "calibrate"]
 
 T = TypeVar("T")
 Script = Callable[[OpenCell], None]
@@ -108,6 +108,25 @@ class CalibrationEnd(Generic[T]):
             "wall_time_s": self.wall_time_s,
             "run_dir": str(self.run_dir),
         }
+
+
+class CalibrationPrompts:
+    """Asks the operator for help during a calibration. The latest request stays open until `ask(None)` withdraws
+    it. say: shows a line to the operator."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._wanted: str | None = None
+
+    def ask(self, what: str | None) -> None:
+        """Ask the operator for something that the robot cannot do itself. None withdraws the request."""
+        self._wanted = what
+        if what is not None:
+            self._say(f"{'':12}{what}, then approve (a, Enter)")
+
+    def may(self) -> Set[Event]:
+        """Return the commands allowed now. A calibration cannot be paused and has nothing to skip."""
+        return {Event.ABORT} if self._wanted is None else {Event.ABORT, Event.APPROVE}
 
 
 def calibrate(

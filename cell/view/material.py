@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from calibration.bending import BendingCalibration
+from calibration.bending import ANGLE, BendingCalibration
 from calibration.crease import CreaseCalibration
 from calibration.free_fold import FreeFold
 from calibration.friction import FrictionCalibration, tilted
@@ -64,7 +64,7 @@ def record_bending(path: Path, test: BendingCalibration) -> None:
     """Record the strip that bends over the edge, and the plane of 41.5 degrees. Raises StorageError."""
     stream = _begin(path, "cantilever test", "angle")
     near = np.array([-test.behind, 0.0, 0.0])
-    far = near + test.overhang * np.array([math.cos(test.plane), 0.0, -math.sin(test.plane)])
+    far = near + test.overhang * np.array([math.cos(ANGLE), 0.0, -math.sin(ANGLE)])
     top = test.pictures[0][:, 2].mean()
     stream.log(
         "test/plane",

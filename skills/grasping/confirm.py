@@ -1,4 +1,5 @@
-"""Controller that confirms a grasp: it decides whether cloth is between the closed pads, and how many layers.
+"""Controllers that confirm a grasp: whether cloth is between the closed pads, and how many layers; and whether the
+hand still holds it after a small lift.
 
 Both pads must feel force, and the opening must be larger than that of empty pads, because empty pads that press on
 each other feel force too. The number of layers follows from the opening by Bayes' rule with equal priors: n layers
@@ -8,6 +9,7 @@ are n x thickness high, with the uncertainty of the thickness and of the reading
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +19,18 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
-__all__ = ["Confirmation", "Expectation", "Held", "LayerCount", "confirm", "count_layers", "start_confirm"]
+__all__ = [
+    "Confirmation",
+    "Expectation",
+    "Held",
+    "LayerCount",
+    "LiftCheck",
+    "check_lift",
+    "confirm",
+    "count_layers",
+    "start_confirm",
+    "start_lift_check",
+]
 
 CONFIRM_READINGS = 15
 """Number of readings that are averaged to confirm a grasp, or that a lifted grasp still holds."""
@@ -25,6 +38,8 @@ OPENING_NOISE = 0.0003
 """Minimum assumed standard deviation of one reading of the opening [m]: twice the usual value."""
 
 MAX_LAYERS = 12
+KEPT_OPENING = 0.6
+"""Fraction of the confirmed opening that a lifted grasp must keep."""
 
 
 @dataclass(frozen=True)
@@ -103,18 +118,11 @@ def confirm(reading: HandReading, state: Confirmation) -> Confirmation | Outcome
     invalid = validate_reading(reading)
     if invalid:
         return Outcome(failure=invalid)
-    if reading.tactile.stamp <= state.stamp:
-        return state
-    state = replace(
-        state,
-        stamp=reading.tactile.stamp,
-        pads=(*state.pads, state.bias.pads(reading)),
-        openings=(*state.openings, reading.gripper.opening),
-    )
-    if len(state.pads) < CONFIRM_READINGS:
-        return state
-    dead = dead_pad(reading.tactile.side, np.array(state.pads), state.settings)
-    return Outcome(failure=dead) if dead else _evaluate(reading, state)
+    after = _with(reading, state)
+    if after is state or len(after.pads) < CONFIRM_READINGS:
+        return after
+    dead = dead_pad(reading.tactile.side, np.array(after.pads), after.settings)
+    return Outcome(failure=dead) if dead else _evaluate(reading, after)
 
 
 def count_layers(opening: float, sigma: float, thickness: float, settings: GraspSettings) -> LayerCount:
@@ -162,3 +170,62 @@ def _evaluate(reading: HandReading, state: Confirmation) -> Outcome[Held]:
         )
     notes = {"force_n": force, "opening_m": opening, "layers": count.layers}
     return Outcome(Held(reading.stamp, force, opening, count), notes=notes)
+
+
+@dataclass(frozen=True, eq=False)
+class LiftCheck:
+    """State of a lift check: the readings so far. held: the grasp that was confirmed before the lift."""
+
+    settings: GraspSettings
+    bias: TactileBias
+    held: Held
+    stamp: float = -np.inf
+    pads: tuple[Array, ...] = ()
+    openings: tuple[float, ...] = ()
+
+
+Readings = TypeVar("Readings", Confirmation, LiftCheck)
+
+
+def start_lift_check(settings: GraspSettings, bias: TactileBias, held: Held) -> LiftCheck:
+    """Start the check. held: the result of `confirm` before the lift."""
+    return LiftCheck(settings, bias, held)
+
+
+def check_lift(reading: HandReading, state: LiftCheck) -> LiftCheck | Outcome[Held]:
+    """Process the reading of one tick, with the hand at rest above the table.
+
+    Failures: MISSED_GRASP when force or opening has dropped, those of `validate_reading`.
+    """
+    s = state.settings
+    invalid = validate_reading(reading)
+    if invalid:
+        return Outcome(failure=invalid)
+    after = _with(reading, state)
+    if after is state or len(after.pads) < CONFIRM_READINGS:
+        return after
+    force, opening = float(np.mean(after.pads, axis=0).min()), float(np.mean(after.openings))
+    force_ratio = force / state.held.grip
+    opening_ratio = (opening - s.empty_opening) / (state.held.opening - s.empty_opening)
+    if force_ratio >= s.kept_force and opening_ratio >= KEPT_OPENING:
+        return Outcome(replace(state.held, stamp=reading.stamp, grip=force, opening=opening))
+    return Outcome(
+        failure=Failure(
+            FailureKind.MISSED_GRASP,
+            f"the {reading.tactile.side} hand lost the cloth while lifting it",
+            "grasp lower or further in",
+            {"force_n": force, "opening_m": opening, "kept_force": force_ratio, "kept_opening": opening_ratio},
+        )
+    )
+
+
+def _with(reading: HandReading, state: Readings) -> Readings:
+    """Return the state with a reading, or the same state if the sensor has sent none since the last tick."""
+    if reading.tactile.stamp <= state.stamp:
+        return state
+    return replace(
+        state,
+        stamp=reading.tactile.stamp,
+        pads=(*state.pads, state.bias.pads(reading)),
+        openings=(*state.openings, reading.gripper.opening),
+    )

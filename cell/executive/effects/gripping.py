@@ -26,9 +26,8 @@ from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, JointState, Side
 from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
-from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
+from skills.grasping.confirm import Expectation, Held, check_lift, confirm, start_confirm, start_lift_check
 from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
-from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import start_slip_watch, watch_slip

@@ -7,8 +7,9 @@ a grasp is tried again at another place, `grasp.plan_grasp` is called again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -71,22 +72,6 @@ class FoldMotion:
     def duration(self) -> float:
         """Total time of all parts except the guarded descent, whose duration is not known beforehand [s]."""
         return sum(part.duration for part in (self.approach, self.fold, self.retreat, self.park))
-
-
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """The arguments of `plan_hands_motion` that are the same for every choice of postures."""
-
-    model: RobotModel
-    checker: CollisionChecker
-    table: Table
-    paths: Mapping[GraspId, ToolPath]
-    q_now: Array
-    limits: JointLimits | None
-    tool_speed: float | None
-    approach_height: float
-    lift: float
-    rng: np.random.Generator | None
 
 
 def plan_fold_motion(
@@ -152,7 +137,11 @@ def plan_hands_motion(
     )
     if invalid:
         return Outcome(failure=invalid)
-    task = _Task(model, checker, table, paths, q_now, limits, tool_speed, approach_height, lift, rng)
+    plan = partial(
+        _plan_with, model, checker, table, paths, q_now, limits=limits, tool_speed=tool_speed,
+        approach_height=approach_height, lift=lift, rng=rng,
+    )  # fmt: skip
+    intended = intended_duration(paths, tool_speed)
     tried: list[Mapping[Side, Posture]] = list(avoid)
     first_failure: Failure | None = None
     for _ in range(SEARCHES):
@@ -163,7 +152,7 @@ def plan_hands_motion(
         if ranked.failure:
             break
         choices = ranked.unwrap()
-        best, failure = _best_motion(task, choices)
+        best, failure = _best_motion(plan, choices, intended)
         if best is not None:
             return Outcome(best, notes={**ranked.notes, "duration_s": round(best.duration, 3)})
         first_failure = first_failure or failure
@@ -178,14 +167,15 @@ def plan_hands_motion(
     return Outcome(failure=with_suggestion)
 
 
-def _best_motion(task: _Task, choices: Sequence[PostureChoice]) -> tuple[FoldMotion | None, Failure | None]:
+def _best_motion(
+    plan: Callable[[PostureChoice], Outcome[FoldMotion]], choices: Sequence[PostureChoice], intended: float
+) -> tuple[FoldMotion | None, Failure | None]:
     """Plan the choices in detail, in order. Return the first motion whose fold takes less than MAX_STRETCH times
-    its intended duration, else the shortest motion; and the first failure."""
-    intended = intended_duration(task.paths, task.tool_speed)
+    the `intended` duration [s], else the shortest motion; and the first failure."""
     best: FoldMotion | None = None
     failure: Failure | None = None
     for choice in choices:
-        planned = _plan_with(task, choice)
+        planned = plan(choice)
         failure = failure or planned.failure
         if planned.value is not None and (best is None or planned.value.duration < best.duration):
             best = planned.value
@@ -194,25 +184,36 @@ def _best_motion(task: _Task, choices: Sequence[PostureChoice]) -> tuple[FoldMot
     return best, failure
 
 
-def _plan_with(task: _Task, choice: PostureChoice) -> Outcome[FoldMotion]:
+def _plan_with(
+    model: RobotModel,
+    checker: CollisionChecker,
+    table: Table,
+    paths: Mapping[GraspId, ToolPath],
+    q_now: Array,
+    choice: PostureChoice,
+    *,
+    limits: JointLimits | None,
+    tool_speed: float | None,
+    approach_height: float,
+    lift: float,
+    rng: np.random.Generator | None,
+) -> Outcome[FoldMotion]:
     """Plan the whole motion in detail with one choice of postures."""
     grasp = plan_grasp(
-        task.model, task.checker, task.table, task.paths, choice.postures, task.q_now, limits=task.limits,
-        approach_height=task.approach_height, rng=task.rng, q_hint={side: q[0] for side, q in choice.q.items()},
+        model, checker, table, paths, choice.postures, q_now, limits=limits,
+        approach_height=approach_height, rng=rng, q_hint={side: q[0] for side, q in choice.q.items()},
     )  # fmt: skip
     if grasp.failure:
         return Outcome(failure=grasp.failure)
     q_fold = grasp.unwrap().q_grasp
-    if task.lift > 0.0:
-        lift_motion = plan_lift(
-            task.model, task.checker, q_fold, tuple(choice.postures), task.lift, limits=task.limits
-        )
+    if lift > 0.0:
+        lift_motion = plan_lift(model, checker, q_fold, tuple(choice.postures), lift, limits=limits)
         if lift_motion.failure:
             return Outcome(failure=lift_motion.failure)
         q_fold = lift_motion.unwrap().q[-1]
     arc = plan_arc(
-        task.model, task.checker, task.table, task.paths, choice.postures, q_fold,
-        limits=task.limits, tool_speed=task.tool_speed, rng=task.rng,
+        model, checker, table, paths, choice.postures, q_fold,
+        limits=limits, tool_speed=tool_speed, rng=rng,
     )  # fmt: skip
     if arc.failure:
         return Outcome(failure=arc.failure)

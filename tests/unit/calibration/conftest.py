@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from calibration.effects import Effect, Note
+from calibration.effects import ANSWERABLE, Effect, Note
 from robots.baxter.robot import load_model
 from robots.model import RobotModel
 from skills.vocabulary import Outcome
@@ -15,15 +15,22 @@ from skills.vocabulary import Outcome
 RecordedAnswers = Mapping[type, Callable[[Any], Outcome]]
 
 
+def done(_: Effect) -> Outcome:
+    return Outcome(True)
+
+
 def run(procedure: Any, answers: RecordedAnswers) -> tuple[Outcome, list[Effect]]:
-    """Drive a procedure. Returns its outcome and its effects. An effect without a given answer succeeds."""
+    """Drive a procedure, as the runner in cell/calibrating does. Returns its outcome and its effects. An effect
+    without a given answer succeeds."""
     asked: list[Effect] = []
     try:
         effect = next(procedure)
         while True:
             asked.append(effect)
-            answer = answers.get(type(effect), lambda _: Outcome(True))
-            effect = procedure.send(Outcome(True) if isinstance(effect, Note) else answer(effect))
+            answer = Outcome(True) if isinstance(effect, Note) else answers.get(type(effect), done)(effect)
+            if answer.failure and answer.failure.kind not in ANSWERABLE:
+                return answer, asked
+            effect = procedure.send(answer)
     except StopIteration as end:
         return end.value, asked
 

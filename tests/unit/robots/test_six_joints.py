@@ -11,10 +11,9 @@ import pytest
 from robots.baxter.robot import load_model
 from robots.example_data import package_root
 from robots.model import ArmChain, JointLimits, RobotModel, arm_chain
-from robots.ports import Array, Side, arm_slice
+from robots.ports import Side
 from robots.setpoint import clip_setpoint
 from skills.motion.kinematics import ik
-from skills.motion.timing.timing import free_motion, peaks, time_path
 from skills.motion.validation.inputs import validate_state
 
 JOINTS = tuple(
@@ -42,23 +41,6 @@ def model(arm: pin.Model) -> RobotModel:
     )  # fmt: skip
 
 
-def poses(arm: pin.Model, q: Array) -> Array:
-    data = arm.createData()
-    pin.framesForwardKinematics(arm, data, q)
-    return data.oMf[arm.getFrameId("tool0")].homogeneous
-
-
-def test_a_chain_of_joints_about_any_axis_agrees_with_pinocchio(arm: pin.Model, model: RobotModel) -> None:
-    chain, rng = model.chains[Side.LEFT], np.random.default_rng(1)
-    assert chain.rotation.shape == (7, 3, 3) and chain.translation.shape == (7, 3)
-    data, frame = arm.createData(), arm.getFrameId("tool0")
-    for _ in range(20):
-        q = rng.uniform(-3.0, 3.0, 6)
-        assert np.abs(ik.tool_pose(chain, q) - poses(arm, q)).max() < 1e-12
-        J = pin.computeFrameJacobian(arm, data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        assert np.abs(ik.jacobian(chain, q) - J).max() < 1e-12
-
-
 def test_a_chain_with_an_oblique_axis_agrees_with_pinocchio() -> None:
     model, axis = pin.Model(), np.array([0.48, -0.6, 0.64])
     first = model.addJoint(0, pin.JointModelRX(), pin.SE3.Random(), "first")
@@ -78,20 +60,6 @@ def test_other_joints_are_no_chain() -> None:
         arm_chain(model, ("slides",), "tool")
 
 
-def test_inverse_kinematics_reaches_the_poses_of_random_joints(model: RobotModel) -> None:
-    """At least 99 % must be reached: a six-joint arm has only isolated solutions."""
-    rng, failed = np.random.default_rng(2), 0
-    seeds = rng.uniform(-3.0, 3.0, (60, 6))
-    for _ in range(100):
-        T = ik.tool_pose(model.chains[Side.RIGHT], rng.uniform(-3.0, 3.0, 6))
-        found = ik.solve_seeds(model, Side.RIGHT, T, seeds)
-        assert found.shape[1] == 6
-        failed += len(found) == 0
-        for q in found:
-            assert np.abs(ik.tool_pose(model.chains[Side.RIGHT], q) - T).max() < 1e-7
-    assert failed <= 1
-
-
 def test_a_straight_path_of_the_tool_is_followed(model: RobotModel) -> None:
     chain, q0 = model.chains[Side.LEFT], model.park(Side.LEFT)
     T = ik.tool_pose(chain, q0)
@@ -100,18 +68,6 @@ def test_a_straight_path_of_the_tool_is_followed(model: RobotModel) -> None:
     assert solution.complete and solution.q.shape == (21, 6)
     for q, p in zip(solution.q, position, strict=True):
         assert ik.tool_pose(chain, q)[:3, 3] == pytest.approx(p, abs=1e-8)
-
-
-def test_seeds_and_slices_have_the_arms_size(model: RobotModel) -> None:
-    assert ik.arm_seeds(model, Side.RIGHT, model.q_park).shape == (ik.SEEDS + 2, 6)
-    assert model.arm(Side.RIGHT) == arm_slice(Side.RIGHT, 12) == slice(6, 12)
-
-
-def test_motions_keep_the_limits(model: RobotModel) -> None:
-    a, b = np.zeros(12), np.linspace(-1.0, 1.0, 12)
-    bow = a + np.linspace(0.0, 1.0, 60)[:, None] ** 2 * b
-    for motion in (free_motion(a, b, model.planning), time_path(bow, model.planning)):
-        assert motion.q.shape[1] == 12 and peaks(motion, model.planning).worst <= 1.0 + 1e-6
 
 
 def test_states_and_set_points_are_checked_by_the_models_size(model: RobotModel) -> None:

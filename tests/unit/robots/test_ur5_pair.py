@@ -48,12 +48,6 @@ def test_the_parked_arms_are_out_of_the_cameras_view() -> None:
     assert len(margins) == 18 and min(margins.values()) > 0.04
 
 
-def test_the_fingers_open_along_the_tools_y_about_its_origin() -> None:
-    for side in Side:
-        joints = ROBOT.gripper.finger_positions(side, 0.03)
-        assert sorted(joints.values()) == pytest.approx([-0.015, 0.015])
-
-
 def test_tool_poses_of_the_body_agree_with_the_model(client: int) -> None:
     body, rng = load_body(DESCRIPTION, client), np.random.default_rng(2)
     for _ in range(5):

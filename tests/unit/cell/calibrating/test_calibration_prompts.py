@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from cell.calibrating.calibration_prompts import CalibrationPrompts
+from cell.calibrating.session import CalibrationPrompts
 from cell.operator.terminal.keys import TerminalOperator
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event

@@ -160,26 +160,6 @@ def test_an_arm_without_commands_does_not_move(serve: Serve, simulated: Ports) -
     assert max(np.abs(vector(m) - q0)[arm_slice(Side.LEFT, 14)].max() for m in program.joints.all) < 0.01
 
 
-@pytest.mark.parametrize("timeout", [0.2, 0.4])
-def test_a_command_holds_for_the_timeout(serve: Serve, cell: FakeCell, timeout: float) -> None:
-    program = serve(cell.ports())
-    program.enable()
-    if timeout != 0.2:
-        limit = program.publisher(topics.command_timeout(Side.LEFT), program.m.float64)
-        limit.publish(program.m.float64(timeout))
-        wait(lambda: program.emulator._limbs[Side.LEFT].timeout == timeout, "the timeout is heard")
-    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
-    goal = cell.q + 0.01
-    to.publish(shuffled(program, Side.LEFT, goal))
-    wait(lambda: cell.commands, "a set-point")
-    program.let(timeout + 0.3)
-    times = [t for t, _ in cell.commands]
-    assert timeout - 0.015 <= times[-1] - times[0] <= timeout + 0.001
-    np.testing.assert_allclose(np.diff(times), 0.01, atol=1e-6)
-    for _, q in cell.commands:
-        np.testing.assert_allclose(q, np.concatenate((goal[:7], goal[7:] - 0.01)))
-
-
 def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: FakeCell) -> None:
     program = serve(cell.ports())
     program.enable()
@@ -207,25 +187,6 @@ def test_malformed_commands_are_ignored_and_reported_once(serve: Serve, cell: Fa
 
 
 # motors and stop ---------------------------------------------------------------------------------------
-
-
-def test_nothing_moves_while_the_motors_are_off(serve: Serve, cell: FakeCell) -> None:
-    program = serve(cell.ports())
-    to = program.publisher(topics.joint_command(Side.LEFT), program.m.joint_command)
-    for _ in range(5):
-        to.publish(shuffled(program, Side.LEFT, cell.q + 0.01))
-        program.let(0.05)
-    assert not program.robot.newest.enabled and not program.robot.newest.ready
-    program.enable()
-    assert program.robot.newest.ready
-    program.let(0.1)
-    assert cell.commands == []  # earlier commands are discarded
-    off = program.publisher(topics.ENABLE, program.m.bool)
-    program.insist(off, program.m.bool(False), lambda: not program.robot.newest.enabled, "disabled")
-    for _ in range(5):
-        to.publish(shuffled(program, Side.LEFT, cell.q + 0.01))
-        program.let(0.05)
-    assert cell.commands == []
 
 
 def test_a_stop_is_immediate_while_the_loop_is_busy(serve: Serve, cell: FakeCell) -> None:

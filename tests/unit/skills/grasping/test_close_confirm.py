@@ -9,8 +9,15 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.grasping.close import Closed, CloseState, close, start_close
-from skills.grasping.confirm import Expectation, Held, confirm, count_layers, start_confirm
-from skills.grasping.lift import check_lift, start_lift_check
+from skills.grasping.confirm import (
+    Expectation,
+    Held,
+    check_lift,
+    confirm,
+    count_layers,
+    start_confirm,
+    start_lift_check,
+)
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP

@@ -10,9 +10,8 @@ import pytest
 
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side, TactileReading
-from skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount
+from skills.grasping.confirm import CONFIRM_READINGS, Held, LayerCount, check_lift, start_lift_check
 from skills.grasping.hand_reading import HandReading, validate_reading
-from skills.grasping.lift import check_lift, start_lift_check
 from skills.grasping.release import ReleaseState, release, start_release
 from skills.grasping.stuck_on_finger import (
     DRIFT_RATIO,

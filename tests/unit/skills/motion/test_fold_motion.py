@@ -259,21 +259,6 @@ def test_an_arc_can_be_planned_again_from_the_hands_real_positions(checker):
         assert done.position[:, 2].min() > min(done.position[0, 2], goal.position[:, 2].min()) - 1e-3
 
 
-def test_a_grasp_can_be_planned_at_another_place(checker):
-    step, paths = towel_fold("medium", 1)
-    motion = planned(checker, step, paths).unwrap()
-    shifted = {
-        s: ToolPath(p.t, p.position + np.array([-0.01, 0.0, -0.003]), p.heading, p.pitch, p.roll)
-        for s, p in paths.items()
-    }
-    q_now = np.array(motion.grasp.q_above)
-    grasp = plan_grasp(MODEL, checker, TABLE, shifted, motion.postures, q_now).unwrap()
-    assert grasp.approach.duration < 1.0
-    for side, posture in motion.postures.items():
-        tip = MODEL.tool_pose(side, grasp.q_grasp)[:3, 3] - [0, 0, TABLE.height]
-        assert tip == pytest.approx(shifted[posture.path].position[0], abs=1e-5)
-
-
 @pytest.mark.parametrize("number", [1, 2])
 def test_the_arc_after_a_lift_begins_where_the_lift_ends(checker, number):
     """The hands lift the cloth before the fold, so the arc is planned and checked from the lifted pose."""

@@ -144,14 +144,6 @@ def test_samples_that_repeat_do_not_slow_a_path(where, repeats, distance):
     assert motion.q[0] == pytest.approx(given[0], abs=1e-9) and motion.q[-1] == pytest.approx(given[-1], abs=1e-9)
 
 
-def test_samples_that_nearly_repeat_do_not_slow_a_path():
-    """As inverse kinematics leaves them: off the line by less than its tolerance."""
-    rng = np.random.default_rng(21)
-    path = line(rng)
-    near = np.insert(path, 30, path[29] + 1e-6 * rng.uniform(-1.0, 1.0, 14), axis=0)
-    assert time_path(near, LIMITS).duration == pytest.approx(time_path(path, LIMITS).duration, rel=0.01)
-
-
 def test_repeated_samples_keep_the_cap_on_the_tools_speed():
     path = np.repeat(line(np.random.default_rng(22)), 3, axis=0)
     length = np.repeat(np.linspace(0.0, 1.0, 60), 3)[:, None]
@@ -511,18 +503,6 @@ def test_the_largest_velocity_between_two_samples_is_found():
     assert share.velocity == pytest.approx(1.5 * d / T / LIMITS.velocity[5])
     assert share.acceleration == pytest.approx(6 * d / T**2 / LIMITS.acceleration[5])
     assert share.jerk == pytest.approx(12 * d / T**3 / LIMITS.jerk[5])
-
-
-def test_peaks_agree_with_a_motion_of_known_derivatives():
-    """The motion is q = sin(w t) / 10 on one joint."""
-    w, t = 4.0, np.linspace(0, 2, 201)
-    zero = np.zeros((201, 14))
-    q, qd, qdd = zero.copy(), zero.copy(), zero.copy()
-    q[:, 0], qd[:, 0], qdd[:, 0] = 0.1 * np.sin(w * t), 0.1 * w * np.cos(w * t), -0.1 * w * w * np.sin(w * t)
-    share = peaks(ArmTrajectory(t, q, qd, qdd), LIMITS)
-    assert share.velocity == pytest.approx(0.1 * w / LIMITS.velocity[0], rel=1e-3)
-    assert share.acceleration == pytest.approx(0.1 * w**2 / LIMITS.acceleration[0], rel=1e-3)
-    assert share.jerk == pytest.approx(0.1 * w**3 / LIMITS.jerk[0], rel=2e-3)
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)

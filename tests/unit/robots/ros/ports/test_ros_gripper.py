@@ -72,29 +72,6 @@ def test_a_gripper_is_calibrated_configured_and_moved_in_this_order(bench: Bench
     assert bench.port.state().opening == pytest.approx(FULL / 2)
 
 
-def test_a_command_waits_for_the_end_of_the_calibration(bench: Bench) -> None:
-    bench.hand.calibration_ticks = 10**9
-    bench.port.calibrate()
-    bench.port.command(0.02, 6.0)
-    wait(lambda: bench.hand.calibrating, "it is being calibrated")
-    bench.pass_time(3.0, step=0.5)
-    assert bench.port.state().moving
-    assert [m.command for m in bench.hand.heard] == ["calibrate"] * len(bench.hand.heard)
-    bench.port.command(0.03, 6.0)  # a long calibration is no fault
-    bench.hand.calibrating = 1
-    bench.done()
-    assert [h[0] for h in bench.handled()] == ["calibrate", "configure", "go"]
-    assert bench.port.state().opening == pytest.approx(0.03)
-
-
-def test_a_calibration_that_never_ends_is_a_fault(bench: Bench) -> None:
-    bench.hand.calibration_ticks = 10**9
-    bench.port.calibrate()
-    wait(lambda: bench.hand.calibrating, "it is being calibrated")
-    bench.pass_time(10.5, step=0.5)
-    assert "calibrate" in fault(bench.port)
-
-
 def test_a_command_is_repeated_until_it_is_echoed_and_never_after(bench: Bench, puppet: Puppet) -> None:
     bench.calibrate()
     bench.hand.deaf = True
@@ -122,27 +99,6 @@ def test_a_command_is_not_repeated_before_an_answer_is_possible(bench: Bench, pu
     bench.port.command(0.02, 6.0)
     puppet.let(20)
     assert len(bench.hand.heard) == before + 1
-
-
-def test_the_newest_of_several_quick_commands_wins(bench: Bench, puppet: Puppet) -> None:
-    bench.calibrate()
-    bench.port.command(0.01, 6.0)
-    bench.done()
-    before = len(bench.hand.handled)
-    bench.hand.deaf = True
-    for opening, force in ((0.0104, 6.0), (0.02, 6.0), (0.03, 9.0), (0.015, 3.0), (FULL / 4 * 3, 12.0)):
-        bench.port.command(opening, force)
-    puppet.let(10)
-    bench.hand.deaf = False
-    while bench.port.state().moving:
-        bench.pass_time(0.06)
-    assert bench.handled()[before:] == [
-        ("go", pytest.approx(25.0)),
-        ("configure", pytest.approx(40.0), pytest.approx(40.0)),
-        ("go", pytest.approx(75.0)),
-    ]
-    heard = [m.sequence for m in bench.hand.heard]
-    assert heard == sorted(heard)
 
 
 def test_the_force_is_configured_only_when_it_changes(bench: Bench) -> None:
@@ -201,16 +157,6 @@ def test_a_deaf_gripper_is_a_fault_after_a_while(bench: Bench) -> None:
     bench.hand.deaf = False
     bench.calibrate()
     bench.port.command(0.02, 6.0)
-
-
-def test_a_silent_gripper_is_a_fault_after_a_while(bench: Bench, puppet: Puppet) -> None:
-    bench.calibrate()
-    puppet.hush("/robot/end_effector/left_gripper/state")
-    bench.port.command(0.02, 6.0)
-    bench.clock.time += 2.1
-    stamp = bench.port.state().stamp
-    assert fault(bench.port)
-    assert bench.port.state().stamp == stamp < bench.clock.now()
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
