@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
-from skills.vocabulary import Array, Failure, FailureKind, Outcome
+from skills.vocabulary import Failure, FailureKind, Outcome
 
-__all__ = ["CloseState", "Closed", "close", "speed_of", "start_close"]
+__all__ = ["CloseState", "Closed", "MovingPads", "close", "start_close"]
 
 STILL_WINDOW = 0.12
 """Time over which the speed of the pads is measured [s]."""
@@ -37,15 +37,46 @@ class Closed:
     seconds: float
 
 
+@dataclass(frozen=True)
+class MovingPads:
+    """The latest readings of pads that move. pressed: number of successive readings in which both pads feel a
+    force. openings: stamp [s] and opening [m] of the last reports of the gripper."""
+
+    tactile_stamp: float = -np.inf
+    pressed: int = 0
+    openings: tuple[tuple[float, float], ...] = ()
+
+    def after(self, reading: HandReading, bias: TactileBias, force: float, least: int) -> MovingPads:
+        """Return the readings with a new one. force: that both pads have to feel [N]. least: number of reports
+        that are kept, also if the gripper is slow and STILL_WINDOW contains fewer."""
+        pads = self
+        if reading.tactile.stamp > pads.tactile_stamp:
+            pressed = pads.pressed + 1 if (bias.pads(reading) >= force).all() else 0
+            pads = replace(pads, tactile_stamp=reading.tactile.stamp, pressed=pressed)
+        stamp = reading.gripper.stamp
+        if not pads.openings or stamp > pads.openings[-1][0]:
+            openings = (*pads.openings, (stamp, reading.gripper.opening))
+            kept = tuple(p for p in openings if p[0] > stamp - STILL_WINDOW)
+            pads = replace(pads, openings=kept if len(kept) >= least else openings[-least:])
+        return pads
+
+    @property
+    def still(self) -> bool:
+        """Whether the opening has hardly changed over STILL_WINDOW: by the least-squares slope of its reports."""
+        if len(self.openings) < MIN_SAMPLES or self.openings[-1][0] - self.openings[0][0] < 0.7 * STILL_WINDOW:
+            return False
+        t, x = (np.array(column) for column in zip(*self.openings, strict=True))
+        t = t - t.mean()
+        return abs(float(t @ x / (t @ t))) < STILL_SPEED
+
+
 @dataclass(frozen=True, eq=False)
 class CloseState:
     settings: GraspSettings
     bias: TactileBias
     started: float
     start_opening: float
-    tactile_stamp: float = -np.inf
-    pressed_count: int = 0
-    openings: tuple[tuple[float, float], ...] = ()
+    pads: MovingPads = field(default_factory=MovingPads)
 
 
 def start_close(settings: GraspSettings, bias: TactileBias, reading: HandReading) -> CloseState:
@@ -64,9 +95,9 @@ def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseSt
     invalid = validate_reading(reading)
     if invalid:
         return command, Outcome(failure=invalid)
-    state = _update(reading, state)
+    state = replace(state, pads=state.pads.after(reading, state.bias, s.close_force, MIN_SAMPLES))
     seconds = reading.stamp - state.started
-    if state.pressed_count >= CLOSE_READINGS or _at_rest(state):
+    if state.pads.pressed >= CLOSE_READINGS or _at_rest(state):
         force = float(state.bias.pads(reading).min())
         return command, Outcome(Closed(reading.gripper.opening, force, seconds))
     if seconds > CLOSE_TIMEOUT:
@@ -74,42 +105,12 @@ def close(reading: HandReading, state: CloseState) -> tuple[GripCommand, CloseSt
     return command, state
 
 
-def speed_of(openings: tuple[tuple[float, float], ...]) -> float | None:
-    """Speed of the pads [m/s]: least-squares slope of (stamp [s], opening [m]) pairs; None if there are too
-    few."""
-    if len(openings) < MIN_SAMPLES:
-        return None
-    t, x = (np.array(column) for column in zip(*openings, strict=True))
-    t = t - t.mean()
-    return float(t @ x / (t @ t))
-
-
-def _update(reading: HandReading, state: CloseState) -> CloseState:
-    s = state.settings
-    if reading.tactile.stamp > state.tactile_stamp:
-        pressed = bool((_pads(reading, state) >= s.close_force).all())
-        state = replace(
-            state, tactile_stamp=reading.tactile.stamp, pressed_count=state.pressed_count + 1 if pressed else 0
-        )
-    stamp = reading.gripper.stamp
-    if not state.openings or stamp > state.openings[-1][0]:
-        openings = (*state.openings, (stamp, reading.gripper.opening))
-        kept = tuple(p for p in openings if p[0] > stamp - STILL_WINDOW)
-        # The window may contain too few reports of a slow gripper. Then the last MIN_SAMPLES reports are used.
-        state = replace(state, openings=kept if len(kept) >= MIN_SAMPLES else openings[-MIN_SAMPLES:])
-    return state
-
-
-def _pads(reading: HandReading, state: CloseState) -> Array:
-    return state.bias.pads(reading)
-
-
 def _at_rest(state: CloseState) -> bool:
-    speed = speed_of(state.openings)
-    if speed is None or state.openings[-1][0] - state.openings[0][0] < 0.7 * STILL_WINDOW:
+    """Whether the pads stand still after they have moved."""
+    if not state.pads.still:
         return False
-    moved = state.start_opening - state.openings[-1][1]
-    return abs(speed) < STILL_SPEED and moved >= min(CLOSE_TRAVEL, 0.5 * state.start_opening)
+    moved = state.start_opening - state.pads.openings[-1][1]
+    return moved >= min(CLOSE_TRAVEL, 0.5 * state.start_opening)
 
 
 def _timeout_failure(reading: HandReading, state: CloseState, seconds: float) -> Failure:

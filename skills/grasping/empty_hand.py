@@ -7,12 +7,12 @@ pads feel the force of the grip. The hand then holds this cloth, and can lay it 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
 import numpy as np
 
-from skills.grasping.close import CLOSE_TIMEOUT, STILL_SPEED, STILL_WINDOW, speed_of
+from skills.grasping.close import CLOSE_TIMEOUT, STILL_WINDOW, MovingPads
 from skills.grasping.hand_reading import GripCommand, HandReading, validate_reading
 from skills.grasping.release import RELEASE_FORCE, RELEASE_TIMEOUT
 from skills.grasping.settings import GraspSettings
@@ -66,10 +66,7 @@ class EmptyCheck:
     opening: float
     phase: _Phase = _Phase.RISING
     since: float = -np.inf
-    tactile_stamp: float = -np.inf
-    openings: tuple[tuple[float, float], ...] = ()
-    """Stamp [s] and opening [m] of the last readings of the gripper."""
-    pressed: int = 0
+    pads: MovingPads = field(default_factory=MovingPads)
     met: bool = False
 
     @property
@@ -109,14 +106,14 @@ def check_empty(
 def _closing(reading: HandReading, state: EmptyCheck) -> EmptyCheck | Outcome[Emptied]:
     s = state.settings
     if validate_reading(reading) is None:
-        state = _with(reading, state)
-        latest = [opening for _, opening in state.openings[-MET_READINGS:]]
+        state = replace(state, pads=state.pads.after(reading, state.bias, s.held_force, MET_READINGS))
+        latest = [opening for _, opening in state.pads.openings[-MET_READINGS:]]
         apart = float(np.mean(latest)) - s.empty_opening
         if len(latest) == MET_READINGS and apart < MET * state.layer:
             return replace(state, phase=_Phase.OPENING, since=reading.stamp, met=True)
-        if state.pressed >= HELD_READINGS and np.ptp(latest) < STILL:
+        if state.pads.pressed >= HELD_READINGS and np.ptp(latest) < STILL:
             return Outcome(failure=_held(reading, apart))
-        if state.pressed == 0 and _at_rest(state):
+        if state.pads.pressed == 0 and _at_rest(state):
             return replace(state, phase=_Phase.OPENING, since=reading.stamp)
     late = reading.stamp - state.since > CLOSE_TIMEOUT
     return replace(state, phase=_Phase.OPENING, since=reading.stamp) if late else state
@@ -130,25 +127,9 @@ def _opening(reading: HandReading, state: EmptyCheck) -> tuple[GripCommand, Empt
     return command, state
 
 
-def _with(reading: HandReading, state: EmptyCheck) -> EmptyCheck:
-    s = state.settings
-    if reading.tactile.stamp > state.tactile_stamp:
-        held = bool((state.bias.pads(reading) >= s.held_force).all())
-        state = replace(state, tactile_stamp=reading.tactile.stamp, pressed=state.pressed + 1 if held else 0)
-    stamp = reading.gripper.stamp
-    if not state.openings or stamp > state.openings[-1][0]:
-        openings = (*state.openings, (stamp, reading.gripper.opening))
-        kept = tuple(p for p in openings if p[0] > stamp - STILL_WINDOW)
-        state = replace(state, openings=kept if len(kept) >= MET_READINGS else openings[-MET_READINGS:])
-    return state
-
-
 def _at_rest(state: EmptyCheck) -> bool:
     """Whether the pads have come to rest after they had time to begin to close."""
-    speed = speed_of(state.openings)
-    if speed is None or state.openings[-1][0] - state.since < 2.0 * STILL_WINDOW:
-        return False
-    return state.openings[-1][0] - state.openings[0][0] >= 0.7 * STILL_WINDOW and abs(speed) < STILL_SPEED
+    return state.pads.still and state.pads.openings[-1][0] - state.since >= 2.0 * STILL_WINDOW
 
 
 def _held(reading: HandReading, apart: float) -> Failure:

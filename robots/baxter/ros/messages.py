@@ -7,8 +7,8 @@ classes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 from robots.ros.installation import import_ros
@@ -124,33 +124,14 @@ float32[] values
 """
 
 
-@dataclass(frozen=True)
-class Messages:
-    """The message classes. The first eight are generated from the definitions above; the others come with ROS."""
-
-    assembly_state: Any
-    joint_command: Any
-    head_pan_command: Any
-    head_state: Any
-    end_effector_command: Any
-    end_effector_state: Any
-    tactile_state: Any
-    tactile_channel: Any
-    joint_state: Any
-    joint_trajectory_point: Any
-    image: Any
-    camera_info: Any
-    clock: Any
-    bool: Any
-    empty: Any
-    float64: Any
-    header: Any
-    time: Any
+Messages = SimpleNamespace
+"""The message classes, by name."""
 
 
 @cache
 def load_messages() -> Messages:
-    """Load the message classes. Raises ConfigurationError if ROS is not installed."""
+    """Load the message classes: those that are generated from the definitions above, and others that come with
+    ROS. Raises ConfigurationError if ROS is not installed."""
     sensor, std = import_ros("sensor_msgs.msg"), import_ros("std_msgs.msg")
     tactile = _made("tactile_msgs/TactileState", TACTILE_STATE)
     return Messages(
