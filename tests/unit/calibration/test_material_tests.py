@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from calibration import shear
-from calibration.bending import bending_length, calibrate_bending, cantilever, peirce
+from calibration.bending import bending_length, calibrate_bending, cantilever
 from calibration.friction import calibrate_friction, friction_angle, tilted
 from calibration.shear import (
     CLIP,
@@ -45,11 +45,6 @@ def elastica_angle(overhang, c):
 def test_half_the_overhang_is_the_bending_length_of_the_elastica():
     """ASTM D1388: at an overhang of twice its bending length, a strip's tip is 41.5 degrees below the edge."""
     assert math.degrees(elastica_angle(0.05, bending_length(0.05))) == pytest.approx(41.5, abs=0.05)
-
-
-@pytest.mark.parametrize("ratio", [1.2, 1.6, 2.0, 2.5])
-def test_peirces_formula_is_near_the_elastica(ratio):
-    assert peirce(ratio, elastica_angle(ratio, 1.0)) == pytest.approx(1.0, rel=0.04)
 
 
 def test_the_virtual_strip_bends_as_the_elastica_at_any_size():
