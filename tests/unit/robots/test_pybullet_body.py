@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pybullet as pb
-import pytest
 
 from robots.baxter.robot import DESCRIPTION, GRIPPER, load_model
 from robots.ports import Array, Side
@@ -17,15 +15,6 @@ from robots.urdf.converted import load_body, moving_urdf, seen_urdf
 
 OPEN = dict.fromkeys(Side, GRIPPER.max_opening)
 STRETCHED = np.array([0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, -0.6, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
-
-
-@pytest.fixture
-def client() -> Iterator[int]:
-    number = pb.connect(pb.DIRECT)
-    pb.setTimeStep(1 / 240, physicsClientId=number)
-    pb.setGravity(0, 0, -9.81, physicsClientId=number)
-    yield number
-    pb.disconnect(physicsClientId=number)
 
 
 def pinocchio_pose(q: Array, side: Side) -> pin.SE3:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +20,6 @@ from robots.urdf.converted import load_body, moving_urdf, seen_urdf, viewer_urdf
 
 MODEL = ROBOT.load_model()
 MIRROR = np.diag([1.0, -1.0, 1.0])
-
-
-@pytest.fixture
-def client() -> Iterator[int]:
-    number = pb.connect(pb.DIRECT)
-    pb.setTimeStep(1 / 240, physicsClientId=number)
-    pb.setGravity(0, 0, -9.81, physicsClientId=number)
-    yield number
-    pb.disconnect(physicsClientId=number)
 
 
 def test_the_registry_knows_it_with_six_joints_an_arm() -> None:

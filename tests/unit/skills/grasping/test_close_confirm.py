@@ -22,17 +22,11 @@ from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
+from tests.unit.skills.grasping.tared import bias_of
 
 SETTINGS = GRASP
 NOMINAL = 0.0025
 N = 200
-
-
-def bias_of(hand: SensedHand) -> TactileBias:
-    state = start_tare(SETTINGS)
-    while not isinstance(state, Outcome):
-        state = tare(hand.read(), state)
-    return state.unwrap()
 
 
 def close_on(hand: ClosingHand) -> tuple[Outcome[Closed], TactileBias]:

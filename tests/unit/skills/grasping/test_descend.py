@@ -18,22 +18,15 @@ from skills.grasping.descend import (
     descend,
     start_descent,
 )
-from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
-from tests.hands import DescendingHand, SensedHand
+from tests.hands import DescendingHand
+from tests.unit.skills.grasping.tared import bias_of
 
 SETTINGS = GRASP
 TOP = 0.0025
 GOAL = DescentGoal(contact=0.0, bottom=-0.008, through=TOP)
 SEEDS = range(60)
-
-
-def bias_of(hand: SensedHand) -> TactileBias:
-    state = start_tare(SETTINGS)
-    while not isinstance(state, Outcome):
-        state = tare(hand.read(), state)
-    return state.unwrap()
 
 
 def lower(hand: DescendingHand, goal: DescentGoal = GOAL, seconds: float = 10.0) -> tuple[Outcome[Contact], float]:

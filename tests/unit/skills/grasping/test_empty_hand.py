@@ -10,10 +10,10 @@ import pytest
 from robots.errors import FailureKind
 from skills.grasping.empty_hand import NARROW, Emptied, check_empty, start_empty_check
 from skills.grasping.hand_reading import HandReading
-from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.vocabulary import Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
+from tests.unit.skills.grasping.tared import bias_of
 
 SETTINGS = GRASP
 ABOVE, TOP = 0.04, 0.10
@@ -23,13 +23,6 @@ RISE, PADS = 0.25, 0.10
 RELEASED = 0.020
 FORCE_TIME = 0.05
 """Time constant of the force on the pads [s]."""
-
-
-def bias_of(hand: SensedHand) -> TactileBias:
-    state = start_tare(SETTINGS)
-    while not isinstance(state, Outcome):
-        state = tare(hand.read(), state)
-    return state.unwrap()
 
 
 class RisingHand(SensedHand):

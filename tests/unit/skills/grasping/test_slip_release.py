@@ -14,10 +14,11 @@ from skills.grasping.release import Released, ReleaseState, release, start_relea
 from skills.grasping.settings import GraspSettings
 from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
 from skills.grasping.stuck_on_finger import Clear, DragWatch, check_stuck, start_stuck_check, watch_drag
-from skills.grasping.tare import TactileBias, start_tare, tare
+from skills.grasping.tare import TactileBias
 from skills.vocabulary import Failure, Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import ClosingHand, SensedHand
+from tests.unit.skills.grasping.tared import bias_of
 
 SETTINGS = GRASP
 THICKNESS = 0.0025
@@ -26,13 +27,6 @@ N = 200
 
 Event = Callable[[SensedHand, float], None]
 """Changes the hand at a time [s] after the start of the fold."""
-
-
-def bias_of(hand: SensedHand) -> TactileBias:
-    state = start_tare(SETTINGS)
-    while not isinstance(state, Outcome):
-        state = tare(hand.read(), state)
-    return state.unwrap()
 
 
 def start(

@@ -1,0 +1,17 @@
+"""The tare of a simulated hand, as the tests of all controllers need it."""
+
+from __future__ import annotations
+
+from skills.grasping.tare import TactileBias, start_tare, tare
+from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import GRASP
+from tests.hands import SensedHand
+
+__all__ = ["bias_of"]
+
+
+def bias_of(hand: SensedHand) -> TactileBias:
+    state = start_tare(GRASP)
+    while not isinstance(state, Outcome):
+        state = tare(hand.read(), state)
+    return state.unwrap()
