@@ -28,7 +28,7 @@ from calibration.shear import clip_and_lowest
 from cell.commands.output import print_table
 from cell.config.garments.garment_file import load_garment
 from robots.ports import Array
-from skills.garments.fitted import mirror_images
+from skills.garments.picture_measure import mirror_images
 
 __all__ = ["OWN", "OwnGarment", "main", "own_outline", "photograph"]
 

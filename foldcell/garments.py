@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from foldcell.settings import Settings, cell_settings
+from robots.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from foldcell.perceiving import PerceivedGarment
@@ -37,7 +38,6 @@ def new_garment(
 
     from cell.config.garments.garment_file import load_garment
     from cell.hardware.own_garment import write_own_garment
-    from robots.errors import ConfigurationError
     from skills.garments.picture_measure import as_laid
 
     cell, path = cell_settings(settings), Path(file)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 from foldcell.settings import Settings, cell_settings
+from robots.errors import ConfigurationError, Failure
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cell.hardware.photograph import Photograph
-    from robots.errors import Failure
     from robots.ports import Array
 
 __all__ = ["Image", "PerceivedGarment", "perceive"]
@@ -69,7 +69,6 @@ def perceive(
     import numpy as np
 
     from cell.hardware.photograph import in_unit, perceive_photograph
-    from robots.errors import ConfigurationError
 
     if unit not in ("m", "px"):
         raise ConfigurationError(f"there is no unit '{unit}'", "it is m or px")
@@ -123,8 +122,6 @@ def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> 
 def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
     import numpy as np
 
-    from robots.errors import ConfigurationError
-
     if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
         raise ConfigurationError(
             f"{name}: holds {rgb.dtype} of shape {rgb.shape}", "give 8-bit colours of shape (rows, columns, 3)"
@@ -134,7 +131,6 @@ def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
 
 def _metres(depth: NDArray[Any], name: str) -> NDArray[Any]:
     from cell.support.files.picture_file import known_depth
-    from robots.errors import ConfigurationError
 
     if depth.ndim != 2 or depth.dtype.kind != "f":
         raise ConfigurationError(

@@ -1,15 +1,31 @@
-"""Inspection results for tests: a fold that lies as predicted, with the changes that a test names."""
+"""Inspections for tests: results of a fold that lies as predicted, with the changes that a test names, and what
+pictures of folds are drawn with."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.result import Inspection
+from skills.perception.rectification.table_view import TableView
+from skills.vocabulary import Array
 
-__all__ = ["a_claim", "inspection"]
+__all__ = ["a_claim", "grid_triangles", "inspection", "on_table"]
+
+
+def on_table(view: TableView, height: float = 0.0) -> Array:
+    """The places (H, W, 2) that the pixels of a view show at a height above the table [m]."""
+    return view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]), height)
+
+
+def grid_triangles(shape: tuple[int, ...]) -> NDArray[np.int32]:
+    """Triangles (m, 3) of a mesh whose vertices lie on a grid of this shape."""
+    i = np.arange(np.prod(shape)).reshape(shape)
+    a, b, c, d = (k.ravel() for k in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
 
 
 def inspection(**changes: Any) -> Inspection:

@@ -11,7 +11,7 @@ from cell.hardware.placement import fitting_poses
 from cell.hardware.robot_model import load_robot
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array
-from skills.garments.fitted import fitted_template
+from skills.garments.picture_measure import fitted_template
 
 __all__ = ["write_own_garment"]
 

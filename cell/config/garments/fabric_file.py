@@ -11,7 +11,7 @@ from typing import Any
 
 from cell.config.yaml_file import read_yaml
 from robots.errors import InternalError
-from skills.garments.fabrics.fabric import Fabric, Span
+from skills.garments.garment import Fabric, Span
 
 __all__ = ["load_fabrics"]
 

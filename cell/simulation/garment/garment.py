@@ -15,8 +15,7 @@ from cell.simulation.noise import GarmentNoise
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
 from skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
-from skills.garments.fabrics.fabric import Span
-from skills.garments.garment import Garment
+from skills.garments.garment import Garment, Span
 from skills.vocabulary import Array, Material
 
 __all__ = ["WorldGarment"]

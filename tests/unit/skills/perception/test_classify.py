@@ -5,43 +5,14 @@ from shapely import Polygon, box
 from skills.perception.classify import classify, polygon_iou
 from skills.perception.outline import resample_closed
 from tests.builders.silhouettes import Silhouette
-from tests.scenes import TOWEL, TOWEL_NAMES, place
-
-SHIRT = np.array(
-    [
-        [0.25, 0.08],
-        [0.30, 0.25],
-        [0.05, 0.48],
-        [-0.03, 0.40],
-        [0.12, 0.22],
-        [-0.30, 0.22],
-        [-0.30, -0.22],
-        [0.12, -0.22],
-        [-0.03, -0.40],
-        [0.05, -0.48],
-        [0.30, -0.25],
-        [0.25, -0.08],
-    ]
-)
-TROUSERS = np.array(
-    [
-        [0.42, 0.19],
-        [0.14, 0.22],
-        [-0.5, 0.20],
-        [-0.5, 0.05],
-        [0.10, 0.0],
-        [-0.5, -0.05],
-        [-0.5, -0.20],
-        [0.42, -0.19],
-    ]
-)
+from tests.scenes import TOWEL, TOWEL_NAMES, place, shirt, trousers
 
 
 def template(name, polygon, names=None):
     return Silhouette(name, name, names or tuple(f"p{i}" for i in range(len(polygon))), polygon)
 
 
-ALL = [template("towel", TOWEL, TOWEL_NAMES), template("shirt", SHIRT), template("trousers", TROUSERS)]
+ALL = [template("towel", TOWEL, TOWEL_NAMES), template("shirt", shirt()), template("trousers", trousers())]
 
 
 @pytest.mark.parametrize("wanted", ALL, ids=lambda t: t.name)

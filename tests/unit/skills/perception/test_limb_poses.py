@@ -8,17 +8,8 @@ import pytest
 from cell.config.garments.garment_file import load_garment
 from skills.perception.classify import classify
 from skills.perception.limb_poses import best_poses, limb_tips, posed_template
-
-
-def outline(polygon: np.ndarray, step: float = 0.004) -> np.ndarray:
-    ends = np.roll(polygon, -1, axis=0)
-    shares = [np.arange(0, 1, step / length)[:, None] for length in np.linalg.norm(ends - polygon, axis=1)]
-    return np.vstack([a + t * (b - a) for t, a, b in zip(shares, polygon, ends, strict=True)])
-
-
-def rotated(points: np.ndarray, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return points @ np.array([[c, s], [-s, c]])
+from skills.perception.outline import resample_closed
+from tests.scenes import place
 
 
 @pytest.mark.parametrize(
@@ -45,7 +36,7 @@ def test_a_swing_moves_the_tips_apart_and_keeps_their_width(name: str) -> None:
 @pytest.mark.parametrize("swings", [(0.42, 0.42), (0.42, 0.0), (-0.2, 0.3)])
 def test_observed_legs_match_better_with_the_swing_that_is_found(swings: tuple[float, float]) -> None:
     garment = load_garment("pants")
-    seen = outline(rotated(posed_template(garment, swings), 0.7) + np.array([0.1, 0.2]))
+    seen = resample_closed(place(posed_template(garment, swings), 0.1, 0.2, 0.7), 0.004)
     (posed,) = best_poses(seen, [garment])
     assert classify(seen, [posed])[0].iou > max(0.95, classify(seen, [garment])[0].iou)
     assert posed.keypoints == garment.keypoints

@@ -1,4 +1,5 @@
-"""Expected heights of a fold: inversion of the table, limits, and probabilities that are true."""
+"""Expected heights of a fold: inversion of the table, limits, and probabilities that are true; and the bias of the
+camera's heights, which is recovered from a flat garment, or is the expected one."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from skills.perception.inspection.height_expectation import (
     IdealHeights,
     Normal,
     estimate_bending,
+    estimate_camera_bias,
     expected_heights,
     judge_flatness,
     rising,
@@ -131,3 +133,35 @@ def test_the_probability_of_being_flat_is_the_share_of_flat_folds() -> None:
         assert flat[here].mean() == pytest.approx(probability[here].mean(), abs=0.06)
     right = np.where(probability >= 0.5, probability, 1.0 - probability)
     assert np.mean(flat == (probability >= 0.5)) == pytest.approx(right.mean(), abs=0.02)
+
+
+def flat_garment(top: float, noise: float = 0.0015) -> tuple[np.ndarray, np.ndarray]:
+    """A garment of 240 x 240 mm whose rim stands 10 mm higher, with noise and holes in the depth."""
+    rng = np.random.default_rng(1)
+    mask = np.zeros((200, 200), bool)
+    mask[40:160, 40:160] = True
+    height = np.where(mask, top, 0.0) + noise * rng.normal(size=mask.shape)
+    height[40:44, 40:160] += 0.010
+    height[rng.random(mask.shape) < 0.1] = np.nan
+    return height.astype(np.float32), mask
+
+
+@given(st.floats(-0.0015, 0.0065), st.integers(1, 2), st.floats(0.0005, 0.0035))
+def test_the_bias_is_recovered_from_a_flat_garment(bias: float, layers: int, thickness: float) -> None:
+    height, mask = flat_garment((layers - 0.5) * thickness + bias)
+    found = estimate_camera_bias(height, mask, layers, thickness, 0.0002)
+    assert found.measured and found.value == pytest.approx(bias, abs=1e-4)
+    assert found.sigma == pytest.approx((layers - 0.5) * 0.0002)
+
+
+@pytest.mark.parametrize("bias", [-0.004, 0.012])
+def test_an_implausible_bias_is_replaced_by_the_expected_one(bias: float) -> None:
+    height, mask = flat_garment(0.0005 + bias)
+    found = estimate_camera_bias(height, mask, 1, 0.001)
+    assert (found.value, found.sigma, found.measured) == (S.camera_bias, S.camera_bias_sigma, False)
+
+
+def test_without_depth_the_expected_bias_is_used() -> None:
+    height, mask = flat_garment(0.003)
+    found = estimate_camera_bias(np.full_like(height, np.nan), mask, 1, 0.001)
+    assert (found.value, found.measured) == (S.camera_bias, False)

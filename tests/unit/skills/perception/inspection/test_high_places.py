@@ -9,10 +9,11 @@ import pytest
 from skills.perception.inspection.high_places import EDGE, HighPlaces, find_high_places
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
+from tests.inspections import on_table
 from tests.scenes import TABLE, camera
 
 VIEW = TableView(camera(), TABLE)
-THICKNESS = 0.002
+HERE, THICKNESS = on_table(VIEW), 0.002
 LOW, HIGH = np.array([0.45, -0.25]), np.array([0.75, 0.25])
 
 
@@ -26,15 +27,11 @@ def sheet(layers: int) -> PredictedShape:
 def seen(bumps: list[tuple[float, float, float]], layers: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """Height map and mask of the stack as the camera sees them, with round bumps (x, y, height) of 15 mm
     radius."""
-    height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
-    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
-    on_table = VIEW.to_table(np.dstack([columns, rows]))
-    mask[:] = np.all((on_table > LOW) & (on_table < HIGH), axis=2)
-    height[mask] = layers * THICKNESS
+    mask = np.all((HERE > LOW) & (HERE < HIGH), axis=2)
+    height = np.where(mask, np.float32(layers * THICKNESS), np.float32(0.0))
     for x, y, up in bumps:
         top = np.array([x, y, layers * THICKNESS + up])
-        near = np.linalg.norm(on_table - VIEW.shadow_on_table(top), axis=2) < 0.015
-        height[near] = top[2]
+        height[np.linalg.norm(HERE - VIEW.shadow_on_table(top), axis=2) < 0.015] = top[2]
     return height, mask
 
 
@@ -141,9 +138,8 @@ def test_a_high_place_does_not_move_the_edges_of_the_rest() -> None:
 def test_the_edge_of_a_high_bulge_is_corrected_for_parallax() -> None:
     """The far part of the stack is a bulge of 40 mm, which hides 28 mm of the table behind it."""
     height, mask = np.zeros(VIEW.shape, np.float32), np.zeros(VIEW.shape, bool)
-    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
     for low, up in ((LOW[0], 4 * THICKNESS), (0.69, 0.040)):
-        there = VIEW.to_table(np.dstack([columns, rows]), up)
+        there = on_table(VIEW, up)
         part = np.all((there > [low, LOW[1]]) & (there < HIGH), axis=2)
         height[part], mask[part] = up, True
     inside = looked_at(height, mask).inside
@@ -154,9 +150,7 @@ def test_the_edge_of_a_high_bulge_is_corrected_for_parallax() -> None:
 def test_upper_layers_that_are_set_back_have_their_own_edge() -> None:
     """The upper two of four layers end 20 mm before the lower two."""
     height, mask = seen([])
-    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
-    y = VIEW.to_table(np.dstack([columns, rows]))[..., 1]
-    height[mask & (y > 0.23)] = 2 * THICKNESS
+    height[mask & (HERE[..., 1] > 0.23)] = 2 * THICKNESS
     rng = np.random.default_rng(3)
     inside = looked_at(height + rng.normal(0.0, 0.001, height.shape).astype(np.float32), mask).inside
     assert inside(np.array([0.60, 0.23 - EDGE - 0.007])) and not inside(np.array([0.60, 0.23 - EDGE + 0.007]))
@@ -170,8 +164,7 @@ def test_room_for_fingers_is_corrected_for_parallax(x: float, thickness: float) 
     low, high = np.array([x - 0.3, -0.25]), np.array([x, 0.25])
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     flat = np.column_stack([corners, np.full(4, 0.5 * thickness)])
-    rows, columns = np.mgrid[: VIEW.shape[0], : VIEW.shape[1]]
-    there = VIEW.to_table(np.dstack([columns, rows]), thickness)
+    there = on_table(VIEW, thickness)
     mask = np.all((there > low) & (there < high), axis=2)
     shape = PredictedShape(flat, np.array([[0, 1, 2], [0, 2, 3]], np.int32), corners)
     inside = find_high_places(

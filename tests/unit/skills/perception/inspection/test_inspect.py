@@ -6,14 +6,14 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose
-from skills.perception.inspection.figures import left_behind, upper_height
+from skills.perception.inspection.figures import left_behind
 from skills.perception.inspection.inspect import inspect
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.predicted_view import draw_shape
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
-from skills.perception.registration.alignment import align
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
+from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 # A towel of 0.40 x 0.60 m folded over its middle, left half onto right half. The crease is the left edge.
@@ -25,10 +25,7 @@ def mesh(quad, z, n=16):
     u, w = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
     p = quad[1] + np.multiply.outer(u, quad[0] - quad[1]) + np.multiply.outer(w, quad[2] - quad[1])
     vertices = np.dstack([p, np.full((n, n), z)]).reshape(-1, 3)
-    i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (x.ravel() for x in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]))
-    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
-    return PredictedShape(vertices, triangles, vertices[:, :2].copy())
+    return PredictedShape(vertices, grid_triangles((n, n)), vertices[:, :2].copy())
 
 
 PREDICTED = mesh(HALF, HEIGHT)
@@ -54,6 +51,12 @@ SHORT = np.array(
 HANGING = HALF[3] + np.array([[0.0, 0.02], [-0.02, -0.06], [-0.08, -0.05], [-0.08, 0.02]])
 
 
+BACK = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
+GRASPS = {i: Grasp(HALF[k] + (0.0, 0.3), 0.0, 1, 0.003) for k, i in enumerate((GraspId.LEFT, GraspId.RIGHT))}
+GRASPED = replace(STEP, line=BACK, grasps=GRASPS)
+"""The fold with its grasps, over the line in the opposite direction."""
+
+
 @functools.cache
 def bare():
     return empty(Scene(seed=4))
@@ -62,6 +65,16 @@ def bare():
 def look(polygons, bumps=(), thickness=HEIGHT, step=STEP):
     scene = Scene(seed=4, polygons=list(polygons), bumps=list(bumps), thickness=thickness, wobble=0.001)
     return inspect(render(scene), camera(), TABLE, bare(), PREDICTED, step)
+
+
+def layered(apart, up=0.0):
+    """The prediction with a second layer `apart` [m] below it, both `up` [m] higher."""
+    vertices, count = PREDICTED.vertices + np.array([0.0, 0.0, up]), len(PREDICTED.vertices)
+    return PredictedShape(
+        np.vstack([vertices - np.array([0.0, 0.0, apart]), vertices]),
+        np.vstack([PREDICTED.triangles, PREDICTED.triangles + count]).astype(np.int32),
+        np.vstack([PREDICTED.material, PREDICTED.material]),
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,14 +102,6 @@ def test_a_fold_as_predicted_is_accepted():
 @pytest.mark.parametrize("thickness", [HEIGHT, 3.0 * HEIGHT])
 def test_the_height_of_the_stack_is_measured(thickness):
     assert look([HALF], thickness=thickness).unwrap().height_m == pytest.approx(thickness, abs=0.002)
-
-
-def test_a_height_from_too_few_pixels_is_nan():
-    judged = np.zeros((40, 40), bool)
-    judged[:10, :10] = True
-    assert np.isnan(upper_height(np.full((40, 40), 0.01, np.float32), judged))
-    judged[10, 0] = True
-    assert upper_height(np.full((40, 40), 0.01, np.float32), judged) == pytest.approx(0.01)
 
 
 def test_a_pile_at_the_crease_does_not_count_as_the_height_of_the_stack():
@@ -137,14 +142,8 @@ def test_each_failure_of_the_paper_has_its_diagnosis(polygons, bumps, thickness,
 
 def test_a_corner_left_behind_the_fold_line_is_reported_with_its_arm():
     """The left arm lost its corner, so the garment still reaches 12 cm beyond the line there."""
-    grasps = {
-        grasp_id: Grasp(HALF[i] + (0.0, 0.3), 0.0, 1, 0.003)
-        for grasp_id, i in ((GraspId.LEFT, 0), (GraspId.RIGHT, 1))
-    }
-    step = replace(STEP, line=FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1])))
-    step = replace(step, grasps=grasps)
     flap = np.array([HALF[0], HALF[0] + (0.0, 0.12), 0.5 * (HALF[0] + HALF[1]) + (0.0, 0.03), HALF[1]])
-    seen = look([HALF, flap], step=step).unwrap()
+    seen = look([HALF, flap], step=GRASPED).unwrap()
     assert seen.diagnosis is FailureKind.DROPPED_CORNER
     assert seen.left_behind["left"] > 0.08 > 0.03 > seen.left_behind["right"]
 
@@ -153,8 +152,7 @@ def test_a_corner_left_behind_the_fold_line_is_reported_with_its_arm():
 def test_cloth_left_behind_is_reported_with_its_place(place, behind):
     """Cloth reaches 40 mm too far beyond the fold line, near one grasp or between both."""
     view = TableView(camera(), TABLE)
-    there = view.to_table(np.dstack(np.mgrid[: view.shape[0], : view.shape[1]][::-1]))
-    x, y = there[..., 0], there[..., 1]
+    x, y = np.moveaxis(on_table(view), -1, 0)
     planned = (np.abs(x - 0.5) < 0.1) & (np.abs(y) < 0.25)
     seen = planned | ((np.abs(x - 0.5) < 0.14) & (np.abs(y - behind) < 0.06))
     line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # the line's normal points to larger x
@@ -173,14 +171,9 @@ def test_cloth_left_behind_is_reported_with_its_place(place, behind):
 
 def test_a_layer_left_where_it_lay_is_a_missed_layer():
     """Behind the fold line the garment reaches as far as before the fold, along the whole line."""
-    line = FoldLine(HALF[0], (HALF[0] - HALF[1]) / np.linalg.norm(HALF[0] - HALF[1]))
     back = HALF[0] - HALF[3]
-    grasps = {
-        grasp_id: Grasp(HALF[i] + (0.0, 0.3), 0.0, 1, 0.003)
-        for grasp_id, i in ((GraspId.LEFT, 0), (GraspId.RIGHT, 1))
-    }
     lower = np.array([HALF[0] + back * 0.9, HALF[1] + back * 0.9, HALF[1], HALF[0]])
-    seen = look([HALF, lower], step=replace(STEP, line=line, grasps=grasps)).unwrap()
+    seen = look([HALF, lower], step=GRASPED).unwrap()
     assert min(seen.left_behind.values()) > 0.2
     assert seen.diagnosis is FailureKind.MISSED_LAYER
 
@@ -189,11 +182,7 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
     """All cloth is 3 mm higher than the mesh, as the picture of the flat garment has shown."""
     scene = Scene(seed=4, polygons=[HALF], thickness=0.0045, wobble=0.001)
     picture = render(scene)
-    two_layers = PredictedShape(
-        np.vstack([PREDICTED.vertices - np.array([0, 0, 0.0028]), PREDICTED.vertices]),
-        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
-        np.vstack([PREDICTED.material, PREDICTED.material]),
-    )
+    two_layers = layered(0.0028)
     blind = inspect(picture, camera(), TABLE, bare(), two_layers, STEP).unwrap()
     knowing = inspect(picture, camera(), TABLE, bare(), two_layers, STEP, flat_top=0.0045).unwrap()
     assert blind.accepted and blind.missing_layer < 0.1
@@ -236,21 +225,8 @@ def test_a_bad_fold_on_boards_is_diagnosed_without_a_reference_picture():
     assert inspect(render(scene), camera(), TABLE, None, PREDICTED, STEP).unwrap().diagnosis is FailureKind.SAG
 
 
-def test_alignment_recovers_a_rigid_motion_in_spite_of_a_defect():
-    """The motion is known, and a corner of the target is missing, which must not turn the alignment."""
-    turned = place(SHORT - (0.6, 0.0), 0.63, -0.02, 0.1)
-    R, t = align(HALF, turned)
-    whole = place(HALF - (0.6, 0.0), 0.63, -0.02, 0.1)
-    assert np.abs(HALF[:3] @ R.T + t - whole[:3]).max() < 0.003
-
-
 def test_the_upper_layer_hides_the_lower_one():
     view = TableView(camera(), TABLE)
-    both = PredictedShape(
-        np.vstack([PREDICTED.vertices + np.array([0.0, 0.0, 0.02]), PREDICTED.vertices]),
-        np.vstack([PREDICTED.triangles, PREDICTED.triangles + len(PREDICTED.vertices)]).astype(np.int32),
-        np.vstack([PREDICTED.material, PREDICTED.material]),
-    )
-    image = draw_shape(view, both)
+    image = draw_shape(view, layered(0.02, 0.02))
     column, row = np.round(view.to_pixel(np.array([0.6, 0.0]))).astype(int)
     assert image[row, column] == pytest.approx(0.024, abs=1e-6)

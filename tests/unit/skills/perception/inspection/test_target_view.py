@@ -11,10 +11,10 @@ from skills.perception.inspection.predicted_view import draw_shape, outline_of
 from skills.perception.inspection.target_view import FoldTarget, stack_heights, view_target
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import PredictedShape
-from tests.scenes import TABLE, camera
+from tests.inspections import grid_triangles
+from tests.scenes import TABLE, camera, place
 
 VIEW, MARGIN = TableView(camera(), TABLE), 0.040
-HERE = VIEW.to_table(np.dstack(np.mgrid[: VIEW.shape[0], : VIEW.shape[1]][::-1]))
 X, Y = np.meshgrid(np.linspace(0.5, 0.7, 41), np.linspace(-0.15, 0.15, 61), indexing="ij")
 CREASE = np.column_stack([np.full(80, 0.7), np.linspace(-0.15, 0.15, 80)])
 """The crease of a sheet of 200 x 300 mm is its far edge."""
@@ -23,16 +23,8 @@ CREASE = np.column_stack([np.full(80, 0.7), np.linspace(-0.15, 0.15, 80)])
 def sheet(flat: float, crest: float) -> PredictedShape:
     """A sheet at the height `flat` [m]; its far 30 mm are `crest` high [m]."""
     z = np.where(X > 0.67, crest, flat)
-    n = X.shape[1]
-    corner = np.arange(X.size).reshape(X.shape)[:-1, :-1].ravel()
-    triangles = np.concatenate(
-        [
-            np.column_stack([corner, corner + n, corner + 1]),
-            np.column_stack([corner + 1, corner + n, corner + n + 1]),
-        ]
-    ).astype(np.int32)
     xy = np.column_stack([X.ravel(), Y.ravel()])
-    return PredictedShape(np.column_stack([xy, z.ravel()]), triangles, xy)
+    return PredictedShape(np.column_stack([xy, z.ravel()]), grid_triangles(X.shape), xy)
 
 
 @pytest.mark.parametrize("crest", [0.006, 0.020, 0.035])
@@ -60,9 +52,8 @@ def test_the_target_is_found_where_the_garment_drifted_to(dx: float, dy: float, 
     """The garment is higher than the target, so it appears further from the camera; this is no drift."""
     target = sheet(0.002, 0.002)
     centre = target.vertices[:, :2].mean(axis=0)
-    c, s = np.cos(turn), np.sin(turn)
     made = sheet(0.012, 0.020)
-    xy = (made.vertices[:, :2] - centre) @ np.array([[c, s], [-s, c]]) + centre + (dx, dy)
+    xy = place(made.vertices[:, :2] - centre, centre[0] + dx, centre[1] + dy, turn)
     seen = draw_shape(VIEW, replace(made, vertices=np.column_stack([xy, made.vertices[:, 2]])))
     mask = np.isfinite(seen)
     found = view_target(VIEW, mask, outline_of(VIEW, mask), seen, made, FoldTarget(target, CREASE), MARGIN)

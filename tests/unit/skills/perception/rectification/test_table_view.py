@@ -41,14 +41,19 @@ def test_far_is_up_and_left_is_left_in_the_view():
     assert VIEW.to_pixel([0.6, 0.3])[0] < VIEW.to_pixel([0.6, -0.3])[0]
 
 
-def test_the_depth_of_a_raised_plane_becomes_its_height():
+def plane(up):
+    """A frame of a plane that lies `up` [m] above the table."""
     c = camera()
     k, T = c.intrinsics, c.T_table_camera
     u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
     slope = T[2, 0] * (u - k.cx) / k.fx + T[2, 1] * (v - k.cy) / k.fy + T[2, 2]
-    depth = ((0.03 - T[2, 3]) / slope).astype(np.float32)
-    depth[200:210, 300:310] = np.nan
-    frame = CameraFrame(0.0, 0, np.zeros((k.height, k.width, 3), np.uint8), depth, k)
+    depth = ((up - T[2, 3]) / slope).astype(np.float32)
+    return CameraFrame(0.0, 0, np.zeros((k.height, k.width, 3), np.uint8), depth, k)
+
+
+def test_the_depth_of_a_raised_plane_becomes_its_height():
+    frame = plane(0.03)
+    frame.depth[200:210, 300:310] = np.nan
     height = VIEW.rectify(frame).height
     inner = VIEW.valid & np.isfinite(height)
     assert np.abs(height[inner] - 0.03).max() < 1e-5
@@ -58,13 +63,7 @@ def test_the_depth_of_a_raised_plane_becomes_its_height():
 @pytest.mark.parametrize(("up", "seen"), [(-0.03, True), (0.3, True), (-0.11, False), (-9.0, False)])
 def test_depth_far_below_the_table_is_invalid(up, seen):
     """Such depths come from mirror images in a shiny table or from a driver's farthest range."""
-    c = camera()
-    k, T = c.intrinsics, c.T_table_camera
-    u, v = np.meshgrid(np.arange(k.width), np.arange(k.height))
-    slope = T[2, 0] * (u - k.cx) / k.fx + T[2, 1] * (v - k.cy) / k.fy + T[2, 2]
-    depth = ((up - T[2, 3]) / slope).astype(np.float32)
-    frame = CameraFrame(0.0, 0, np.zeros((k.height, k.width, 3), np.uint8), depth, k)
-    assert np.isfinite(VIEW.rectify(frame).height[VIEW.valid]).all() == seen
+    assert np.isfinite(VIEW.rectify(plane(up)).height[VIEW.valid]).all() == seen
 
 
 def test_a_square_on_the_table_is_a_square_in_the_view():

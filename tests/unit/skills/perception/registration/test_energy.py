@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.outline import interior_angles, segment_lengths
+from skills.perception.outline import interior_angles
 from skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
@@ -105,7 +105,3 @@ def test_the_distance_to_the_boundary_is_signed():
     distance, gradient = boundary.distance(x)
     assert np.allclose(distance, [0.01, -0.2, 0.05, -0.0005], atol=1e-4)
     assert np.allclose(gradient[0], [0, 1], atol=0.1) and np.allclose(gradient[2], [1, 0], atol=0.01)
-
-
-def test_the_segment_lengths_of_a_rectangle_are_its_sides():
-    assert np.allclose(segment_lengths(SQUARE), [0.4, 0.6, 0.4, 0.6])

@@ -32,6 +32,12 @@ def lying(thickness=0.003, bumps=()):
     return render(scene)
 
 
+def sheet(quad):
+    """The prediction of a fold: a flat sheet with these four corners [m]."""
+    vertices = np.column_stack([quad, np.full(4, 0.003)])
+    return PredictedShape(vertices, np.array([[0, 1, 2], [0, 2, 3]], np.int32), quad)
+
+
 def found(frame, known=None):
     return find_obstruction(VIEW.rectify(frame), known, VIEW.pixel)
 
@@ -80,10 +86,7 @@ def test_a_few_centimetres_of_error_in_the_tables_height_are_no_obstruction():
 
 def test_a_hand_in_the_picture_leaves_a_fold_unjudged():
     """Cloth and hand together would look like a bad fold."""
-    quad = FLAT.polygons[0]
-    shape = PredictedShape(
-        np.column_stack([quad, np.full(4, 0.003)]), np.array([[0, 1, 2], [0, 2, 3]], np.int32), quad
-    )
+    shape = sheet(FLAT.polygons[0])
     assert inspect(lying(), CAMERA, TABLE, bare(), shape).unwrap().accepted
     hidden = inspect(with_arm(lying(), CAMERA, (0.6, 0.2), LEFT), CAMERA, TABLE, bare(), shape)
     assert hidden.failure is not None and hidden.failure.kind is FailureKind.VIEW_OBSTRUCTED
@@ -91,9 +94,6 @@ def test_a_hand_in_the_picture_leaves_a_fold_unjudged():
 
 def test_a_second_garment_beside_a_fold_is_reported():
     quad = place(TOWEL * 0.5, 0.5, -0.25, 0.0)
-    shape = PredictedShape(
-        np.column_stack([quad, np.full(4, 0.003)]), np.array([[0, 1, 2], [0, 2, 3]], np.int32), quad
-    )
     both = Scene(seed=3, polygons=[quad, place(TOWEL * 0.4, 0.6, 0.25, 0.3)])
-    outcome = inspect(render(both), CAMERA, TABLE, bare(), shape)
+    outcome = inspect(render(both), CAMERA, TABLE, bare(), sheet(quad))
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.UNKNOWN_GARMENT

@@ -35,6 +35,12 @@ def pair(picture, bare):
     return seen, table, height_above(seen, table)
 
 
+def compared(scene):
+    """The segmentation of a scene by comparison with its empty table."""
+    seen, table, height = pair(render(scene), empty(scene))
+    return segment_reference(seen.rgb, table.rgb, seen.valid, height)
+
+
 @pytest.mark.parametrize("seed", [0, 5, 26])
 def test_the_reference_finds_a_towel_of_any_fabric(towel_picture, seed):
     scene, truth, picture, bare = towel_picture(seed)
@@ -48,8 +54,7 @@ def test_a_deep_wide_shadow_does_not_move_the_boundary():
     """The lamp is low at the side and the shadow's rim is 10 mm wide, but the contour stays within 3 mm."""
     towel = place(TOWEL, 0.6, 0.0, 0.1)
     scene = Scene(seed=2, polygons=[towel], thickness=0.003, light=(1.6, 0.9), shadow=0.6, wobble=0.0)
-    seen, table, height = pair(render(scene), empty(scene))
-    found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
+    found = compared(scene)
     points = VIEW.to_table(found.contour, scene.thickness).astype(np.float32)
     outside = [-cv2.pointPolygonTest(towel.astype(np.float32), (float(x), float(y)), True) for x, y in points]
     assert np.quantile(outside, 0.95) < 0.003
@@ -58,8 +63,7 @@ def test_a_deep_wide_shadow_does_not_move_the_boundary():
 def test_depth_separates_dark_grey_cloth_from_a_shadow():
     towel = place(TOWEL * 0.8, 0.6, 0.0, 0.2)
     scene = Scene(seed=6, polygons=[towel], fabric=(0.27, 0.27, 0.27), table_colour=(0.5, 0.5, 0.5))
-    seen, table, height = pair(render(scene), empty(scene))
-    found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
+    found = compared(scene)
     assert iou(found.mask, true_mask(scene, towel)) > 0.93
 
 
@@ -69,8 +73,7 @@ def test_a_garment_that_covers_most_of_the_view_is_not_taken_for_a_change_of_lig
     """The light changes too: the whole picture is brighter by a tenth."""
     towel = place(TOWEL * size, 0.63, 0.0, 0.0)
     scene = Scene(seed=3, polygons=[towel], fabric=fabric, gain=1.1)
-    seen, table, height = pair(render(scene), empty(scene))
-    found = segment_reference(seen.rgb, table.rgb, seen.valid, height)
+    found = compared(scene)
     assert iou(found.mask, true_mask(scene, towel)) > 0.97
     assert found.confidence > 0.9
 

@@ -16,12 +16,14 @@ from skills.perception.inspection.figures import (
     upper_height,
 )
 from skills.perception.inspection.result import InspectionSettings
+from skills.perception.outline import rotation
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
+from tests.inspections import on_table
 from tests.scenes import TABLE, camera
 
 VIEW, S = TableView(camera(), TABLE), InspectionSettings()
-HERE = VIEW.to_table(np.dstack(np.mgrid[: VIEW.shape[0], : VIEW.shape[1]][::-1]))
+HERE = on_table(VIEW)
 """(H, W, 2) position of each pixel on the table [m]."""
 LAYER = 0.003
 LEFT, RIGHT = np.array([0.55, 0.15]), np.array([0.55, -0.15])
@@ -111,8 +113,7 @@ def test_the_missing_layer_is_that_of_the_target_with_the_most_missing_height(le
 
 def test_heights_at_a_target_are_measured_at_the_observed_place_of_the_fold() -> None:
     """The whole garment was turned and moved, so the targets moved too."""
-    angle, t = np.deg2rad(30.0), np.array([0.35, -0.28])
-    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    R, t = rotation(np.deg2rad(30.0)), np.array([0.35, -0.28])
     moved = np.full(VIEW.shape, 2 * LAYER, np.float32)
     height = moved.copy()
     height[np.linalg.norm(HERE - (R @ LEFT + t), axis=2) < 0.04] = LAYER

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cell.config.garments.garment_file import load_garment
-from skills.garments.fitted import fitted_template, mirror_images
+from skills.garments.picture_measure import fitted_template, mirror_images
 
 SHIRT = load_garment("t_shirt", "bare_table").template
 SKEW = np.array([[-0.3, -0.2], [0.3, -0.25], [0.2, 0.3], [-0.25, 0.2]])
