@@ -160,7 +160,9 @@ def folded(reach=0.3, width=0.4, layer=LAYER, slope=0.0):
     """The prediction of a fold. reach: length of the moved part beyond the line, in its middle [m]. width: of the
     towel [m]. slope: by which the moved part gets shorter from its middle to both ends."""
     x, y = np.meshgrid(
-        np.linspace(0.6 - width / 2, 0.6 + width / 2, 17), np.linspace(-0.3, reach, 41), indexing="ij"
+        np.linspace(*np.round((0.6 - width / 2, 0.6 + width / 2), 6), 17),
+        np.linspace(-0.3, reach, 41),
+        indexing="ij",
     )
     y = np.where(y > 0, y * (1.0 - slope * np.abs(x - 0.6) / reach), y)
     material = np.stack([x.ravel(), y.ravel()], axis=1)
