@@ -20,6 +20,7 @@ from typing import Any
 from benchmarks.results_page import table
 from cell.campaigns.faults.fault_table import read_fault_table
 from cell.campaigns.statistics.proportions import wilson_interval
+from cell.record.words import interval, plain
 
 __all__ = ["FaultRun", "main", "page", "read_runs"]
 
@@ -95,8 +96,8 @@ def _shares(struck: Sequence[FaultRun], due: dict[str, str], world: str) -> Iter
             if world in (run.world, "all") and (due[run.faults] == end or (not end and " or " in due[run.faults]))
         ]  # fmt: skip
         good = sum(run.due for run in chosen)
-        low, high = wilson_interval(good, len(chosen))
-        yield f"{good} of {len(chosen)} ({100 * low:.0f} to {100 * high:.0f} %)" if chosen else "-"
+        share = interval(wilson_interval(good, len(chosen)))
+        yield f"{good} of {len(chosen)} ({share})" if chosen else "-"
 
 
 def _rows(runs: Sequence[FaultRun], due: dict[str, str], worlds: Sequence[str]) -> Iterator[tuple[str, ...]]:
@@ -107,7 +108,7 @@ def _rows(runs: Sequence[FaultRun], due: dict[str, str], worlds: Sequence[str]) 
             struck = [run for run in found if run.struck]
             cells.append(f"{sum(r.due for r in struck)} of {len(struck)}" if struck else "-" if found else "")
         if any(cells):
-            yield name.replace("_", " "), end, *cells
+            yield plain(name), end, *cells
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,11 +11,12 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.results_page import table
+from benchmarks.results_page import causes, origin, table
 from cell.campaigns.statistics.proportions import wilson_interval
 from cell.campaigns.statistics.summary import claims
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
+from cell.record.words import interval, plain
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results" / "garments.md"
 NEAR = 0.002
@@ -35,26 +36,18 @@ whose height is within 2 mm of its limit are counted apart. Intervals: Wilson, 9
 
 def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
     """Write the page as Markdown."""
-    origin, names = campaign.origin, sorted({t.request.garment for t in trials})
+    names = sorted({t.request.garment for t in trials})
     rows = [_row(name, [t for t in trials if t.request.garment == name]) for name in names]
     rows.append(_row("all", trials))
     seeds = sorted({t.request.seed for t in trials})
-    causes = [
-        f"- {t.request.garment.replace('_', ' ')}, seed {t.request.seed}: {t.cause.replace('_', ' ')}"
-        for t in sorted(trials, key=lambda t: (t.request.garment, t.request.seed))
-        if t.cause
-    ]
     lines = [
         INTRODUCTION,
-        f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
-        f"{origin['machine']['cores']} cores.",
+        origin(campaign.campaign),
         f"- Command: `foldcell trials benchmarks/campaigns/garments.yaml`; seeds {', '.join(map(str, seeds))}.",
         "",
         table("Runs", COLUMNS, rows),
         "",
-        "## Runs that were not folded",
-        "",
-        *(causes or ["None."]),
+        *causes(trials),
     ]
     return "\n".join(lines) + "\n"
 
@@ -62,26 +55,24 @@ def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
 def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
     passed = [t for t in trials if t.passed]
     found = claims(trials)
-    low, high = wilson_interval(len(passed), len(trials))
-    figures = [t.figures for t in trials if t.figures is not None]
+    records = [t.record for t in trials if t.record]
     return (
-        name.replace("_", " "),
+        plain(name),
         str(len(trials)),
         str(len(passed)),
-        f"{100 * low:.0f} to {100 * high:.0f} %",
+        interval(wilson_interval(len(passed), len(trials))),
         str(sum(t.claimed for t in trials)),
         str(found.claimed_failed),
         str(found.unclaimed_passed),
         str(sum(_near_limit(t) for t in trials)),
-        f"{statistics.mean(f['robot_time_s'] for f in figures):.0f}" if figures else "-",
-        f"{statistics.mean(f['wall_time_s'] for f in figures):.0f}" if figures else "-",
+        f"{statistics.mean(r.robot_time_s for r in records):.0f}" if records else "-",
+        f"{statistics.mean(r.wall_time_s for r in records):.0f}" if records else "-",
     )
 
 
 def _near_limit(trial: Trial) -> bool:
-    score = (trial.figures or {}).get("score") or {}
-    limit = (score.get("limits") or {}).get("height_m")
-    return limit is not None and abs(score["height_m"] - limit) < NEAR
+    height = trial.score.judged.get("height_m") if trial.score else None
+    return height is not None and abs(height.value - height.limit) < NEAR
 
 
 def main(arguments: Sequence[str]) -> int:

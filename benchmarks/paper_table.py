@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import statistics
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.results_page import table
-from cell.campaigns.perform_campaign import perform_campaign
+from benchmarks.results_page import causes, origin, table
 from cell.campaigns.statistics.proportions import wilson_interval
 from cell.campaigns.statistics.summary import claims
-from cell.campaigns.trials.progress import CampaignProgress
+from cell.campaigns.trials.campaign import read_campaign
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
+from cell.commands.run.perform import new_campaign, perform
+from cell.config.cell_settings import load_settings
+from cell.record.words import interval, plain
 
 ROOT = Path(__file__).resolve().parents[1]
 CAMPAIGN = ROOT / "benchmarks" / "campaigns" / "paper.yaml"
@@ -63,35 +66,28 @@ without waiting for a person.
 
 def page(campaign: CampaignFolder, trials: Sequence[Trial]) -> str:
     """Write the page as Markdown."""
-    origin = campaign.origin
     rows = [_row(name, [t for t in trials if t.request.garment == name]) for name in PAPER]
     ours = [t for t in trials if t.performed]
     rows.append(_row("all", ours))
     seeds = sorted({t.request.seed for t in ours})
     found = claims(ours)
-    causes = sorted({(t.request.garment, t.request.seed, t.cause) for t in ours if t.cause})
     lines = [
         INTRODUCTION,
-        f"- Begun {origin['begun']}, commit {origin['commit']}, {origin['machine']['cpu']}, "
-        f"{origin['machine']['cores']} cores.",
+        origin(campaign.campaign),
         f"- Command: `python -m benchmarks.paper_table CAMPAIGN_FOLDER`; seeds {', '.join(map(str, seeds))}.",
         f"- Claims: {found.claimed_passed} true, {found.claimed_failed} false; {found.unclaimed_passed} good "
         "folds were not claimed.",
         "",
         table("Folding tests", COLUMNS, rows),
         "",
-        "## Runs that were not folded",
-        "",
-        *([f"- {g.replace('_', ' ')}, seed {s}: {c.replace('_', ' ')}" for g, s, c in causes] or ["None."]),
+        *causes(ours),
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
 def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
-    done = [t for t in trials if t.success and t.figures is not None]
-    low, high = wilson_interval(len(done), len(trials))
-    times = [t.figures["robot_time_s"] for t in done if t.figures is not None]
-    folds = sorted({len(t.figures["steps"]) for t in trials if t.figures is not None})
+    times = [t.record.robot_time_s for t in trials if t.success and t.record]
+    folds = sorted({len(t.record.steps) for t in trials if t.record})
     paper = PAPER.get(name)
     if paper is None:
         successes = sum(row.successes for row in PAPER.values())
@@ -99,12 +95,12 @@ def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
     else:
         published = (str(paper.folds), f"{paper.successes} of {TRIALS}", f"{paper.time_s} s")
     return (
-        name.replace("_", " "),
+        plain(name),
         published[0],
         "" if paper is None else ", ".join(map(str, folds)),
         published[1],
-        f"{len(done)} of {len(trials)}",
-        f"{100 * low:.0f} to {100 * high:.0f} %",
+        f"{len(times)} of {len(trials)}",
+        interval(wilson_interval(len(times), len(trials))),
         published[2],
         f"{statistics.mean(times):.0f} s" if times else "-",
     )
@@ -112,29 +108,16 @@ def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
 
 def main(arguments: Sequence[str]) -> int:
     if arguments:
-        folder = Path(arguments[0])
+        folder = CampaignFolder.open(Path(arguments[0]))
     else:
-        from cell.campaigns.executors import RUNS_EACH, chosen_workers
-        from cell.campaigns.trials.campaign import read_campaign
-        from cell.config.cell_settings import load_settings
-        from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
-
-        logs = prepare_logs(logs_directory())
-        created = CampaignFolder.create(
-            campaign_folder(logs, "trials"), read_campaign(CAMPAIGN, load_settings()), logs
-        )
-        folder = created.path
-        print(f"folder   {folder}; to continue: foldcell trials --resume {folder}", flush=True)
-        with created.owned(), chosen_workers(None, None, folder, RUNS_EACH) as workers:
-            progress = CampaignProgress(len(created.campaign.requests), 0, workers.count)
-            perform_campaign(created, workers, lambda trial: print(progress.line(trial), flush=True))
-    campaign = CampaignFolder.open(folder)
-    finished = campaign.finished()
-    trials = [t for t in finished if t.request.garment in PAPER]
-    if len(finished) < len(campaign.campaign.requests):
-        print(f"unfinished: foldcell trials --resume {folder}", file=sys.stderr)
+        options = Namespace(logs=None, workers=None, cluster=None, resume=None, json=False)
+        folder = new_campaign(read_campaign(CAMPAIGN, load_settings()), "trials", options)
+        perform(folder, options)
+    finished = folder.finished()
+    if len(finished) < len(folder.campaign.requests):
+        print(f"unfinished: foldcell trials --resume {folder.path}", file=sys.stderr)
         return 2
-    PAGE.write_text(page(campaign, trials), encoding="utf-8")
+    PAGE.write_text(page(folder, [t for t in finished if t.request.garment in PAPER]), encoding="utf-8")
     print(PAGE)
     return 0
 

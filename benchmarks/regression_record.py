@@ -75,7 +75,7 @@ def record(script: Path, folder: Path, tell: Callable[[str], None] = print) -> N
 
     own, commands = read_script(script), _Commands()
     settings = load_settings(None)
-    director = Director(own, load_robot(settings).q_park, tell)
+    director = Director(own.do, load_robot(settings).q_park, tell, own.seed, own.limit_s)
     with tempfile.TemporaryDirectory() as logs:
         request = FoldRequest(
             garment=own.garment_named, seed=own.seed, driver="sim", settings=settings, settings_path=None,

@@ -1,4 +1,5 @@
-"""Writes a benchmark's figures as Markdown tables, with the required value beside each figure."""
+"""Writes a benchmark's figures as Markdown tables, with the required value beside each figure, and the runs of a
+campaign that were not folded."""
 
 from __future__ import annotations
 
@@ -6,7 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Row", "plain", "table", "table_of_rows"]
+from cell.campaigns.trials.store import BegunCampaign
+from cell.campaigns.trials.trial import Trial
+from cell.record.words import plain as in_words
+
+__all__ = ["Row", "causes", "origin", "plain", "table", "table_of_rows"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,19 @@ def table_of_rows(title: str, rows: Sequence[Row], figures: Mapping[str, Any]) -
 def table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [f"## {title}", "", _line([n.replace("_", " ") for n in names]), _line(["---"] * len(names))]
     return "\n".join(lines + [_line(row) for row in rows])
+
+
+def origin(campaign: BegunCampaign) -> str:
+    """Return the line that says when, from what and where a campaign was made."""
+    machine = campaign.machine
+    return f"- Begun {campaign.begun}, commit {campaign.commit}, {machine.cpu}, {machine.cores} cores."
+
+
+def causes(trials: Sequence[Trial]) -> list[str]:
+    """Return the section with the runs that were not folded, as lines."""
+    failed = sorted({(t.request.garment, t.request.seed, t.cause) for t in trials if t.cause})
+    lines = [f"- {in_words(garment)}, seed {seed}: {in_words(cause)}" for garment, seed, cause in failed]
+    return ["## Runs that were not folded", "", *(lines or ["None."])]
 
 
 def plain(value: Any) -> str:

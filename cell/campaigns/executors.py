@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.trials.engine import process_died
 from cell.campaigns.trials.store import cpu_model, program_versions
 from cell.support.process.workers import worker_pool
 from robots.errors import ConfigurationError
 
-__all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_workers"]
+__all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_workers", "process_died"]
 
 RUNS_EACH = 8
 """A worker process of this machine is replaced after this number of runs, so that its memory use stays limited."""
 PATIENCE_S = 15.0
+
+
+def process_died(error: BaseException) -> bool:
+    """Whether the exception of a task means that its worker process died."""
+    return isinstance(error, BrokenExecutor | CancelledError)
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,8 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
     checks these conditions first. Raises ConfigurationError.
     """
     try:
-        from distributed import CancelledError, Client, KilledWorker
+        from distributed import CancelledError as TaskLost
+        from distributed import Client, KilledWorker
     except ImportError:
         raise ConfigurationError(
             "--cluster needs the package distributed", "install it: pip install 'foldcell[cluster]'"
@@ -116,7 +121,7 @@ def cluster_workers(address: str, folder: Path) -> Iterator[Workers]:
         yield Workers(
             client.get_executor(pure=False),
             len(threads),
-            lambda error: process_died(error) or isinstance(error, KilledWorker | CancelledError),
+            lambda error: process_died(error) or isinstance(error, KilledWorker | TaskLost),
             (note,) if len(models) > 1 else (),
         )
 

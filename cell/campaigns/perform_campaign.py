@@ -5,15 +5,15 @@ from __future__ import annotations
 import functools
 import sys
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.executors import Workers
-from cell.campaigns.results import RESULTS, campaign_results, results_text
+from cell.campaigns.results import RESULTS, CampaignResults
 from cell.campaigns.trials.campaign import Keep, TrialRequest
-from cell.campaigns.trials.engine import run_trials
 from cell.campaigns.trials.perform_trial import Fold, perform_trial
 from cell.campaigns.trials.store import CampaignFolder, program_versions
 from cell.campaigns.trials.trial import Trial
@@ -21,11 +21,23 @@ from cell.operator.progress.compiling import report_compilation
 from cell.support.files.whole_file import write_whole
 from robots.errors import StorageError
 
-__all__ = ["perform_campaign"]
+__all__ = ["ATTEMPTS", "perform_campaign", "run_trials"]
 
+ATTEMPTS = 3
+"""Maximum number of starts of a run. A run is started again only if its worker process died."""
 WRITE_EVERY_S = 10.0
 """Shortest time between two updates of the results and the page. Finished runs are safe meanwhile, because each is
 stored in its own folder."""
+Write = Callable[[CampaignFolder, list[Trial]], None]
+
+
+def write_results(folder: CampaignFolder, trials: list[Trial]) -> None:
+    """Write `trials.json` and `campaign.html`. Raises StorageError."""
+    from cell.campaigns.page.campaign_page import PAGE, campaign_page
+
+    results = CampaignResults.of(folder.campaign, trials)
+    write_whole(folder.path / RESULTS, results.text())
+    write_whole(folder.path / PAGE, campaign_page(folder, results))
 
 
 def perform_campaign(
@@ -33,23 +45,21 @@ def perform_campaign(
     workers: Workers,
     report: Callable[[Trial], None],
     fold: Fold | None = None,
-    write: Callable[[CampaignFolder, list[Trial]], Any] | None = None,
+    write: Write = write_results,
 ) -> list[Trial]:
     """Perform the runs that are missing. Returns all runs, old and new. report: called after each run. fold: see
-    `perform_trial`. write: writes the results and the page; None: those of any campaign.
+    `perform_trial`. write: writes the results and the page.
 
     The results so far are also written if the campaign is interrupted. Raises StorageError if the folder cannot be
     written.
     """
     trials = folder.finished()
-    missing = folder.missing(trials)
     sources = program_versions()["sources"]
     work = functools.partial(_perform, str(folder.path), folder.campaign.keep, fold, sources)
     written = 0.0
-    write = write or write_results
     try:
         write(folder, trials)
-        with closing(run_trials(missing, work, workers.executor, workers.died)) as running:
+        with closing(run_trials(folder.missing(trials), work, workers)) as running:
             for trial in running:
                 trials.append(trial)
                 report(trial)
@@ -61,17 +71,44 @@ def perform_campaign(
     return trials
 
 
-def write_results(folder: CampaignFolder, trials: list[Trial]) -> dict[str, Any]:
-    """Write `trials.json` and `campaign.html`. Raises StorageError."""
-    from cell.campaigns.page.campaign_page import PAGE, campaign_page
+def run_trials(
+    requests: Sequence[TrialRequest], work: Callable[[TrialRequest], Trial], workers: Workers
+) -> Generator[Trial, None, None]:
+    """Yield each run as it ends, in any order. work: performs a run, in a worker process.
 
-    results = campaign_results(folder.campaign, trials)
-    write_whole(folder.path / RESULTS, results_text(results))
-    write_whole(folder.path / PAGE, campaign_page(folder, trials))
-    return results
+    A run whose worker process died is started up to ATTEMPTS times in all; then it counts as not performed. So
+    does a run whose work raises any other exception, because `perform_trial` turns a run's own exceptions into
+    results. StorageError is raised: a campaign cannot go on without its folder."""
+    begun: Counter[int] = Counter()
+    running: dict[Future[Trial], int] = {}
+
+    def start(index: int) -> None:
+        begun[index] += 1
+        running[workers.executor.submit(work, requests[index])] = index
+
+    try:
+        for index in range(len(requests)):
+            start(index)
+        while running:
+            for job in wait(running, return_when=FIRST_COMPLETED).done:
+                index = running.pop(job)
+                error = CancelledError() if job.cancelled() else job.exception()
+                if error is None:
+                    yield job.result()
+                elif isinstance(error, StorageError):
+                    raise error
+                elif workers.died(error) and begun[index] < ATTEMPTS:
+                    start(index)
+                else:
+                    died = f"its worker process died {ATTEMPTS} times ({type(error).__name__})"
+                    why = died if workers.died(error) else f"{type(error).__name__}: {error}"
+                    yield Trial(requests[index], None, why, performed=False)
+    finally:
+        for job in running:
+            job.cancel()
 
 
-def _perform(campaign: str, keep: Keep, fold: Fold | None, sources: str, request: TrialRequest) -> dict[str, Any]:
+def _perform(campaign: str, keep: Keep, fold: Fold | None, sources: str, request: TrialRequest) -> Trial:
     """Perform one run. Called in a worker process.
 
     Raises StorageError if the program's files have changed since the campaign was started: a process that starts

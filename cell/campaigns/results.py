@@ -1,58 +1,94 @@
-"""The results of a campaign as one JSON object: `trials.json` and `foldcell trials --json`."""
+"""The results of a campaign so far: of each variant, its comparison with the first, and all runs."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from cell.campaigns.statistics.comparison import compare_trials
-from cell.campaigns.statistics.summary import Claims, claims, part_claims, summarise
+from cell.campaigns.statistics.comparison import Comparison, compare_trials
+from cell.campaigns.statistics.summary import Claims, Row, claims, part_claims, summarise
 from cell.campaigns.trials.campaign import Campaign
 from cell.campaigns.trials.trial import Trial
 from cell.support.json_values import to_json
 
-__all__ = ["RESULTS", "campaign_results", "results_text"]
+__all__ = ["RESULTS", "CampaignResults", "VariantResults"]
 
 RESULTS = "trials.json"
 SCHEMA = 1
 
 
-def campaign_results(campaign: Campaign, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Return the results so far. garments: one row per variant and garment; claims: one 2 x 2 table per variant,
-    and in `parts` one per part of the claim; comparisons: each variant against the first; not_performed: the
-    planned runs that have no figures yet."""
-    performed = sorted((t for t in trials if t.performed), key=lambda t: t.request.key)
-    done = {t.request.key for t in performed}
-    by_variant = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}
-    first, *others = campaign.variants
-    return {
-        "schema": SCHEMA,
-        "about": campaign.about,
-        "garments": [asdict(row) for group in by_variant.values() for row in summarise(group)],
-        "claims": {
-            name: {
-                **_table(claims(group)),
-                "parts": {part: _table(table) for part, table in part_claims(group).items()},
-            }
-            for name, group in by_variant.items()
-        },
-        "comparisons": [
-            {"first": first, "second": other, **asdict(compare_trials(by_variant[first], by_variant[other]))}
-            for other in others
-        ],
-        "runs": [_run(t) for t in performed],
-        "not_performed": [
-            {"variant": r.variant, "garment": r.garment, "seed": r.seed}
-            for r in sorted(campaign.requests, key=lambda r: r.key)
-            if r.key not in done
-        ],
-    }
+@dataclass(frozen=True)
+class VariantResults:
+    """The results of one variant. about: its difference in words. rows: one per garment. claims: all claims
+    against the verdicts; part_claims: those of each part of the claim."""
+
+    name: str
+    about: str
+    trials: Sequence[Trial]
+    rows: Sequence[Row]
+    claims: Claims
+    part_claims: Mapping[str, Claims]
 
 
-def results_text(results: dict[str, Any]) -> str:
-    return json.dumps(to_json(results), indent=1) + "\n"
+@dataclass(frozen=True)
+class CampaignResults:
+    """The results of a campaign so far. trials: the performed runs, in order of variant, garment and seed.
+    not_performed: planned runs whose worker process died or could not start them. comparisons: each variant with
+    the first, as (name of the first, name of the other, comparison)."""
+
+    campaign: Campaign
+    trials: Sequence[Trial]
+    not_performed: Sequence[Trial]
+    variants: Sequence[VariantResults]
+    comparisons: Sequence[tuple[str, str, Comparison]]
+
+    @classmethod
+    def of(cls, campaign: Campaign, trials: Sequence[Trial]) -> CampaignResults:
+        performed = sorted((t for t in trials if t.performed), key=lambda t: t.request.key)
+        groups = {name: [t for t in performed if t.request.variant == name] for name in campaign.variants}
+        first, *others = groups
+        return cls(
+            campaign,
+            performed,
+            [t for t in trials if not t.performed],
+            [
+                VariantResults(
+                    name, campaign.variants[name], group, summarise(group), claims(group), part_claims(group)
+                )
+                for name, group in groups.items()
+            ],
+            [(first, other, compare_trials(groups[first], groups[other])) for other in others],
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of `trials.json`. not_performed: the planned runs that have no record yet."""
+        done = {trial.request.key for trial in self.trials}
+        values = {
+            "schema": SCHEMA,
+            "about": self.campaign.about,
+            "garments": [row for variant in self.variants for row in variant.rows],
+            "claims": {
+                v.name: {**_table(v.claims), "parts": {name: _table(t) for name, t in v.part_claims.items()}}
+                for v in self.variants
+            },
+            "comparisons": [
+                {"first": first, "second": second, **asdict(comparison)}
+                for first, second, comparison in self.comparisons
+            ],
+            "runs": [_run(trial) for trial in self.trials],
+            "not_performed": [
+                {"variant": r.variant, "garment": r.garment, "seed": r.seed}
+                for r in sorted(self.campaign.requests, key=lambda r: r.key)
+                if r.key not in done
+            ],
+        }
+        return dict(to_json(values))
+
+    def text(self) -> str:
+        """Return the text of `trials.json`."""
+        return json.dumps(self.as_json(), indent=1) + "\n"
 
 
 def _table(table: Claims) -> dict[str, Any]:
@@ -68,5 +104,6 @@ def _run(trial: Trial) -> dict[str, Any]:
         "result": trial.result,
         "cause": trial.cause,
         "error": trial.error,
-        "figures": trial.figures,
+        "record": trial.record,
+        "scripted": trial.seen,
     }

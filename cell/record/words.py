@@ -20,8 +20,10 @@ __all__ = [
     "UNKNOWN",
     "capital",
     "claim_in_words",
+    "difference",
     "figure",
     "figure_name",
+    "interval",
     "laying_in_words",
     "length",
     "lost_in_words",
@@ -31,6 +33,7 @@ __all__ = [
     "recovery_in_words",
     "seconds",
     "sentences",
+    "value_in_words",
     "verdict",
 ]
 
@@ -69,9 +72,34 @@ def seconds(s: float | None) -> str:
     return f"{s:.2f} s" if s < 10.0 else f"{s:.1f} s"
 
 
-def percent(share: float) -> str:
+def percent(share: float | None) -> str:
     """Return a share (0..1) as '98 %'."""
-    return f"{100.0 * share:.0f} %"
+    return UNKNOWN if share is None else f"{100.0 * share:.0f} %"
+
+
+def interval(ends: tuple[float, float]) -> str:
+    """Return the ends of an interval of a share (0..1) as '84 to 97 %'."""
+    return f"{100.0 * ends[0]:.0f} to {100.0 * ends[1]:.0f} %"
+
+
+def difference(name: str, value: float | None, ends: tuple[float, float] | None = None) -> str:
+    """Return the difference of a length (`_m`) or a time (`_s`), with the ends of its interval: '-1.2 mm (-2.0 to
+    +0.1 mm)'."""
+    if value is None:
+        return UNKNOWN
+    scale, unit = (1e3, "mm") if name.endswith("_m") else (1.0, "s")
+    within = f" ({scale * ends[0]:+.1f} to {scale * ends[1]:+.1f} {unit})" if ends else ""
+    return f"{scale * value:+.1f} {unit}{within}"
+
+
+def value_in_words(value: object, longest: int = 120) -> str:
+    """Return a value of any kind as a text of at most `longest` characters; empty for None."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
 def figure(name: str, value: float | None) -> str:

@@ -9,13 +9,15 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 __all__ = ["to_json"]
 
 
 def to_json(value: Any) -> Any:
-    """Convert `value` to plain JSON values: dataclasses to mappings, arrays to lists, enums to their values,
-    numbers that are not finite to null, other objects to the name of their type. Never raises, because a log entry
-    must not end a run."""
+    """Convert `value` to plain JSON values: dataclasses and pydantic's models to mappings, arrays to lists, enums
+    to their values, numbers that are not finite to null, other objects to the name of their type. Never raises,
+    because a log entry must not end a run."""
     if value is None or (isinstance(value, bool | str) and not isinstance(value, Enum)):
         return value
     if isinstance(value, Enum):
@@ -31,6 +33,8 @@ def to_json(value: Any) -> Any:
         return [to_json(v) for v in items]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: to_json(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, BaseModel):
+        return to_json(dict(value))
     if hasattr(value, "tolist"):  # numpy's scalars and arrays
         return to_json(value.tolist())
     if isinstance(value, Path):

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
-from cell.campaigns.dashboard.entries import RunEntry, mapping
-from cell.campaigns.dashboard.figure_texts import figure_text, value_text
-from cell.campaigns.dashboard.history import RESULT
-from cell.campaigns.trials.trial import TRIAL
+from cell.campaigns.dashboard.entries import RunEntry
 from cell.journal.journal import Entry, Journal, JournalRun
+from cell.record.words import figure, figure_name, plain, value_in_words
 from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
 from cell.runs.run_difference import RunDifference, run_difference
 from cell.support.files.paths import journal_path
 from robots.errors import CellError
+from skills.scoring.score import Figure
 
 __all__ = ["Comparison", "PicturePair", "Row", "Value", "compare_runs"]
 
@@ -75,140 +73,110 @@ class Comparison:
     notices: Sequence[str]
 
 
-@dataclass(frozen=True)
-class _Loaded:
-    entry: RunEntry
-    figures: Mapping[str, Any]
-    record: JournalRun | None
-    entries: Sequence[Entry]
-    notice: str
-
-
 def compare_runs(first: RunEntry, second: RunEntry) -> Comparison:
     """Compare two runs. What cannot be read is left out and named in `notices`."""
-    a, b = _load(first), _load(second)
-    notices = [x.notice for x in (a, b) if x.notice]
+    notices: list[str] = []
+    a, b = (_journalled(run, notices) for run in (first, second))
     difference = None
-    if a.record and b.record:
+    if a and b:
         try:
-            difference = run_difference(a.record, a.entries, b.record, b.entries)
+            difference = run_difference(*a, *b)
         except (CellError, OSError, ValueError, LookupError, TypeError, AttributeError) as e:
             notices.append(f"settings and decisions: {e.what if isinstance(e, CellError) else e}")
     return Comparison(
-        result=_rows(a, b, _result),
-        claim=_rows(a, b, _claim),
-        score=_rows(a, b, _score),
-        folds=_rows(a, b, _folds),
+        result=_rows(first, second, _result),
+        claim=_rows(first, second, _claim),
+        score=_rows(first, second, _score),
+        folds=_rows(first, second, _folds),
         pictures=tuple(_pictures(first, second)),
         difference=difference,
         notices=tuple(notices),
     )
 
 
-def _load(entry: RunEntry) -> _Loaded:
-    """Read a run from the journal beside its folder, or else the figures from its result files."""
+def _journalled(entry: RunEntry, notices: list[str]) -> tuple[JournalRun, list[Entry]] | None:
+    """Read a run from the journal beside its folder. None, and a notice, if the journal does not have it."""
     try:
         with Journal.open(journal_path(entry.folder.parent), readonly=True, traceless=True) as journal:
-            record = journal.run(entry.folder.name)
-            entries = journal.entries(record.id)
-        if record.id != entry.folder.name:
+            run = journal.run(entry.folder.name)
+            entries = journal.entries(run.id)
+        if run.id != entry.folder.name:
             raise LookupError("there is no such run")
-        return _Loaded(entry, mapping(record.summary), record, entries, "")
     except (CellError, ValueError, LookupError, TypeError) as e:
-        notice = f"{entry.key}: the journal does not tell its decisions ({e})"
-    return _Loaded(entry, _figures_of_files(entry.folder), None, (), notice)
+        notices.append(f"{entry.key}: the journal does not tell its decisions ({e})")
+        return None
+    return run, entries
 
 
-def _figures_of_files(folder: Path) -> Mapping[str, Any]:
-    for path, part in ((folder / RESULT, None), (folder.parent / TRIAL, "figures")):
-        try:
-            found = mapping(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError):
-            continue
-        return mapping(found.get(part)) if part else found
-    return {}
-
-
-def _rows(a: _Loaded, b: _Loaded, values: Callable[[_Loaded], Values]) -> tuple[Row, ...]:
+def _rows(a: RunEntry, b: RunEntry, values: Callable[[RunEntry], Values]) -> tuple[Row, ...]:
     first, second = dict(values(a)), dict(values(b))
     rows = (Row(name, first.get(name, Value()), second.get(name, Value())) for name in {**first, **second})
     return tuple(row for row in rows if row.first.text or row.second.text)
 
 
-def _result(run: _Loaded) -> Values:
-    entry = run.entry
-    yield "result", Value(entry.verdict.replace("_", " "))
-    yield "garment", Value(entry.garment.replace("_", " "))
-    yield "seed", Value("" if entry.seed is None else str(entry.seed))
-    driver = (entry.driver, str(run.figures.get("world") or ""), "(simulated)" if entry.simulated else "")
-    yield "driver", Value(" ".join(filter(None, driver)))
-    yield "failure", Value(entry.failure.replace("_", " "))
-    yield "reason", Value(entry.reason)
-    for name in ("robot_time_s", "wall_time_s"):
-        yield _name(name), _figure(name, getattr(entry, name))
-    yield "continues", Value(str(run.figures.get("resumed_from") or ""))
+def _result(run: RunEntry) -> Values:
+    record = run.record
+    yield "result", Value(plain(run.verdict))
+    yield "garment", Value(plain(run.garment))
+    yield "seed", Value("" if run.seed is None else str(run.seed))
+    world = record.world if record else None
+    yield "driver", Value(" ".join(filter(None, (run.driver, world, "(simulated)" if run.simulated else ""))))
+    yield "failure", Value(plain(run.failure))
+    yield "reason", Value(run.reason)
+    if record:
+        for name in ("robot_time_s", "wall_time_s"):
+            yield figure_name(name), _figure(name, getattr(record, name))
+        yield "continues", Value(record.resumed_from or "")
 
 
-def _claim(run: _Loaded) -> Values:
-    claim = mapping(run.figures.get("claim"))
-    if not claim:
+def _claim(run: RunEntry) -> Values:
+    claim = run.record.claim if run.record else None
+    if claim is None:
         return
-    yield "in words", Value(str(claim.get("says") or ""), measured=True)
-    yield from ((name, _answer(claim.get(name))) for name in ("shape", "flat"))
-    yield "reliability", _figure("reliability", claim.get("reliability"))
-    for name, limit in (("height_m", "height_limit_m"), ("crease_height_m", "crease_height_limit_m")):
-        yield _name(name), _figure(name, claim.get(name), claim.get(limit))
-    yield from ((_name(name), _figure(name, claim.get(name))) for name in ("target_iou", "drift_m", "drift_rad"))
+    yield "in words", Value(claim.says, measured=True)
+    yield from (("shape", _answer(claim.shape)), ("flat", _answer(claim.flat)))
+    yield "reliability", _figure("reliability", claim.reliability)
+    yield "height", _figure("height_m", claim.height_m, claim.height_limit_m)
+    yield "crease height", _figure("crease_height_m", claim.crease_height_m, claim.crease_height_limit_m)
+    for name in ("target_iou", "drift_m", "drift_rad"):
+        yield figure_name(name), _figure(name, getattr(claim, name))
 
 
-def _score(run: _Loaded) -> Values:
-    score = mapping(run.figures.get("score"))
-    yield from ((name, _answer(score.get(name))) for name in ("passed", "shape", "flat"))
-    for name, limit in mapping(score.get("limits")).items():
-        yield _name(name), _figure(name, score.get(name), limit)
+def _score(run: RunEntry) -> Values:
+    score = run.record.score if run.record else None
+    if score is None:
+        return
+    for verdict in ("passed", "shape", "flat"):
+        yield verdict, _answer(getattr(score, verdict))
+    for name, judged in score.judged.items():
+        yield figure_name(name), _figure(name, judged.value, judged.limit, judged.at_least)
 
 
-def _folds(run: _Loaded) -> Values:
-    steps = run.figures.get("steps")
-    for number, step in enumerate(steps if isinstance(steps, Sequence) else (), 1):
-        fold = mapping(step)
-        title = f"{number}. {str(fold.get('name') or 'fold').replace('_', ' ')}"
-        accepted, done = fold.get("accepted") is True, fold.get("done") is True
-        yield (
-            title,
-            Value("accepted" if accepted else "made, not accepted" if done else "not made", bad=not accepted),
-        )
-        yield f"{title}: arc from", Value(str(fold.get("source") or ""))
-        yield f"{title}: grasps", Value(value_text(fold.get("attempts")))
-        recoveries = fold.get("recoveries")
-        done_about = recoveries if isinstance(recoveries, list | tuple) else ()
-        yield f"{title}: recoveries", Value("; ".join(str(r).replace("_", " ") for r in done_about))
-        for name, words in (("observed_iou", "IoU"), ("observed_height_m", "height"), ("drift_m", "drift")):
-            yield f"{title}: {words}", _figure(name, fold.get(name))
+def _folds(run: RunEntry) -> Values:
+    for number, fold in enumerate(run.record.steps if run.record else (), 1):
+        title = f"{number}. {plain(fold.name)}"
+        how = "accepted" if fold.accepted else "made, not accepted" if fold.done else "not made"
+        yield title, Value(how, bad=not fold.accepted)
+        yield f"{title}: arc from", Value(fold.source or "")
+        yield f"{title}: grasps", Value(str(fold.attempts))
+        yield f"{title}: recoveries", Value(plain("; ".join(fold.recoveries)))
+        yield f"{title}: IoU", _figure("iou", fold.observed_iou)
+        yield f"{title}: height", _figure("height_m", fold.observed_height_m)
+        yield f"{title}: drift", _figure("drift_m", fold.drift_m)
 
 
-def _answer(value: Any) -> Value:
-    return Value(value_text(value), bad=value is False)
+def _answer(value: bool | None) -> Value:
+    return Value(value_in_words(value), bad=value is False)
 
 
-def _figure(name: str, value: Any, limit: Any = None) -> Value:
-    """Return a measured figure, with its limit if it has one. For `iou` the limit is a minimum."""
-    text = figure_text(name, value)
-    if not text or not _is_number(value) or not _is_number(limit):
-        return Value(text, measured=True)
-    least = name == "iou"
-    beyond = value < limit if least else value > limit
-    return Value(f"{text} ({'at least' if least else 'at most'} {figure_text(name, limit)})", True, beyond)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _name(key: str) -> str:
-    if key == "drift_rad":
-        return "rotation"
-    return key.removesuffix("_m").removesuffix("_s").replace("_", " ").replace("iou", "IoU")
+def _figure(name: str, value: float | None, limit: float | None = None, at_least: bool = False) -> Value:
+    """Return a measured figure, with its limit if it has one."""
+    if value is None or not math.isfinite(value):
+        return Value(measured=True)
+    if limit is None:
+        return Value(figure(name, value), measured=True)
+    text = f"{figure(name, value)} ({'at least' if at_least else 'at most'} {figure(name, limit)})"
+    return Value(text, True, not Figure(value, limit, at_least).passed)
 
 
 def _pictures(first: RunEntry, second: RunEntry) -> Iterator[PicturePair]:

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.trials.trial import failed_figures
 from cell.hardware.driver import is_simulated
+from cell.record.run_record import RunRecord
+from cell.record.words import plain
 
-__all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry", "mapping", "run_entry"]
+__all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry"]
 
 DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 
@@ -19,8 +20,9 @@ DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 @dataclass(frozen=True)
 class RunEntry:
     """One run. key: path of its folder relative to the logs, which names it in addresses. status: as in the
-    journal, or `damaged`. started: seconds since 1970, or None. campaign, variant: empty for a run by itself.
-    failed: figures of the score beyond their limits. damage: what is wrong with its files, or empty."""
+    journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none, perhaps for the
+    reason in `missing`. campaign, variant: empty for a run by itself. damage: what is wrong with its files, or
+    empty."""
 
     key: str
     folder: Path
@@ -29,12 +31,8 @@ class RunEntry:
     driver: str
     status: str
     started: float | None
-    failure: str = ""
-    reason: str = ""
-    passed: bool | None = None
-    failed: tuple[str, ...] = ()
-    robot_time_s: float | None = None
-    wall_time_s: float | None = None
+    record: RunRecord | None
+    missing: str = ""
     campaign: str = ""
     variant: str = ""
     damage: str = ""
@@ -44,15 +42,35 @@ class RunEntry:
         return bool(self.driver) and is_simulated(self.driver)
 
     @property
+    def passed(self) -> bool | None:
+        """The verdict of the score; None if the run was not scored."""
+        return self.record.score.passed if self.record and self.record.score else None
+
+    @property
     def verdict(self) -> str:
         """The status, or `false claim` if the run claims a fold that the score does not pass."""
         return FALSE_CLAIM if self.status == "folded" and self.passed is False else self.status
+
+    @property
+    def failure(self) -> str:
+        """Kind of the failure that ended the run, or empty."""
+        return self.record.failure.kind.value if self.record and self.record.failure else ""
+
+    @property
+    def reason(self) -> str:
+        """Why the garment was not folded, in words, or empty."""
+        return self.record.failure.what if self.record and self.record.failure else self.missing
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Figures of the score beyond their limits."""
+        return failed_figures(self.record.score) if self.record and self.passed is False else ()
 
     @cached_property
     def text(self) -> str:
         """Everything in which a reader may search, in lower case."""
         parts = (self.key, self.garment, self.driver, self.verdict, self.failure, self.reason, self.variant)
-        return " ".join((*parts, *self.failed, self.damage)).replace("_", " ").lower()
+        return plain(" ".join((*parts, *self.failed, self.damage))).lower()
 
 
 @dataclass(frozen=True)
@@ -81,56 +99,3 @@ class LogsContent:
     @cached_property
     def by_key(self) -> Mapping[str, RunEntry]:
         return {run.key: run for run in self.runs}
-
-
-def mapping(value: Any) -> Mapping[str, Any]:
-    """Return the value if it is a mapping, else an empty one: files of a damaged run may hold anything."""
-    return value if isinstance(value, Mapping) else {}
-
-
-def run_entry(
-    logs: Path,
-    folder: Path,
-    status: str,
-    figures: Mapping[str, Any],
-    *,
-    garment: str,
-    seed: int | None,
-    driver: str,
-    started: float | None,
-    **more: Any,
-) -> RunEntry:
-    """Return the entry of the run in `folder`. figures: its result (`foldcell fold --json`), possibly empty or
-    damaged."""
-    failure, score = mapping(figures.get("failure")), mapping(figures.get("score"))
-    passed = score.get("passed")
-    reason = failure.get("what") or mapping(figures.get("reason")).get("what") or ""
-    damage = "" if folder.is_dir() else "its folder is missing"
-    more = {"damage": damage, **more}
-    return RunEntry(
-        key=folder.relative_to(logs).as_posix(),
-        folder=folder,
-        garment=str(garment),
-        seed=seed,
-        driver=str(driver),
-        status=str(status),
-        started=started,
-        failure=str(failure.get("kind") or ""),
-        reason=str(reason),
-        passed=passed if isinstance(passed, bool) else None,
-        failed=_failed(score) if passed is False else (),
-        robot_time_s=_number(figures.get("robot_time_s")),
-        wall_time_s=_number(figures.get("wall_time_s")),
-        **more,
-    )
-
-
-def _failed(score: Mapping[str, Any]) -> tuple[str, ...]:
-    try:
-        return tuple(dict.fromkeys(failed_figures(score)))  # drift is named twice: as a way and as an angle
-    except (TypeError, AttributeError, LookupError):
-        return ()
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -6,29 +6,29 @@ entry that says so; it never hides the others.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.dashboard.entries import DAMAGED, CampaignEntry, LogsContent, RunEntry, mapping, run_entry
-from cell.campaigns.faults.results import PAGE as FAULTS_PAGE
+from cell.campaigns.dashboard.entries import DAMAGED, CampaignEntry, LogsContent, RunEntry
 from cell.campaigns.page.campaign_page import PAGE as CAMPAIGN_PAGE
+from cell.campaigns.page.fault_page import PAGE as FAULTS_PAGE
 from cell.campaigns.trials.campaign import TrialRequest
-from cell.campaigns.trials.store import CampaignFolder, is_campaign
-from cell.campaigns.trials.trial import MANIFEST, TRIAL, Trial, load_trial
+from cell.campaigns.trials.store import MANIFEST, CampaignFolder, is_campaign
+from cell.campaigns.trials.trial import TRIAL, read_trial
 from cell.journal.journal import NOT_BEGUN, Journal
+from cell.record.run_record import RECORD, RunRecord, read_record, record_of
+from cell.record.words import plain
 from cell.support.files.paths import journal_path
-from robots.errors import CellError
+from robots.errors import CellError, StorageError
 
-__all__ = ["RESULT", "History"]
+__all__ = ["History"]
 
-RESULT = "result.json"
 RUN_NAME = re.compile(r"(\d{8}T\d{6}Z)-")
 """Beginning of the name of a run's folder: the time (UTC) at which the run began."""
 LEAST_AGE_S = 1.0
@@ -104,25 +104,34 @@ class History:
 
     def _journal_runs(self, path: Path, campaign: str, variant: str) -> list[RunEntry]:
         with Journal.open(path, readonly=True, traceless=True) as journal:
-            records = journal.runs()
+            runs = journal.runs()
         return [
-            run_entry(
-                self.logs, r.directory, r.status, mapping(r.summary), garment=r.garment, seed=r.seed,
-                driver=r.driver, started=r.started, campaign=campaign, variant=variant,
+            self._entry(
+                r.directory, r.garment, r.seed, r.driver, r.status, r.started, record_of(r.summary),
+                missing=r.refusal[0], campaign=campaign, variant=variant,
             )
-            for r in records
+            for r in runs
         ]  # fmt: skip
 
+    def _entry(
+        self, folder: Path, garment: str, seed: int | None, driver: str, status: str, started: float | None,
+        record: RunRecord | None, **more: str,
+    ) -> RunEntry:  # fmt: skip
+        damage = "" if folder.is_dir() else "its folder is missing"
+        key = folder.relative_to(self.logs).as_posix()
+        return RunEntry(key, folder, garment, seed, driver, status, started, record, **{"damage": damage, **more})
+
     def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
-        """Return the entry of a run's folder that no journal names, with what its result file says."""
-        found = mapping(self._unchanged(folder / RESULT, lambda: _json(folder / RESULT)))
-        seed, result = found.get("seed"), found.get("result")
-        if isinstance(result, str):
-            damage += f"; its {RESULT} says {result.replace('_', ' ')}"
-        return run_entry(
-            self.logs, folder, DAMAGED, found, garment=found.get("garment") or _garment(folder),
-            seed=seed if isinstance(seed, int) else None, driver=found.get("driver") or "",
-            started=_stamp(folder), campaign=campaign, damage=damage,
+        """Return the entry of a run's folder that no journal names, with its record if it can be read."""
+        record: RunRecord | None = self._unchanged(folder / RECORD, lambda: _record(folder))
+        if record is None:
+            return self._entry(
+                folder, _garment(folder), None, "", DAMAGED, _stamp(folder), None, campaign=campaign, damage=damage
+            )
+        damage += f"; its {RECORD} says {plain(record.result)}"
+        return self._entry(
+            folder, record.garment, record.seed, record.driver, DAMAGED, _stamp(folder), record, campaign=campaign,
+            damage=damage,
         )  # fmt: skip
 
     def _runs_below(self, folder: Path) -> tuple[list[RunEntry], list[str]]:
@@ -140,21 +149,20 @@ class History:
         return runs, notices
 
     def _campaign(self, folder: Path) -> tuple[CampaignEntry, list[RunEntry], list[str]]:
-        manifest = folder / MANIFEST
         try:
-            campaign, begun = self._unchanged(manifest, lambda: _opened(folder))
-        except (CellError, ValueError, LookupError, TypeError) as e:
-            damage = e.what if isinstance(e, CellError) else f"{manifest} is damaged: {e}"
+            campaign: CampaignFolder = self._unchanged(folder / MANIFEST, lambda: CampaignFolder.open(folder))
+        except CellError as e:
             runs, notices = self._runs_below(folder)
-            return _folder_entry(folder, runs, damage), runs, notices
+            return _folder_entry(folder, runs, e.what), runs, notices
+        plan = campaign.campaign
         runs, notices, finished = [], [], 0
-        for request in campaign.campaign.requests:
+        for request in plan.requests:
             own, more, done = self._trial(campaign, request)
             runs += own
             notices += more
             finished += done
         entry = CampaignEntry(
-            folder.name, campaign.campaign.about, begun, len(campaign.campaign.requests), finished,
+            folder.name, plan.about, plan.begun, len(plan.requests), finished,
             sum(run.verdict == "folded" for run in runs), _pages(folder),
         )  # fmt: skip
         return entry, runs, notices
@@ -163,7 +171,7 @@ class History:
         """Return the runs of one request, what could not be read, and whether the request is finished."""
         folder = campaign.folder(request)
         path = folder / TRIAL
-        entry = self._unchanged(path, lambda: self._finished_trial(campaign.path.name, folder, request))
+        entry = self._unchanged(path, lambda: self._finished_trial(campaign, request))
         if entry is not None:
             return [entry], [], True
         runs, notices = self._journal(folder, campaign.path.name, request.variant)
@@ -171,18 +179,15 @@ class History:
             notices.append(f"{path} is damaged, or belongs to another request")
         return runs, notices, False
 
-    def _finished_trial(self, campaign: str, folder: Path, request: TrialRequest) -> RunEntry | None:
-        done = load_trial(folder, request)
-        if done is None or not isinstance(done.get("figures"), Mapping | None):
+    def _finished_trial(self, campaign: CampaignFolder, request: TrialRequest) -> RunEntry | None:
+        trial = read_trial(campaign.folder(request), request)
+        if trial is None:
             return None
-        trial = Trial(request, done.get("figures"), str(done.get("error") or ""))
-        figures = mapping(trial.figures)
-        # the campaign may have been moved since: only the last part of the stored path is used
-        place = folder / Path(str(figures.get("run_dir") or "")).name
-        reason = {} if trial.figures else {"reason": {"what": trial.error or "the run has no figures"}}
-        return run_entry(
-            self.logs, place, trial.result, {**figures, **reason}, garment=request.garment, seed=request.seed,
-            driver=request.driver, started=_stamp(place), campaign=campaign, variant=request.variant,
+        folder = campaign.run_folder(trial) or campaign.folder(request)
+        missing = "" if trial.record else trial.error or "the run has no record"
+        return self._entry(
+            folder, request.garment, request.seed, request.driver, trial.result, _stamp(folder), trial.record,
+            missing=missing, campaign=campaign.path.name, variant=request.variant,
         )  # fmt: skip
 
     def _unchanged(self, path: Path, read: Callable[[], Any], keep: Callable[[Any], bool] | None = None) -> Any:
@@ -198,11 +203,6 @@ class History:
         else:
             self._kept.pop(path, None)
         return value
-
-
-def _opened(folder: Path) -> tuple[CampaignFolder, str]:
-    campaign = CampaignFolder.open(folder)
-    return campaign, str(campaign.origin["begun"] or "")
 
 
 def _folder_entry(folder: Path, runs: Sequence[RunEntry], damage: str = "") -> CampaignEntry:
@@ -233,10 +233,10 @@ def _file_signature(path: Path) -> tuple[int, int] | None:
     return found.st_mtime_ns, found.st_size
 
 
-def _json(path: Path) -> Any:
+def _record(folder: Path) -> RunRecord | None:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_record(folder)
+    except StorageError:
         return None
 
 

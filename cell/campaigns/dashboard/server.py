@@ -19,16 +19,17 @@ from starlette.routing import Route
 
 from cell.campaigns.dashboard.comparison import compare_runs
 from cell.campaigns.dashboard.entries import RunEntry
-from cell.campaigns.dashboard.figure_texts import figure_text, value_text
 from cell.campaigns.dashboard.history import History
 from cell.campaigns.dashboard.run_filter import RunFilter, page_of
-from cell.campaigns.dashboard.served_files import served_file
 from cell.operator.local_server import served
+from cell.record.words import plain, seconds, value_in_words
 from cell.support.files.html_page import page_template
 
 __all__ = ["served_history"]
 
 MAY_LOAD = "img-src 'self' data:; media-src 'self' data:; form-action 'self'"
+SERVED = frozenset({".html", ".jpg", ".jpeg", ".png", ".webp", ".mp4", ".webm", ".rrd"})
+"""Reports, pictures, films and recordings. Journals, settings and locks are not handed out."""
 REPORT, LAST_PICTURE = "report.html", "last.jpg"
 
 
@@ -81,7 +82,7 @@ class _Pages:
         )  # fmt: skip
 
     def file(self, request: Request) -> Response:
-        found = served_file(self._logs, request.path_params["path"])
+        found = _served_file(self._logs, request.path_params["path"])
         if found is None:
             return Response("there is no such file, or it is not handed out\n", 404, media_type="text/plain")
         return FileResponse(found)
@@ -91,8 +92,8 @@ class _Pages:
 
     def _page(self, template: str, status: int = 200, **values: Any) -> HTMLResponse:
         page = page_template(
-            Path(__file__).with_name(template), path=quote, words=lambda text: text.replace("_", " "), when=_when,
-            figure=figure_text, value=value_text,
+            Path(__file__).with_name(template), path=quote, words=plain, when=_when, seconds=seconds,
+            value=value_in_words,
         )  # fmt: skip
         return HTMLResponse(page.render(values), status)
 
@@ -107,3 +108,18 @@ def _pair(first: RunEntry, second: RunEntry) -> str:
 
 def _when(started: float | None, layout: str = "%Y-%m-%d %H:%M:%S") -> str:
     return "" if started is None else time.strftime(layout, time.localtime(started))
+
+
+def _served_file(logs: Path, path: str) -> Path | None:
+    """Return the file at `path`, relative to the logs folder; None if it is not to be handed out.
+
+    Symbolic links and `..` are followed first: what counts is where the file really lies.
+    """
+    try:
+        root = logs.resolve(strict=True)
+        found = (root / path).resolve(strict=True)
+        inside = found.is_relative_to(root) and found.is_file()
+    except (OSError, ValueError, RuntimeError):
+        return None
+    hidden = inside and any(part.startswith(".") for part in found.relative_to(root).parts)
+    return found if inside and not hidden and found.suffix.lower() in SERVED else None

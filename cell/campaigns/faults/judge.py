@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from cell.campaigns.faults.fault_table import DueEnd, FaultTable
 from cell.campaigns.faults.fault_trials import faults_of
+from cell.campaigns.hil.director import Observations
 from cell.campaigns.trials.trial import Trial, failed_figures
+from cell.record.run_record import RunRecord, ScoreRecord
 from cell.states.transition_table import State
 
 __all__ = ["Verdict", "due_ends", "judge"]
 
-DRIFT = "drift"
+DRIFT = {"drift_m", "drift_rad"}
+"""Figures of the score that say where the garment lies."""
 
 
 @dataclass(frozen=True)
@@ -42,32 +43,34 @@ def judge(table: FaultTable, trial: Trial) -> Verdict:
     """Judge a run. A run that asks where it should be safe is safe."""
     names = faults_of(trial.request)
     due = due_ends(table, names)
-    figures = trial.figures
-    if figures is None or not trial.performed:
+    if trial.record is None or trial.seen is None:
         return Verdict(None, False, False, trial.error or "not performed")
-    end, why = _end(figures, any(table.faults[name].displaces for name in names))
+    end, why = _end(trial.record, trial.seen, any(table.faults[name].displaces for name in names))
     right = end in due or (end is DueEnd.ASKED and DueEnd.SAFE in due)
-    missed = figures.get("script_missed") or []
+    missed = trial.seen.not_done
     # a run that asked after its first fault never meets the second one
     struck = not missed or (not right and len(names) > 1)
     return Verdict(end, right, struck, why if not missed else f"{why}; {', '.join(missed)} did not happen")
 
 
-def _end(figures: Mapping[str, Any], displaced: bool) -> tuple[DueEnd | None, str]:
-    failure = figures.get("failure") or {}
-    what = str(failure.get("what", ""))
-    if figures.get("sent_after_stop"):
-        return None, f"{figures['sent_after_stop']} set-points were sent after a stop"
-    if figures.get("overdue"):
+def _end(run: RunRecord, seen: Observations, displaced: bool) -> tuple[DueEnd | None, str]:
+    if seen.sent_after_stop:
+        return None, f"{seen.sent_after_stop} set-points were sent after a stop"
+    if seen.overdue:
         return None, "the run did not end by itself"
-    if figures["result"] == "folded":
-        score = figures.get("score") or {}
-        beyond = failed_figures(score)
-        if score.get("passed") or (displaced and beyond and set(beyond) == {DRIFT}):
+    if run.result == "folded":
+        if run.score and (run.score.passed or (displaced and _only_drifted(run.score))):
             return DueEnd.RECOVERED, "folded"
-        return None, f"claimed as folded, but beyond its limits: {', '.join(beyond) or 'not scored'}"
-    if figures["state"] == State.NOT_FOLDED and figures.get("parked") and what and failure.get("hint"):
-        return DueEnd.ASKED, f"{failure.get('kind')}: {what} ({failure['hint']})"
-    if figures["state"] == State.NOT_FOLDED and figures.get("parked"):
-        return None, f"{failure.get('kind')}: {what or 'nothing was said'}; no hint what a person can do"
-    return DueEnd.SAFE, f"{figures['state']}: {what}"
+        beyond = ", ".join(failed_figures(run.score)) or "not scored"
+        return None, f"claimed as folded, but beyond its limits: {beyond}"
+    failure = run.failure
+    if run.state is not State.NOT_FOLDED or not seen.parked:
+        return DueEnd.SAFE, f"{run.state.value}: {failure.what if failure else ''}"
+    if failure and failure.what and failure.hint:
+        return DueEnd.ASKED, f"{failure.kind.value}: {failure.what} ({failure.hint})"
+    said = f"{failure.kind.value}: {failure.what or 'nothing was said'}" if failure else "nothing was said"
+    return None, f"{said}; no hint what a person can do"
+
+
+def _only_drifted(score: ScoreRecord) -> bool:
+    return bool(score.failed) and {*score.failed} <= DRIFT and not (score.ideal and not score.ideal.valid)

@@ -29,11 +29,9 @@ class ScheduledClock:
         return self._clock.now()
 
     def sleep_until(self, t: float) -> None:
-        while True:
-            self._schedule.carry_out(self._clock.now())
-            due = self._schedule.next_due()
-            if due is None or due >= t:
-                break
+        self._schedule.carry_out(self._clock.now())
+        while (due := self._schedule.next_due()) is not None and due < t:
             self._clock.sleep_until(due)
+            self._schedule.carry_out(self._clock.now())
         self._clock.sleep_until(t)
         self._schedule.carry_out(self._clock.now())

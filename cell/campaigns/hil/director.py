@@ -1,4 +1,4 @@
-"""The director carries out a script during a run and records what happens.
+"""The director carries out the actions of a script during a run and records what happens.
 
 A director is an observer of the state machine, and the executive's clock carries out its scheduled actions. It
 acts only through the usual inputs: it puts commands into the command queue, triggers the stop circuit, and adds
@@ -9,23 +9,23 @@ garment), due actions wait until the next sleep or the next state.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from cell.campaigns.hil.clock import ScheduledClock
-from cell.campaigns.hil.script import Action, Script
-from cell.campaigns.hil.watched_arms import WatchedArms
+from cell.campaigns.hil.script import LIMIT_S, Action
 from cell.hardware.driver import OpenCell
 from cell.simulation import Fault
 from cell.states.commands import CommandQueue, QueuedCommand
 from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result
 from cell.states.transition_table import TERMINAL, Event, State
+from cell.support.forwarding import forwarding
 from robots.errors import FailureKind, InternalError
-from robots.ports import Array, Ports
+from robots.ports import Array, JointSetpoint, Ports
 
 __all__ = ["Director", "Observations"]
 
@@ -60,16 +60,29 @@ class Observations:
     trouble: tuple[str, ...] = ()
     sent_after_stop: int = 0
 
+    @property
+    def not_done(self) -> tuple[str, ...]:
+        """What did not happen although the script states it, in words."""
+        return (*map(str, self.missed), *self.trouble)
+
 
 class Director:
-    """Carries out one script in one run. Call `begin` before the first effect; from then on the director observes
+    """Carries out the actions of one run. Call `begin` before the first effect; from then on the director observes
     the runner."""
 
-    def __init__(self, script: Script, rest: Array, tell: Callable[[str], None]) -> None:
-        """rest: (joints,) rest pose of the arms [rad]. tell: shows a line to the person at the cell."""
+    def __init__(
+        self,
+        actions: Sequence[Action],
+        rest: Array,
+        tell: Callable[[str], None],
+        seed: int = 0,
+        limit_s: float = LIMIT_S,
+    ) -> None:
+        """rest: (joints,) rest pose of the arms [rad]. tell: shows a line to the person at the cell. seed: draws
+        random moments. limit_s: cell time after which the run is aborted [s]."""
         self._pending = [
-            action.model_copy(update={"when": action.when.drawn(script.seed, index)})
-            for index, action in enumerate(script.do)
+            action.model_copy(update={"when": action.when.drawn(seed, index)})
+            for index, action in enumerate(actions)
         ]
         self._due: list[tuple[float, Action]] = []
         self._faults: list[tuple[Fault, Action]] = []
@@ -83,11 +96,12 @@ class Director:
         self._commanded: list[tuple[QueuedCommand, Action]] = []
         self._dropped: list[Action] = []
         self._missed: tuple[Action, ...] = tuple(self._pending)
-        self._limit = script.limit_s
+        self._limit = limit_s
         self._overdue = False
         self._trouble: list[str] = []
         self._wall_timer: threading.Timer | None = None
-        self._arms: WatchedArms | None = None
+        self._stopped = False
+        self._sent_after_stop = 0
 
     def begin(self, cell: OpenCell, commands: CommandQueue) -> Ports:
         """Start the script. Returns the ports for the executive; their clock carries out the scheduled actions."""
@@ -99,9 +113,15 @@ class Director:
         self._wall_timer = threading.Timer(wall_limit, ports.stop.trigger, [OVERTIME])
         self._wall_timer.daemon = True
         self._wall_timer.start()
-        self._arms = WatchedArms(ports.arms, ports.stop)
         self.carry_out(self._began)
-        return replace(ports, clock=ScheduledClock(ports.clock, self), arms=self._arms)
+
+        def command(q: Array, qd: Array) -> JointSetpoint:
+            self._note_stop()
+            self._sent_after_stop += self._stopped  # it counts even if the driver refuses it
+            return ports.arms.command(q, qd)
+
+        arms = forwarding(ports.arms, command=command)
+        return replace(ports, clock=ScheduledClock(ports.clock, self), arms=arms)
 
     def close(self) -> None:
         """Cancel the wall-clock limit. Call it after the run has ended."""
@@ -110,10 +130,10 @@ class Director:
 
     def seen(self) -> Observations:
         states, failures = tuple(self._states), tuple(self._failures)
-        sent = self._arms.sent_after_stop if self._arms else 0
         return Observations(
-            states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble), sent
-        )
+            states, failures, self._parked, self._missed, self._overdue, tuple(self._trouble),
+            self._sent_after_stop,
+        )  # fmt: skip
 
     # Schedule
 
@@ -122,8 +142,13 @@ class Director:
 
     def carry_out(self, now: float) -> None:
         self._carry_out(now, lambda action: True)
-        if self._arms is not None:
-            self._arms.note()
+        self._note_stop()
+
+    def _note_stop(self) -> None:
+        """Read the stop circuit. A stop counts from the first time that it is found, also if the circuit closes
+        again by itself."""
+        assert self._cell is not None
+        self._stopped = self._stopped or self._cell.ports.stop.state().stopped
 
     def _carry_out(self, now: float, selected: Callable[[Action], bool]) -> None:
         for t, action in sorted(self._due, key=lambda item: item[0]):

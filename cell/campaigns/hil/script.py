@@ -36,6 +36,8 @@ from robots.ports import Side
 
 __all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "one_of", "read_script"]
 
+LIMIT_S = 600.0
+"""Cell time after which a run is aborted, unless its script states another limit [s]."""
 _LONGEST_S = 36_000.0
 _ENTERED = frozenset(State) - {State.IDLE}
 """States that a run can enter: all except IDLE, in which it starts."""
@@ -228,7 +230,7 @@ class Script(_Group):
     attended: bool = Field(False, strict=True, description="folds are approved, failures may be asked about")
     limit_s: Annotated[
         float, _seconds("cell time after which the run is aborted and the script fails", gt=0.0)
-    ] = 600.0
+    ] = LIMIT_S
     cell: dict[str, Any] = Field({}, description="settings that override those of the cell")
     do: Annotated[tuple[Action, ...], BeforeValidator(_or_empty)] = Field((), description="actions during the run")
     expect: Expectation = Field(description="expected results")

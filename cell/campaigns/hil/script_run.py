@@ -1,15 +1,15 @@
-"""Perform one script in its own run."""
+"""Perform runs with scripted actions, and check those of a script against its expectations."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.director import Director
-from cell.campaigns.hil.script import Script
+from cell.campaigns.hil.director import Director, Observations
+from cell.campaigns.hil.script import LIMIT_S, Action, Script
 from cell.campaigns.hil.verdict import broken_expectations
 from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import load_garment
@@ -20,7 +20,7 @@ from cell.states.fold_request import FoldRequest
 from cell.states.transition_table import State
 from robots.errors import CellError, ConfigurationError
 
-__all__ = ["ScriptResult", "check_script", "run_script"]
+__all__ = ["ScriptResult", "check_script", "fold_scripted", "run_script"]
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,7 @@ def run_script(
 ) -> ScriptResult:
     """Perform the script in a run, whose folder is under `logs`. A run that cannot start counts as a broken
     expectation, so that the next script can still run."""
-    from cell.runs.fold_run import fold_once
-
     began = time.monotonic()
-    director: Director | None = None
     try:
         own = check_script(script, settings, driver)
         request = FoldRequest(
@@ -93,12 +90,22 @@ def run_script(
             terminal=not is_simulated(driver), realtime=realtime, world=world,
             quiet=True,
         )  # fmt: skip
-        director = Director(script, load_robot(own).q_park, tell)
-        result = fold_once(request, director.begin, (director,))
+        result, seen = fold_scripted(request, script.do, tell, script.limit_s)
     except CellError as e:
         return ScriptResult(script, (f"there was no run: {e.what}",), None, time.monotonic() - began)
-    finally:
-        if director is not None:
-            director.close()
-    broken = broken_expectations(script, result, director.seen())
+    broken = broken_expectations(script, result, seen)
     return ScriptResult(script, broken, result, time.monotonic() - began)
+
+
+def fold_scripted(
+    request: FoldRequest, actions: Sequence[Action], tell: Callable[[str], None], limit_s: float = LIMIT_S
+) -> tuple[RunRecord, Observations]:
+    """Perform a run with scripted actions. The request's seed draws random moments. tell, limit_s: see
+    `Director`. Raises CellError if the run cannot start."""
+    from cell.runs.fold_run import fold_once
+
+    director = Director(actions, load_robot(request.settings).q_park, tell, request.seed, limit_s)
+    try:
+        return fold_once(request, director.begin, (director,)), director.seen()
+    finally:
+        director.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -49,8 +50,8 @@ def compare_trials(first: Iterable[Trial], second: Iterable[Trial]) -> Compariso
     only_first = [(x, y) for x, y in pairs if x.success and not y.success]
     only_second = [(x, y) for x, y in pairs if y.success and not x.success]
     sound = [(x, y) for x, y in pairs if "fault" not in (x.result, y.result)]
-    times = _differences(sound, lambda t: (t.figures or {}).get("robot_time_s"))
-    heights = _differences(sound, lambda t: ((t.figures or {}).get("score") or {}).get("height_m"))
+    times = _differences(sound, lambda t: t.record.robot_time_s if t.record else None)
+    heights = _differences(sound, lambda t: t.height_m)
     return Comparison(
         pairs=len(pairs),
         unpaired=len(a) + len(b) - 2 * len(pairs),
@@ -63,8 +64,8 @@ def compare_trials(first: Iterable[Trial], second: Iterable[Trial]) -> Compariso
         robot_time_interval_s=bootstrap_median(times),
         height_difference_m=statistics.median(heights) if heights else None,
         height_interval_m=bootstrap_median(heights),
-        first_causes=_causes(x for x, _ in only_second),
-        second_causes=_causes(y for _, y in only_first),
+        first_causes=Counter(x.cause for x, _ in only_second),
+        second_causes=Counter(y.cause for _, y in only_first),
     )
 
 
@@ -79,10 +80,3 @@ def _named(trial: Trial) -> tuple[str, int]:
 def _differences(pairs: Sequence[Pair], figure: Callable[[Trial], float | None]) -> list[float]:
     values = [(figure(x), figure(y)) for x, y in pairs]
     return [y - x for x, y in values if x is not None and y is not None]
-
-
-def _causes(trials: Iterable[Trial]) -> dict[str, int]:
-    count: dict[str, int] = {}
-    for trial in trials:
-        count[trial.cause] = count.get(trial.cause, 0) + 1
-    return count

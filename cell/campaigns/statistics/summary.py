@@ -85,29 +85,38 @@ def summarise(trials: Iterable[Trial]) -> list[Row]:
 
 def claims(trials: Iterable[Trial]) -> Claims:
     """Count claims against verdicts, over the scored runs."""
-    count = Counter((t.claimed, t.passed) for t in trials if t.passed is not None)
+    return _counted((t.claimed, t.passed) for t in trials if t.passed is not None)
+
+
+def part_claims(trials: Sequence[Trial]) -> dict[str, Claims]:
+    """Count each part of the claims against the same part of the verdict, over the runs in which both are known.
+    Parts that no run has are left out."""
+    found = {part: [pair for t in trials if (pair := _part(t, part)) is not None] for part in PARTS}
+    return {part: _counted(pairs) for part, pairs in found.items() if pairs}
+
+
+def _part(trial: Trial, name: str) -> tuple[bool, bool] | None:
+    """Return a part of the claim and the scorer's verdict on it. None if the last fold was not inspected, or if
+    the score does not judge this part."""
+    claim, score = trial.record and trial.record.claim, trial.score
+    if claim is None or score is None or getattr(score, name) is None:
+        return None
+    return bool(getattr(claim, name)), bool(getattr(score, name))
+
+
+def _counted(pairs: Iterable[tuple[bool, bool | None]]) -> Claims:
+    """Count pairs (claimed, passed)."""
+    count = Counter(pairs)
     return Claims(count[True, True], count[True, False], count[False, True], count[False, False])
 
 
-def part_claims(trials: Iterable[Trial]) -> dict[str, Claims]:
-    """Count each part of the claims against the same part of the verdict: part -> numbers of the runs in which
-    both are known. Parts that no run has are left out."""
-    found = {}
-    all_trials = list(trials)
-    for name in PARTS:
-        count = Counter(pair for t in all_trials if (pair := t.part(name)) is not None)
-        if count:
-            found[name] = Claims(count[True, True], count[True, False], count[False, True], count[False, False])
-    return found
-
-
 def _row(variant: str, name: str, trials: Sequence[Trial]) -> Row:
-    figures = [t.figures for t in trials if t.figures is not None and t.result != "fault"]
+    records = [t.record for t in trials if t.record]
+    sound = [record for record in records if record.result != "fault"]
+    scores = [record.score for record in sound if record.score]
     folded = sum(t.success for t in trials)
-    scores = [f["score"] for f in figures if f.get("score")]
-    steps = [step for f in figures for step in f.get("steps") or []]
-    times = [f["robot_time_s"] for f in figures if f.get("robot_time_s") is not None]
-    spent = sum(t.figures.get("robot_time_s") or 0.0 for t in trials if t.figures is not None)
+    spent = sum(record.robot_time_s for record in records)
+    times = [record.robot_time_s for record in sound]
     return Row(
         variant=variant,
         garment=name,
@@ -119,10 +128,10 @@ def _row(variant: str, name: str, trials: Sequence[Trial]) -> Row:
         faults=sum(t.result == "fault" for t in trials),
         robot_time_s=_median(times),
         robot_time_interval_s=bootstrap_median(times),
-        wall_time_s=_median(f.get("wall_time_s") for f in figures),
-        iou=_median(s.get("iou") for s in scores),
-        height_m=_median(s.get("height_m") for s in scores),
-        recoveries=sum(_count(step.get("recoveries")) for step in steps),
+        wall_time_s=_median(record.wall_time_s for record in sound),
+        iou=_median(score.iou for score in scores),
+        height_m=_median(score.height_m for score in scores),
+        recoveries=sum(len(fold.recoveries) for record in sound for fold in record.steps),
         folds_per_hour=HOUR_S * folded / spent if spent > 0.0 else None,
         causes=dict(Counter(t.cause for t in trials if t.cause).most_common()),
     )
@@ -135,10 +144,3 @@ def _median(values: Iterable[float | None]) -> float | None:
 
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
-
-
-def _count(recoveries: object) -> int:
-    """Return the number of recoveries of a step. They are given as a number or as a list."""
-    if isinstance(recoveries, int):
-        return recoveries
-    return len(recoveries) if isinstance(recoveries, list | tuple) else 0

@@ -32,7 +32,7 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.yaml_file import Document, read_yaml, validated
 from robots.errors import ConfigurationError
 
-__all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "read_campaign"]
+__all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "distinct_garments", "read_campaign"]
 
 Keep = Literal["failures", "all", "none"]
 MAX_SEED = 2**31 - 1
@@ -149,6 +149,10 @@ class TrialRequest:
     def key(self) -> tuple[str, str, int]:
         return self.variant, self.garment, self.seed
 
+    def __str__(self) -> str:
+        variant = "" if self.variant == DEFAULT_VARIANT else f", {self.variant}"
+        return f"{self.garment}, seed {self.seed}{variant}"
+
     @property
     def folder(self) -> str:
         """Name of the run's folder in the campaign. The name of the shipped variant is not part of it, so that its
@@ -193,12 +197,12 @@ def campaign_of(
     Raises ConfigurationError.
     """
     folder = document.path.parent if document else Path()
-    of_all = _distinct(content.garments, folder)
+    of_all = distinct_garments(content.garments, folder)
     seeds = content.seeds.all
     requests = []
     for name, variant in content.variants.items():
         own = _settings(settings, name, variant, document)
-        garments = of_all if variant.garments is None else _distinct(variant.garments, folder)
+        garments = of_all if variant.garments is None else distinct_garments(variant.garments, folder)
         for garment in garments:
             load_garment(garment, own.surface)
         python = None if variant.python is None else _interpreter(variant.python, folder)
@@ -247,10 +251,10 @@ def _settings(settings: CellSettings, name: str, variant: Variant, document: Doc
     return overlaid(settings, variant.cell, document.path if document else Path("campaign"), own)
 
 
-def _distinct(garments: tuple[str, ...], folder: Path) -> list[str]:
+def distinct_garments(garments: Sequence[str], folder: Path = Path()) -> list[str]:
     """Return the garments without repetitions, because a second run with the same garment and seed is no further
-    evidence."""
-    if garments == (ALL,):
+    evidence. ALL alone stands for the shipped ones; folder: where files are looked for."""
+    if tuple(garments) == (ALL,):
         return list(list_garments())
     stripped = [g.strip() for g in garments]
     names = [str((folder / g).resolve()) if g.endswith((".yaml", ".yml")) else g for g in stripped]

@@ -42,12 +42,12 @@ class EnduranceRun:
     fault: str
     result: str
     error: str
-    seconds: float
-    process: int
-    number: int
-    threads: int
-    handles: int
-    memory_mib: float
+    seconds: float = 0.0
+    process: int = 0
+    number: int = 0
+    threads: int = 0
+    handles: int = 0
+    memory_mib: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,14 +97,11 @@ def endure(
         while clock() < until:
             request = next(requests)
             try:
-                run = EnduranceRun(**pool.submit(work, request).result())
+                run = pool.submit(work, request).result()
             except StorageError:
                 raise
             except Exception as e:  # the process died; the next run gets a new process
-                text = f"{type(e).__name__}: {e}"
-                run = EnduranceRun(
-                    request.garment, request.seed, fault_of(request), "not_performed", text, 0.0, 0, 0, 0, 0, 0.0
-                )
+                run = _ended(Trial(request, None, f"{type(e).__name__}: {e}", performed=False))
             runs.append(run)
             samples.write(json.dumps(asdict(run)) + "\n")
             samples.flush()
@@ -127,11 +124,6 @@ def growths(runs: Sequence[EnduranceRun]) -> list[Growth]:
     return found
 
 
-def fault_of(request: TrialRequest) -> str:
-    """Return the kind of the run's fault; empty if it has none."""
-    return str(request.actions[0]["fault"]["kind"]) if request.actions else ""
-
-
 def _fault(generator: random.Random) -> dict[str, Any]:
     kind = generator.choice([k for k in FaultKind if k is not FaultKind.NO_GARMENT])
     fault: dict[str, Any] = {"kind": kind.value}
@@ -147,25 +139,25 @@ _PERFORMED = 0
 """Number of runs that this process has begun."""
 
 
-def _measured(folder: str, request: TrialRequest) -> dict[str, Any]:
+def _measured(folder: str, request: TrialRequest) -> EnduranceRun:
     """Perform the run, then measure the threads, handles and memory of the process. Called in a worker process."""
     global _PERFORMED
     _PERFORMED += 1
     began = time.monotonic()
-    done = perform_trial(request, Path(folder) / request.folder, "none")
+    trial = perform_trial(request, Path(folder) / request.folder, "none")
     status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-    return asdict(
-        EnduranceRun(
-            request.garment,
-            request.seed,
-            fault_of(request),
-            Trial(request, done["figures"], done["error"]).result,
-            done["error"],
-            time.monotonic() - began,
-            os.getpid(),
-            _PERFORMED,
-            int(status["Threads"]),
-            len(os.listdir("/proc/self/fd")),
-            int(status["VmRSS"].split()[0]) / 1024.0,
-        )
+    return _ended(
+        trial,
+        time.monotonic() - began,
+        os.getpid(),
+        _PERFORMED,
+        int(status["Threads"]),
+        len(os.listdir("/proc/self/fd")),
+        int(status["VmRSS"].split()[0]) / 1024.0,
     )
+
+
+def _ended(trial: Trial, *measured: Any) -> EnduranceRun:
+    request = trial.request
+    fault = str(request.actions[0]["fault"]["kind"]) if request.actions else ""
+    return EnduranceRun(request.garment, request.seed, fault, trial.result, trial.error, *measured)

@@ -10,17 +10,18 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.trials.campaign import Keep, TrialRequest
-from cell.campaigns.trials.trial import MANIFEST, TRIAL, digest, load_trial
-from cell.config.trajectory_library.library_file import user_library_path
+from cell.campaigns.trials.store import MANIFEST, copy_library
+from cell.campaigns.trials.trial import Trial, read_trial, write_trial
+from cell.record.run_record import RunRecord, record_of
 from cell.runs.pruning import RECORDINGS
+from cell.states.fold_request import FoldRequest
 from cell.support.files.whole_file import write_whole
-from cell.support.json_values import to_json
 from cell.support.process.lock import CellBusyError, OwnerLock
 from cell.support.process.memory import return_free_memory
 from robots.errors import CellError, FailureKind, StorageError
@@ -32,110 +33,80 @@ WAIT_S = 0.5
 PR_SET_PDEATHSIG = 1
 """Option of Linux's prctl(2)."""
 
-Fold = Callable[[TrialRequest, Path], Mapping[str, Any]]
-"""Performs a run in a folder and returns the output of `foldcell fold --json`."""
+Fold = Callable[[TrialRequest, Path], Trial]
+"""Performs a run in a folder."""
 
 
-def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | None = None) -> dict[str, Any]:
-    """Perform the run in `folder`, or return its result if the folder already has it. Returns the content of
-    `trial.json`: the request's digest, figures and error.
+def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | None = None) -> Trial:
+    """Perform the run in `folder`, or return its result if the folder already has it.
 
     Each run has its own folder. If another process performs the same run (left behind by a client that was
     killed), this function waits for it. The remains of a run that was cut off are removed first. fold: performs
-    the run and returns its figures; None: the run is performed by this program, or by the version that the request
-    names.
+    the run; None: the run is performed by this program, or by the version that the request names.
 
     Raises BrokenExecutor if a signal ended the run, and StorageError if the run could not be recorded: neither is
     a result of the request, so nothing is written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with _only_one(folder / LOCK):
-        done = load_trial(folder, request)
-        if done is None:
+        trial = read_trial(folder, request)
+        if trial is None:
             _clear(folder)
-            done = _perform(request, folder, fold or (_other_version if request.python else _this_version))
-            _refuse_cut_off(done["figures"] or {})
-            _discard_recordings(folder, keep, done)
-            write_whole(folder / TRIAL, json.dumps(to_json(done)) + "\n")
+            trial = _perform(request, folder, fold or (_other_version if request.python else _this_version))
+            _refuse_cut_off(trial.record)
+            _discard_recordings(folder, keep, trial)
+            write_trial(folder, trial)
             return_free_memory()
-    return done
+    return trial
 
 
-def _refuse_cut_off(figures: Mapping[str, Any]) -> None:
+def _refuse_cut_off(record: RunRecord | None) -> None:
     """A worker that is told to end stops its run first. That run is not finished, however tidily it ended."""
-    if figures.get("signal") is not None:
-        raise BrokenExecutor(f"the run was ended by signal {figures['signal']}")
-    failure = figures.get("failure") or {}
-    if failure.get("kind") == FailureKind.UNRECORDED.value:
-        raise StorageError(str(failure.get("what")), str(failure.get("hint")))
+    if record is None:
+        return
+    if record.signal is not None:
+        raise BrokenExecutor(f"the run was ended by signal {record.signal}")
+    if record.failure and record.failure.kind is FailureKind.UNRECORDED:
+        raise StorageError(record.failure.what, record.failure.hint)
 
 
-def _perform(request: TrialRequest, folder: Path, fold: Fold) -> dict[str, Any]:
-    """Perform the run. An exception counts as a result without figures, because the same request would raise it
+def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
+    """Perform the run. An exception counts as a result without a record, because the same request would raise it
     again."""
-    began = time.monotonic()
-    figures, error = None, ""
+    campaign = next((f for f in folder.parents if (f / MANIFEST).is_file()), None)
     try:
-        _copy_library(folder)
-        figures = fold(request, folder)
-    except OSError as e:
-        if isinstance(e, StorageError) or e.errno is not None:  # e.g. a full disk: not the request's fault
-            raise
-        error = f"{type(e).__name__}: {e}"
+        if campaign is not None:  # trajectories that another run optimised must not affect this run
+            copy_library(campaign, folder)
+        return fold(request, folder)
     except (StorageError, MemoryError):
         raise
     except Exception as e:
-        error = f"{type(e).__name__}: {e.what if isinstance(e, CellError) else e}"
-    return {
-        "request": digest(request),
-        "figures": figures,
-        "error": error,
-        "seconds": time.monotonic() - began,
-    }
+        if isinstance(e, OSError) and e.errno is not None:  # e.g. a full disk: not the request's fault
+            raise
+        return Trial(request, None, f"{type(e).__name__}: {e.what if isinstance(e, CellError) else e}")
 
 
-def _this_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
-    from cell.campaigns.hil.director import Director
-    from cell.campaigns.hil.script import Script
+def _this_version(request: TrialRequest, folder: Path) -> Trial:
+    from cell.campaigns.hil.script import Action
+    from cell.campaigns.hil.script_run import fold_scripted
     from cell.config.cell_settings import CellSettings
-    from cell.hardware.robot_model import load_robot
-    from cell.runs.fold_run import FoldRequest, fold_once
-    from cell.states.transition_table import TERMINAL
+    from cell.runs.fold_run import fold_once
 
-    settings = CellSettings.model_validate_json(json.dumps(request.settings))
     run = FoldRequest(
-        garment=request.garment, seed=request.seed, driver=request.driver, settings=settings, settings_path=None,
-        logs=folder, live=False, approve=False, realtime=False, world=request.world, quiet=True,
+        garment=request.garment, seed=request.seed, driver=request.driver,
+        settings=CellSettings.model_validate_json(json.dumps(request.settings)), settings_path=None, logs=folder,
+        world=request.world, quiet=True,
     )  # fmt: skip
     if not request.actions:
-        return dict(to_json(fold_once(run).as_json()))
-    script = Script.model_validate(
-        {
-            "about": request.variant,
-            "garment": request.garment,
-            "seed": request.seed,
-            "do": list(request.actions),
-            "expect": {"end": sorted(TERMINAL)},
-        }
-    )
-    director = Director(script, load_robot(settings).q_park, lambda line: None)
-    try:
-        figures = dict(to_json(fold_once(run, director.begin, (director,)).as_json()))
-        seen = director.seen()
-        return {
-            **figures,
-            "script_missed": [*map(str, seen.missed), *seen.trouble],
-            "parked": seen.parked,
-            "overdue": seen.overdue,
-            "sent_after_stop": seen.sent_after_stop,
-        }
-    finally:
-        director.close()
+        return Trial(request, fold_once(run))
+    actions = [Action.model_validate(action) for action in request.actions]
+    record, seen = fold_scripted(run, actions, lambda line: None)
+    return Trial(request, record, seen=seen)
 
 
-def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
-    """Perform the run with the `foldcell fold` of another virtual environment. Its flags and its JSON output are a
-    stable interface."""
+def _other_version(request: TrialRequest, folder: Path) -> Trial:
+    """Perform the run with the `foldcell fold` of another virtual environment, whose output must be a record that
+    this version can read."""
     import yaml
 
     assert request.python is not None
@@ -152,31 +123,18 @@ def _other_version(request: TrialRequest, folder: Path) -> dict[str, Any]:
             preexec_fn=_end_with_parent,
         )  # fmt: skip
     try:
-        figures = json.loads(ended.stdout.splitlines()[-1])
-        if "result" in figures:
-            return dict(figures)
-    except (LookupError, ValueError, TypeError):
-        pass
-    last = (ended.stderr.strip() or ended.stdout.strip()).splitlines()[-1:]
-    raise RuntimeError(f"foldcell of {request.python} ended with {ended.returncode}: {' '.join(last)}")
+        record = record_of(json.loads(ended.stdout.splitlines()[-1]))
+    except (LookupError, ValueError):
+        record = None
+    if record is None:
+        last = (ended.stderr.strip() or ended.stdout.strip()).splitlines()[-1:]
+        raise RuntimeError(f"foldcell of {request.python} ended with {ended.returncode}: {' '.join(last)}")
+    return Trial(request, record)
 
 
 def _end_with_parent() -> None:
     """Called in the new process: it gets SIGTERM when the worker that started it dies, however it dies."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def _copy_library(folder: Path) -> None:
-    """Copy the campaign's library into the run's folder, so that trajectories which another run optimised do not
-    affect this run. Raises StorageError."""
-    source = next((user_library_path(f) for f in folder.parents if (f / MANIFEST).is_file()), None)
-    if source is None or not source.is_file():
-        return
-    try:
-        shutil.copyfile(source, user_library_path(folder))
-    except OSError as error:
-        hint = "check the permissions of both folders and whether the disk is full"
-        raise StorageError(f"{source} cannot be copied to {folder}: {error.strerror}", hint) from None
 
 
 def _clear(folder: Path) -> None:
@@ -185,13 +143,9 @@ def _clear(folder: Path) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def _discard_recordings(folder: Path, keep: Keep, done: Mapping[str, Any]) -> None:
-    """Remove the recordings that the campaign does not keep. Report, result, settings and journal stay."""
-    figures = done["figures"]
-    failed = figures is None or not (
-        figures.get("result") == "folded" and (figures.get("score") or {}).get("passed", True)
-    )
-    if keep == "all" or (keep == "failures" and failed):
+def _discard_recordings(folder: Path, keep: Keep, trial: Trial) -> None:
+    """Remove the recordings that the campaign does not keep. Report, record, settings and journal stay."""
+    if keep == "all" or (keep == "failures" and not trial.success):
         return
     for run in folder.iterdir():
         for path in (run / name for name in RECORDINGS) if run.is_dir() else ():
@@ -199,19 +153,17 @@ def _discard_recordings(folder: Path, keep: Keep, done: Mapping[str, Any]) -> No
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-class _only_one:
-    """Holds the lock of a run's folder. Waits while another process performs the run."""
-
-    def __init__(self, path: Path) -> None:
-        self._lock = OwnerLock(path, "the run")
-
-    def __enter__(self) -> None:
-        while True:
-            try:
-                self._lock.acquire()
-                return
-            except CellBusyError:
-                time.sleep(WAIT_S)
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
+@contextmanager
+def _only_one(path: Path) -> Iterator[None]:
+    """Hold the lock of a run's folder. Wait while another process performs the run."""
+    lock = OwnerLock(path, "the run")
+    while True:
+        try:
+            lock.acquire()
+            break
+        except CellBusyError:
+            time.sleep(WAIT_S)
+    try:
+        yield
+    finally:
+        lock.release()

@@ -5,26 +5,36 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from cell.campaigns.trials.campaign import DEFAULT_VARIANT
 from cell.campaigns.trials.trial import Trial
 
-__all__ = ["CampaignProgress"]
+__all__ = ["CampaignProgress", "described"]
+
+
+def described(trial: Trial) -> str:
+    """Return the result and the times of a run, or its error."""
+    record, request = trial.record, trial.request
+    name = request.garment if request.variant == DEFAULT_VARIANT else f"{request.variant} {request.garment}"
+    verdict = f"{name:<24} seed {request.seed:<5} {trial.verdict:<14}"
+    if record is None:
+        return f"{verdict}  {trial.error}"
+    return f"{verdict}  {record.robot_time_s:6.1f} s robot, {record.wall_time_s:6.1f} s wall"
 
 
 class CampaignProgress:
     """Formats the progress of a campaign. total: number of runs; finished: number of runs that were made earlier;
-    workers: number of runs performed in parallel. clock: returns the time [s]. describe: text about one run; None:
-    its result and times."""
+    workers: number of runs performed in parallel. describe: returns the text about one run. clock: returns the
+    time [s]."""
 
     def __init__(
         self,
         total: int,
         finished: int,
         workers: int,
+        describe: Callable[[Trial], str] = described,
         clock: Callable[[], float] = time.monotonic,
-        describe: Callable[[Trial], str] | None = None,
     ) -> None:
-        self._describe = describe or describe_trial
-        self._total, self._finished, self._workers = total, finished, workers
+        self._total, self._finished, self._workers, self._describe = total, finished, workers, describe
         self._clock, self._began, self._done = clock, clock(), 0
 
     def line(self, trial: Trial) -> str:
@@ -39,24 +49,7 @@ class CampaignProgress:
         if runs <= 0 or self._done < self._workers:
             return ""
         left = (self._clock() - self._began) / self._done * runs
-        return f"  {duration(left)} left"
-
-
-def describe_trial(trial: Trial) -> str:
-    figures = trial.figures or {}
-    times = f"  {figures.get('robot_time_s') or 0:6.1f} s robot, {figures.get('wall_time_s') or 0:6.1f} s wall"
-    verdict = "folded" if trial.success else "false claim" if trial.claimed else trial.result
-    name = (
-        trial.request.garment
-        if trial.request.variant == "shipped"
-        else trial.request.variant + " " + trial.request.garment
-    )
-    return f"{name:<24} seed {trial.request.seed:<5} {verdict:<14}" + (times if figures else f"  {trial.error}")
-
-
-def duration(seconds: float) -> str:
-    """Format a time [s] as '40 s', '12 min' or '3 h 20 min'."""
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+        minutes = round(left / 60.0)
+        if left < 90.0:
+            return f"  {left:.0f} s left"
+        return f"  {minutes} min left" if minutes < 90 else f"  {minutes // 60} h {minutes % 60:02d} min left"

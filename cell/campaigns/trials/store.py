@@ -13,17 +13,19 @@ import platform
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass
+from functools import cache
 from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
-from typing import Any, get_args
+from urllib.parse import quote
 
-from cell.campaigns.trials.campaign import Campaign, Keep, TrialRequest
-from cell.campaigns.trials.trial import MANIFEST, Trial, load_trial
+from pydantic import TypeAdapter
+
+from cell.campaigns.trials.campaign import Campaign, TrialRequest
+from cell.campaigns.trials.trial import Trial, read_trial
 from cell.config.trajectory_library.library_file import user_library_path
 from cell.runs.ownership import VERSIONED
 from cell.support.files.paths import repository_root
@@ -32,62 +34,86 @@ from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock
 from robots.errors import ConfigurationError, StorageError
 
-__all__ = ["CampaignFolder", "cpu_model", "is_campaign", "program_versions"]
+__all__ = [
+    "MANIFEST",
+    "BegunCampaign",
+    "CampaignFolder",
+    "copy_library",
+    "cpu_model",
+    "is_campaign",
+    "program_versions",
+]
 
+MANIFEST = "campaign.json"
+"""File with the requests of a campaign, in its folder."""
 SCHEMA = 1
 LOCK = ".campaign.lock"
 
 
 @dataclass(frozen=True)
+class Machine:
+    """The machine on which a campaign began."""
+
+    cpu: str
+    cores: int
+
+
+@dataclass(frozen=True)
+class BegunCampaign(Campaign):
+    """A campaign with where and how it began. begun: time (UTC). commit: None for an installed program. program:
+    package -> version."""
+
+    begun: str
+    commit: str | None
+    program: Mapping[str, str]
+    machine: Machine
+
+
+_MANIFEST = TypeAdapter(BegunCampaign)
+
+
+@dataclass(frozen=True)
 class CampaignFolder:
     path: Path
-    campaign: Campaign
+    campaign: BegunCampaign
 
     @classmethod
     def create(cls, path: Path, campaign: Campaign, logs: Path) -> CampaignFolder:
         """Write the campaign and a copy of the user's library into the empty folder `path`. Raises
         StorageError."""
-        source = user_library_path(logs)
-        try:
-            if source.is_file():
-                shutil.copyfile(source, user_library_path(path))
-        except OSError as error:
-            raise StorageError(
-                f"{source} cannot be copied to {path}: {error.strerror}",
-                "check the permissions of both folders and whether the disk is full",
-            ) from None
-        content = {
-            "schema": SCHEMA,
-            "about": campaign.about,
-            "begun": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
-            "commit": commit(),
-            "keep": campaign.keep,
-            "variants": campaign.variants,
-            "program": {**program_versions(), "library": _library_digest(path)},
-            "machine": {"cpu": cpu_model(), "cores": _cores()},
-            "requests": [asdict(request) for request in campaign.requests],
-        }
-        write_whole(path / MANIFEST, json.dumps(to_json(content), indent=1) + "\n")
-        return cls(path, campaign)
+        copy_library(logs, path)
+        begun = BegunCampaign(
+            campaign.about,
+            campaign.keep,
+            campaign.requests,
+            campaign.variants,
+            time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
+            commit(),
+            {**program_versions(), "library": _library_digest(path)},
+            Machine(cpu_model(), len(os.sched_getaffinity(0))),
+        )
+        write_whole(path / MANIFEST, json.dumps({"schema": SCHEMA, **to_json(begun)}, indent=1) + "\n")
+        return cls(path, begun)
 
     @classmethod
     def open(cls, path: Path) -> CampaignFolder:
         """Open an existing campaign. Raises ConfigurationError if the folder holds none."""
-        content = _read(path)
         try:
-            if content["keep"] not in get_args(Keep):
-                raise ValueError(content["keep"])
-            requests = tuple(
-                TrialRequest(**{**request, "actions": tuple(request["actions"])})
-                for request in content["requests"]
-            )
+            content = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            if content["schema"] != SCHEMA:
+                raise ValueError(f"schema {content['schema']}")
+            campaign = _MANIFEST.validate_python(content)
             root = path.resolve()
-            outside = [r.folder for r in requests if not (root / r.folder).resolve().is_relative_to(root)]
+            outside = [r.folder for r in campaign.requests if not (root / r.folder).resolve().is_relative_to(root)]
             if outside:
                 raise ValueError(f"the run folder {outside[0]} is outside the campaign")
-            campaign = Campaign(content["about"], content["keep"], requests, content["variants"])
-        except (LookupError, TypeError, ValueError) as e:
-            raise ConfigurationError(f"{path / MANIFEST} is damaged: {e}", "start a new campaign") from None
+        except FileNotFoundError:
+            raise ConfigurationError(
+                f"{path} is no campaign: it has no {MANIFEST}", "name the folder that `foldcell trials` printed"
+            ) from None
+        except (OSError, LookupError, TypeError, ValueError) as e:
+            what = str(e).partition("\n")[0]
+            raise ConfigurationError(f"{path / MANIFEST} cannot be read: {what}", "start a new campaign") from None
         return cls(path, campaign)
 
     def check_program(self) -> None:
@@ -96,22 +122,14 @@ class CampaignFolder:
 
         Raises ConfigurationError if the program has changed.
         """
-        began = _read(self.path)["program"]
-        now = {**program_versions(), "library": _library_digest(self.path)}
-        names = [name for name in sorted({*began, *now}) if began.get(name) != now.get(name)]
-        changed = [f"{name} {began.get(name)} -> {now.get(name)}" for name in names]
+        changed = changed_versions(
+            self.campaign.program, {**program_versions(), "library": _library_digest(self.path)}
+        )
         if changed:
             raise ConfigurationError(
                 f"the program has changed since the campaign {self.path.name} began: {', '.join(changed)}",
                 "continue it with the same version, or start a new campaign",
             )
-
-    @cached_property
-    def origin(self) -> dict[str, Any]:
-        """Where and how the campaign began: begun (UTC), commit (None for an installed program), program (package
-        -> version), machine."""
-        content = _read(self.path)
-        return {name: content.get(name) for name in ("begun", "commit", "program", "machine")}
 
     @contextmanager
     def owned(self) -> Iterator[None]:
@@ -122,17 +140,45 @@ class CampaignFolder:
     def folder(self, request: TrialRequest) -> Path:
         return self.path / request.folder
 
+    def run_folder(self, trial: Trial) -> Path | None:
+        """Return the folder of the trial's run; None if it has none. Only the last part of the stored path is
+        used, because the campaign may have been moved since."""
+        return self.folder(trial.request) / Path(trial.record.run_dir).name if trial.record else None
+
+    def report(self, trial: Trial) -> str:
+        """Return the path of the run's report as a link relative to the campaign's folder; empty if there is no
+        report."""
+        run = self.run_folder(trial)
+        report = run / "report.html" if run else None
+        return quote(os.path.relpath(report, self.path)) if report and report.is_file() else ""
+
     def finished(self) -> list[Trial]:
         """Return the finished runs, in the order of the requests."""
-        return [trial for request in self.campaign.requests if (trial := self._trial(request)) is not None]
+        found = (read_trial(self.folder(request), request) for request in self.campaign.requests)
+        return [trial for trial in found if trial is not None]
 
     def missing(self, finished: Sequence[Trial]) -> list[TrialRequest]:
         done = {trial.request.key for trial in finished}
         return [request for request in self.campaign.requests if request.key not in done]
 
-    def _trial(self, request: TrialRequest) -> Trial | None:
-        done = load_trial(self.folder(request), request)
-        return None if done is None else Trial(request, done["figures"], done["error"])
+
+def changed_versions(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return the packages whose versions differ, each with both versions."""
+    names = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    return [f"{name} {before.get(name)} -> {now.get(name)}" for name in names]
+
+
+def copy_library(source: Path, target: Path) -> None:
+    """Copy the user's library from one folder to another, if there is one. Raises StorageError."""
+    library = user_library_path(source)
+    try:
+        if library.is_file():
+            shutil.copyfile(library, user_library_path(target))
+    except OSError as error:
+        raise StorageError(
+            f"{library} cannot be copied to {target}: {error.strerror}",
+            "check the permissions of both folders and whether the disk is full",
+        ) from None
 
 
 def is_campaign(path: Path) -> bool:
@@ -185,24 +231,6 @@ def cpu_model() -> str:
         return platform.processor() or platform.machine()
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
-
-
 def _library_digest(path: Path) -> str:
     library = user_library_path(path)
     return sha256(library.read_bytes()).hexdigest()[:12] if library.is_file() else "shipped"
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        if content["schema"] != SCHEMA:
-            raise ValueError(f"schema {content['schema']}")
-        return dict(content)
-    except FileNotFoundError:
-        raise ConfigurationError(
-            f"{path} is no campaign: it has no {MANIFEST}", "name the folder that `foldcell trials` printed"
-        ) from None
-    except (OSError, ValueError, LookupError, TypeError) as e:
-        raise ConfigurationError(f"{path / MANIFEST} cannot be read: {e}", "start a new campaign") from None

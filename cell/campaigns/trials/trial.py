@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from hashlib import sha256
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
+from cell.campaigns.hil.director import Observations
 from cell.campaigns.trials.campaign import TrialRequest
-from cell.support.json_values import to_json
+from cell.record.run_record import RunRecord, ScoreRecord
+from cell.record.words import figure_name
+from cell.support.files.whole_file import write_whole
 
-__all__ = ["MANIFEST", "TRIAL", "Trial", "digest", "load_trial"]
+__all__ = ["TRIAL", "Trial", "failed_figures", "read_trial", "write_trial"]
 
-MANIFEST = "campaign.json"
-"""File with the requests of a campaign, in its folder."""
 TRIAL = "trial.json"
 """File with the result of a run, in the run's own folder."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a campaign with its result. figures: output of `foldcell fold --json`; error: reason why there
-    are no figures. performed: False for a run that did not end because its worker process died."""
+    """One run of a campaign. record: None if the run has none, for the reason in `error`. seen: what was observed
+    of its scripted actions; None without such actions. performed: False for a run that did not end because its
+    worker process died."""
 
     request: TrialRequest
-    figures: Mapping[str, Any] | None
+    record: RunRecord | None
     error: str = ""
+    seen: Observations | None = None
     performed: bool = True
 
     @property
     def result(self) -> str:
         if not self.performed:
             return "not_performed"
-        return str(self.figures.get("result")) if self.figures else "fault"
+        return self.record.result if self.record else "fault"
+
+    @property
+    def score(self) -> ScoreRecord | None:
+        return self.record.score if self.record else None
+
+    @property
+    def height_m(self) -> float | None:
+        """Height of the folded stack [m]; None without a score."""
+        return self.score.height_m if self.score else None
 
     @property
     def claimed(self) -> bool:
@@ -45,15 +55,7 @@ class Trial:
     def passed(self) -> bool | None:
         """The scorer's verdict on the garment, whether folding was claimed or not. None: the run was not
         scored."""
-        score = (self.figures or {}).get("score")
-        return bool(score.get("passed")) if score else None
-
-    def part(self, name: str) -> tuple[bool, bool] | None:
-        """Return a part of the claim ('shape', 'flat') and the scorer's verdict on it. None if the last fold was
-        not inspected, or if the score does not judge this part."""
-        figures = self.figures or {}
-        claimed, judged = ((figures.get(key) or {}).get(name) for key in ("claim", "score"))
-        return (claimed, judged) if isinstance(claimed, bool) and isinstance(judged, bool) else None
+        return self.score.passed if self.score else None
 
     @property
     def success(self) -> bool:
@@ -61,47 +63,44 @@ class Trial:
         return self.claimed and self.passed is not False
 
     @property
+    def verdict(self) -> str:
+        """The result, or `false claim` if the score does not pass the claimed fold."""
+        return "false claim" if self.claimed and not self.success else self.result
+
+    @property
     def cause(self) -> str:
         """Why the run is not a success: the kind of failure, or the figures of the score that are beyond their
         limits."""
         if self.success:
             return ""
-        if not self.performed:
-            return "not performed"
-        if self.figures is None:
-            return "error"
-        failure = self.figures.get("failure")
-        if failure:
-            return str(failure.get("kind"))
-        return "score: " + ", ".join(failed_figures(self.figures.get("score") or {}))
+        if self.record is None:
+            return "error" if self.performed else "not performed"
+        if self.record.failure:
+            return self.record.failure.kind.value
+        return "score: " + ", ".join(failed_figures(self.score))
 
 
-def failed_figures(score: Mapping[str, Any]) -> list[str]:
-    """Return the names of the figures of a score that are beyond their limits. For `iou` the limit is a minimum,
-    for all others a maximum."""
-    limits = score.get("limits") or {}
-    failed = [n for n, limit in limits.items() if _beyond(n, score.get(n), limit)]
-    flawed = ["ideal"] if not (score.get("ideal") or {"valid": True})["valid"] else []
-    return [name.removesuffix("_m").removesuffix("_rad") for name in failed] + flawed
+def failed_figures(score: ScoreRecord | None) -> tuple[str, ...]:
+    """Return the names of the figures of a score that are beyond their limits, and `ideal` if the ideal fold is
+    not valid."""
+    if score is None:
+        return ()
+    names = tuple(figure_name(name) for name in score.failed)
+    return (*names, "ideal") if score.ideal and not score.ideal.valid else names
 
 
-def _beyond(name: str, value: float | None, limit: float | None) -> bool:
-    """A figure that is unknown counts as beyond its limit."""
-    if value is None or limit is None:
-        return True
-    return value < limit if name == "iou" else value > limit
+_TRIAL = TypeAdapter(Trial)
 
 
-def load_trial(folder: Path, request: TrialRequest) -> dict[str, Any] | None:
+def read_trial(folder: Path, request: TrialRequest) -> Trial | None:
     """Return the result in `folder` if it is complete and belongs to this request, else None."""
     try:
-        done = json.loads((folder / TRIAL).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        trial = _TRIAL.validate_json((folder / TRIAL).read_bytes())
+    except (OSError, ValidationError):
         return None
-    return done if isinstance(done, dict) and done.get("request") == digest(request) else None
+    return trial if trial.request == request else None
 
 
-def digest(request: TrialRequest) -> str:
-    """Return a hash of everything that the run depends on, except the program and the library."""
-    canonical = json.dumps(to_json(asdict(request)), sort_keys=True)
-    return sha256(canonical.encode()).hexdigest()[:16]
+def write_trial(folder: Path, trial: Trial) -> None:
+    """Write the result of a run into `folder`. Raises StorageError."""
+    write_whole(folder / TRIAL, _TRIAL.dump_json(trial) + b"\n")

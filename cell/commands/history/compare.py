@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.statistics.comparison import Comparison, compare_trials
-from cell.campaigns.trials.store import CampaignFolder, is_campaign
+from cell.campaigns.trials.store import CampaignFolder, changed_versions, is_campaign
 from cell.campaigns.trials.trial import Trial
 from cell.commands.options import json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.journal.journal import Journal
+from cell.record.words import difference, value_in_words
 from cell.runs.run_difference import Difference, RunDifference, run_difference
 from cell.support.files.paths import journal_path, logs_directory
 from robots.errors import ConfigurationError
@@ -81,8 +81,8 @@ def _campaigns(a: CampaignFolder, b: CampaignFolder, options: argparse.Namespace
             {"first": str(a.path), "second": str(b.path), "variants": {k: asdict(c) for k, c in compared.items()}}
         )
         return 0
-    print(f"A  {a.path.name}, begun {a.origin['begun']}\nB  {b.path.name}, begun {b.origin['begun']}")
-    changed = _changed(a.origin["program"] or {}, b.origin["program"] or {})
+    print(f"A  {a.path.name}, begun {a.campaign.begun}\nB  {b.path.name}, begun {b.campaign.begun}")
+    changed = changed_versions(a.campaign.program, b.campaign.program)
     if changed:
         print(f"program: {'; '.join(changed)}")
     for name, comparison in compared.items():
@@ -97,11 +97,6 @@ def _by_variant(campaign: CampaignFolder) -> dict[str, list[Trial]]:
     return groups
 
 
-def _changed(first: dict[str, Any], second: dict[str, Any]) -> list[str]:
-    names = sorted({*first, *second})
-    return [f"{n} {first.get(n)} -> {second.get(n)}" for n in names if first.get(n) != second.get(n)]
-
-
 def _print_comparison(name: str, c: Comparison) -> None:
     print(
         f"\n{name}: {c.pairs} pairs of the same garment and seed"
@@ -110,20 +105,13 @@ def _print_comparison(name: str, c: Comparison) -> None:
     alone = f"by A alone {len(c.only_first)}, by B alone {len(c.only_second)}"
     print(f"  folded by both {c.both}, by neither {c.neither}, {alone}")
     print(f"  p = {c.p_value:.3f} (McNemar, exact)")
-    print(f"  robot time   {_interval(c.robot_time_difference_s, c.robot_time_interval_s, 1.0, 's')}")
-    print(f"  height       {_interval(c.height_difference_m, c.height_interval_m, 1e3, 'mm')}")
+    print(f"  robot time   {difference('robot_time_s', c.robot_time_difference_s, c.robot_time_interval_s)}")
+    print(f"  height       {difference('height_m', c.height_difference_m, c.height_interval_m)}")
+    print("  both: median of B - A, with its bootstrap interval")
     for group, pairs, causes in (("A", c.only_first, c.second_causes), ("B", c.only_second, c.first_causes)):
         if pairs:
             print(f"  by {group} alone: " + ", ".join(f"{garment} seed {seed}" for garment, seed in pairs))
             print("    the other's causes: " + ", ".join(f"{cause} ({n})" for cause, n in causes.items()))
-
-
-def _interval(value: float | None, ends: tuple[float, float] | None, scale: float, unit: str) -> str:
-    """Format the median of the differences B minus A, with its bootstrap interval."""
-    if value is None:
-        return "-"
-    interval = "" if ends is None else f" ({scale * ends[0]:+.1f} to {scale * ends[1]:+.1f})"
-    return f"{scale * value:+.1f} {unit}{interval}, median of B - A"
 
 
 def _runs(options: argparse.Namespace) -> tuple[RunDifference, tuple[str, str]]:
@@ -161,9 +149,7 @@ def _print_differences(title: str, rows: tuple[Difference, ...]) -> None:
     if not rows:
         print("  the same")
         return
-    print_table(("", "A", "B"), [(f"  {d.name}", _text(d.first), _text(d.second)) for d in rows])
-
-
-def _text(value: Any) -> str:
-    text = "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    print_table(
+        ("", "A", "B"),
+        [(f"  {d.name}", value_in_words(d.first, 60) or "-", value_in_words(d.second, 60) or "-") for d in rows],
+    )

@@ -1,4 +1,5 @@
-"""`foldcell replay RUN`: opens the recording in the viewer, or prints how to open it."""
+"""`foldcell replay RUN`: opens the recording in the viewer, or prints how to open it. With --decide it checks
+whether the present program repeats the decisions of the recorded run."""
 
 from __future__ import annotations
 
@@ -6,13 +7,18 @@ import argparse
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from cell.commands.options import json_option, logs_option, run_name
-from cell.commands.output import print_json
-from cell.journal.journal import Journal
+from cell.commands.output import print_json, progress_stream
+from cell.journal.journal import Entry, Journal, JournalRun
 from cell.support.files.paths import journal_path, logs_directory
 from cell.view.viewing.viewer import find_viewer, silent_environment
 from robots.errors import StorageError
+
+if TYPE_CHECKING:
+    from cell.runs.decide_again import Verdict
 
 __all__ = ["add_options", "run"]
 
@@ -30,13 +36,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    if options.decide:
-        from cell.commands.history.decide import run as decide
-
-        return decide(options)
-    logs = logs_directory(options.logs)
-    with Journal.open(journal_path(logs), readonly=True) as journal:
+    """Open the recording, or decide again. Returns 2 if another decision was taken."""
+    with Journal.open(journal_path(logs_directory(options.logs)), readonly=True) as journal:
         record = journal.run(options.name)
+        entries = journal.entries(record.id) if options.decide else []
+    if options.decide:
+        return _decide(record, entries, options.json)
     recording = record.directory / "run.rrd"
     if not recording.is_file():
         raise StorageError(
@@ -58,3 +63,42 @@ def run(options: argparse.Namespace) -> int:
         print(f"open it with   {viewer or 'rerun'} {recording}{why}")
         print(f"or a browser   {viewer or 'rerun'} --web-viewer {recording}")
     return 0
+
+
+def _decide(run: JournalRun, entries: Sequence[Entry], as_json: bool) -> int:
+    """Check whether the present program repeats the decisions of a recorded run."""
+    from cell.operator.progress.compiling import report_compilation
+    from cell.operator.progress.lines import ProgressLines
+    from cell.runs.decide_again import changed_versions, decide_again
+
+    changed = changed_versions(run.versions)
+    lines = ProgressLines(progress_stream(as_json))
+    lines.note(f"deciding {run.id} again from its recorded readings")
+    for name, (then, now) in changed.items():
+        lines.note(f"the version of {name} was {then} and is {now} now")
+    with report_compilation(lines.note):
+        verdict = decide_again(run, entries, (lines,), lines.note, lines.computing)
+    if as_json:
+        then_and_now = {name: {"then": then, "now": now} for name, (then, now) in changed.items()}
+        print_json({"run": run.id, "same": verdict.same, **vars(verdict), "changed_versions": then_and_now})
+    else:
+        _print_verdict(verdict)
+    return 0 if verdict.same else 2
+
+
+def _print_verdict(verdict: Verdict) -> None:
+    compared = (
+        f"{verdict.effects} effects, {verdict.set_points} set-points, {verdict.pictures} pictures,"
+        f" {verdict.exchanges} exchanges with the cell"
+    )
+    deviation = verdict.deviation
+    if deviation is None:
+        print(f"\nthe same decisions: {compared}, in {verdict.wall_time_s:.0f} s")
+        if verdict.broken_off:
+            print(f"  up to {verdict.cell_time_s:.2f} s: {verdict.broken_off}")
+        return
+    effect = f", effect {deviation.effect}" if deviation.effect else ""
+    print(f"\nANOTHER DECISION at {deviation.cell_time_s:.2f} s, state {deviation.state}{effect}")
+    print(f"  then   {deviation.then}")
+    print(f"  now    {deviation.now}")
+    print(f"  in {deviation.place}; equal before it: {compared}")

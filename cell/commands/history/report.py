@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from cell.commands.history.runs import run_figures
+from cell.commands.history.runs import ListedRun
 from cell.commands.options import json_option, logs_option, run_name
 from cell.commands.output import print_json
 from cell.journal.journal import NOT_BEGUN, Intent, Journal, JournalRun, performed
@@ -25,51 +25,53 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
     with Journal.open(journal_path(logs), readonly=True) as journal:
-        record = journal.run(options.name)
-        figures = run_figures(journal, record)
-        effects = performed(journal.entries(record.id))
-        figures["resumable"] = resumable(journal, record.id)
-    page = record.directory / "report.html"
-    figures |= {
-        "summary": record.summary,
-        "effects": [_effect_figures(effect) for effect in effects],
-        "report": str(page) if page.is_file() else None,
-    }
+        run = journal.run(options.name)
+        listed = ListedRun.of(journal, run)
+        effects = performed(journal.entries(run.id))
+        may_resume = resumable(journal, run.id)
+    page = run.directory / "report.html"
     if options.json:
-        print_json(figures)
+        print_json(
+            {
+                **listed.as_json(),
+                "resumable": may_resume,
+                "summary": run.summary,
+                "effects": [_figures(effect) for effect in effects],
+                "report": page if page.is_file() else None,
+            }
+        )
         return 0
-    print(f"{record.id}: {record.status}")
+    print(f"{run.id}: {run.status}")
     for effect in effects:
         print(f"  {effect.begun_s:8.1f} s  {effect.name:<20} {_ending(effect)}")
-    if record.status == "interrupted":
+    if run.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
-    if reason := record.summary.get("reason"):
-        print(f"  the run did not begin: {reason['what']}" + (f"\n  {reason['hint']}" if reason["hint"] else ""))
-    if figures["resumable"]:
-        print(f"resume  {command_for(f'resume {record.id}', record.directory.parent)}")
-    print(f"report  {page}" if page.is_file() else f"report  {_no_page(record)}")
+    what, hint = run.refusal
+    if what:
+        print(f"  the run did not begin: {what}" + (f"\n  {hint}" if hint else ""))
+    if may_resume:
+        print(f"resume  {command_for(f'resume {run.id}', run.directory.parent)}")
+    print(f"report  {page if page.is_file() else _no_page(run)}")
     return 0
 
 
-def _no_page(record: JournalRun) -> str:
+def _no_page(run: JournalRun) -> str:
     """Return the reason why there is no page, and the command that opens the recording if there is one."""
-    recorded = (record.directory / "run.rrd").is_file()
-    command = command_for(f"replay {record.id}", record.directory.parent)
+    recorded = (run.directory / "run.rrd").is_file()
+    command = command_for(f"replay {run.id}", run.directory.parent)
     replay = f"\n        {command} opens the recording" if recorded else ""
-    if record.status == "running":
-        return (
-            f"none yet: the run has not ended (pid {record.pid}); fold --live shows a run while it lasts{replay}"
-        )
-    if record.status == NOT_BEGUN:
+    if run.status == "running":
+        return f"none yet: the run has not ended (pid {run.pid}); fold --live shows a run while it lasts{replay}"
+    if run.status == NOT_BEGUN:
         return "none: nothing was done"
-    if record.status == "interrupted":
+    if run.status == "interrupted":
         return f"none: the run was interrupted before the report was written{replay}"
-    if not (record.directory / "result.json").is_file():
+    if not (run.directory / "result.json").is_file():
         return "none: the run has ended, but its report is still being written or was interrupted"
-    return f"none: see {record.directory}"
+    return f"none: see {run.directory}"
 
 
-def _effect_figures(effect: Intent) -> dict[str, Any]:
+def _figures(effect: Intent) -> dict[str, Any]:
     names = ("name", "state", "begun_s", "ended_s", "event", "failure", "what")
     return {name: getattr(effect, name) for name in names}
 

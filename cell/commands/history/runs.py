@@ -5,21 +5,82 @@ from __future__ import annotations
 import argparse
 import shlex
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.journal.checkpoint_file import has_checkpoint
-from cell.journal.journal import Journal, JournalRun
+from cell.journal.journal import Intent, Journal, JournalRun
+from cell.record.run_record import RunRecord, record_of
+from cell.record.words import plain
 from cell.support.files.paths import command_for, journal_path, logs_directory
 from robots.errors import ConfigurationError
 
-__all__ = ["add_options", "run", "run_figures"]
+__all__ = ["ListedRun", "add_options", "run"]
 
 MANIFEST = "campaign.json"
 """Name of the file that marks a campaign's folder. The module of campaigns loads the whole cell, so it is imported
 only if there is a campaign."""
+
+
+@dataclass(frozen=True)
+class ListedRun:
+    """A run of the journal. record: None if it has none. last: of a run that has not ended, the last effect that
+    it began."""
+
+    run: JournalRun
+    record: RunRecord | None
+    last: Intent | None
+
+    @classmethod
+    def of(cls, journal: Journal, run: JournalRun) -> ListedRun:
+        return cls(run, record_of(run.summary), journal.last_intent(run.id) if run.ended is None else None)
+
+    def as_json(self) -> dict[str, Any]:
+        run, record, last = self.run, self.record, self.last
+        return {
+            "run": run.id,
+            "status": run.status,
+            "garment": run.garment,
+            "seed": run.seed,
+            "driver": run.driver,
+            "started": run.started,
+            "ended": run.ended,
+            "pid": run.pid,
+            "robot_time_s": record.robot_time_s if record else None,
+            "wall_time_s": record.wall_time_s if record else None,
+            "reason": run.refusal[0] or None,
+            "failure": record.failure.kind if record and record.failure else None,
+            "run_dir": run.directory,
+            "last_intent": last
+            and {
+                "name": last.name,
+                "state": last.state,
+                "cell_time_s": last.begun_s,
+                "finished": last.ended_s is not None,
+            },
+        }
+
+    @property
+    def how(self) -> str:
+        """How the run ended, or what it does now, in words."""
+        run, failure = self.run, self.record.failure if self.record else None
+        if self.last is None:
+            why = run.refusal[0] or (plain(failure.kind) if failure else "")
+            return run.status + (f": {why}" if why else "")
+        where = "during" if self.last.ended_s is None else "after"
+        process = f" (process {run.pid})" if run.status == "running" else ""
+        return f"{run.status} {where} {self.last.name} at {self.last.begun_s:.1f} s{process}"
+
+    @property
+    def row(self) -> tuple[Any, ...]:
+        """The cells of the run's line in the table."""
+        run, record = self.run, self.record
+        started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(run.started))
+        times = (record.robot_time_s, record.wall_time_s) if record else (None, None)
+        return run.id, run.garment, run.seed, run.driver, started, *times, self.how
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -31,36 +92,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     logs = logs_directory(options.logs)
-    rows = _read(journal_path(logs), options.last)
+    runs = _read(journal_path(logs), options.last)
     folders = [path.parent for path in sorted(logs.glob(f"*/{MANIFEST}"))]
     campaigns = [_campaign_figures(path) for path in (folders[-options.last :] if options.last else folders)]
     if options.json:
-        print_json({"logs": str(logs), "runs": rows, "campaigns": campaigns})
+        print_json({"logs": logs, "runs": [each.as_json() for each in runs], "campaigns": campaigns})
         return 0
     if campaigns:
         _print_campaigns(campaigns)
-    if not rows and campaigns:
-        return 0
-    if not rows:
+    elif not runs:
         print(f"no runs yet in {logs}")
-        return 0
-    table = [
-        (
-            r["run"],
-            r["garment"],
-            r["seed"],
-            r["driver"],
-            _when(r["started"]),
-            r["robot_time_s"],
-            r["wall_time_s"],
-            _how(r),
-        )
-        for r in rows
-    ]
-    print_table(("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended"), table)
-    if rows[-1]["status"] == "interrupted" and has_checkpoint(Path(rows[-1]["run_dir"])):
-        last = Path(rows[-1]["run_dir"])
-        print(f"resume the last one: {command_for(f'resume {last.name}', last.parent)}")
+    if runs:
+        names = ("run", "garment", "seed", "driver", "started", "robot s", "wall s", "how it ended")
+        print_table(names, [each.row for each in runs])
+        last = runs[-1].run
+        if last.status == "interrupted" and has_checkpoint(last.directory):
+            print(f"resume the last one: {command_for(f'resume {last.id}', logs)}")
     return 0
 
 
@@ -78,7 +125,7 @@ def _campaign_figures(path: Path) -> dict[str, Any]:
     return {
         "campaign": path.name,
         "about": campaign.campaign.about,
-        "begun": campaign.origin["begun"],
+        "begun": campaign.campaign.begun,
         "runs": len(campaign.campaign.requests),
         "finished": len(finished),
         "folded": sum(trial.success for trial in finished),
@@ -101,54 +148,9 @@ def _print_campaigns(campaigns: list[dict[str, Any]]) -> None:
     print()
 
 
-def _read(journal_file: Path, last: int | None) -> list[dict[str, Any]]:
+def _read(journal_file: Path, last: int | None) -> list[ListedRun]:
     if not journal_file.exists():
         return []
     with Journal.open(journal_file, readonly=True) as journal:
-        records = journal.runs()
-        return [run_figures(journal, r) for r in (records[-last:] if last else records)]
-
-
-def run_figures(journal: Journal, record: JournalRun) -> dict[str, Any]:
-    """Return the figures of one run. `last_intent` is the last effect that a run without an end has begun."""
-    figures: dict[str, Any] = {
-        "run": record.id,
-        "status": record.status,
-        "garment": record.garment,
-        "seed": record.seed,
-        "driver": record.driver,
-        "started": record.started,
-        "ended": record.ended,
-        "pid": record.pid,
-        "robot_time_s": record.summary.get("robot_time_s"),
-        "wall_time_s": record.summary.get("wall_time_s"),
-        "reason": (record.summary.get("reason") or {}).get("what"),
-        "failure": (record.summary.get("failure") or {}).get("kind"),
-        "run_dir": str(record.directory),
-        "last_intent": None,
-    }
-    if record.ended is None:
-        intent = journal.last_intent(record.id)
-        if intent is not None:
-            figures["last_intent"] = {
-                "name": intent.begun.name,
-                "state": intent.begun.state,
-                "cell_time_s": intent.begun.cell_time,
-                "finished": intent.result is not None,
-            }
-    return figures
-
-
-def _when(started: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(started))
-
-
-def _how(row: dict[str, Any]) -> str:
-    intent = row["last_intent"]
-    if intent is None:
-        why = row["reason"] or (row["failure"] or "").replace("_", " ")
-        return str(row["status"]) + (f": {why}" if why else "")
-    where = "after" if intent["finished"] else "during"
-    return f"{row['status']} {where} {intent['name']} at {intent['cell_time_s']:.1f} s" + (
-        f" (process {row['pid']})" if row["status"] == "running" else ""
-    )
+        runs = journal.runs()
+        return [ListedRun.of(journal, run) for run in (runs[-last:] if last else runs)]

@@ -7,10 +7,12 @@ import argparse
 from collections import Counter
 from dataclasses import asdict
 
+from cell.campaigns.trials.campaign import ALL, distinct_garments
 from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endure, growths, random_requests
 from cell.commands.output import print_json, print_table, progress_stream
-from cell.config.cell_settings import CellSettings, load_settings
-from cell.config.garments.garment_file import list_garments, load_garment
+from cell.commands.run.perform import first_seed
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 
 __all__ = ["run_endurance"]
@@ -23,7 +25,9 @@ def run_endurance(options: argparse.Namespace) -> int:
     """Perform the runs and print the growth of the processes. Returns 0 if every run ended with a result, no
     process gained threads or file handles, and no process's memory grew by more than 5 %; else 3."""
     settings = load_settings(options.cell)
-    garments = _checked_garments(options.garments or "all", settings)
+    garments = distinct_garments((options.garments or ALL).split(","))
+    for garment in garments:
+        load_garment(garment, settings.surface)
     logs = prepare_logs(logs_directory(options.logs))
     path, out = campaign_folder(logs, "endurance"), progress_stream(options.json)
     print(f"folder   {path}", file=out, flush=True)
@@ -35,8 +39,9 @@ def run_endurance(options: argparse.Namespace) -> int:
             file=out, flush=True,
         )  # fmt: skip
 
-    first = 1 if options.first_seed is None else options.first_seed
-    runs = endure(random_requests(garments, settings, first), path, options.hours, options.renew, report)
+    runs = endure(
+        random_requests(garments, settings, first_seed(options)), path, options.hours, options.renew, report
+    )
     grown = growths(runs)
     bad = sum(bool(run.error) for run in runs)
     leaks = [g for g in grown if g.threads > 0 or g.handles > 0 or g.memory > MEMORY_GROWTH]
@@ -59,10 +64,3 @@ def run_endurance(options: argparse.Namespace) -> int:
         )
         print(f"gained: after the run {SETTLED} of a process; details  {path / SAMPLES}")
     return 3 if bad or leaks else 0
-
-
-def _checked_garments(named: str, settings: CellSettings) -> list[str]:
-    names = list(list_garments()) if named == "all" else [name.strip() for name in named.split(",")]
-    for name in names:
-        load_garment(name, settings.surface)
-    return names

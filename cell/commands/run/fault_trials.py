@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from cell.campaigns.faults.fault_table import SHIPPED, FaultTable, read_fault_table
 from cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
 from cell.campaigns.faults.judge import judge
-from cell.campaigns.faults.results import PAGE, fault_results, write_fault_results
+from cell.campaigns.faults.results import FaultResults, Group
+from cell.campaigns.page.fault_page import PAGE, write_fault_results
+from cell.campaigns.trials.campaign import distinct_garments
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.commands.output import print_json, print_table
-from cell.commands.run.perform import perform
+from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
 from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import list_garments
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.record.words import interval
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["TABLE", "add_fault_options", "run_fault_trials"]
@@ -44,49 +44,37 @@ def add_fault_options(parser: argparse.ArgumentParser) -> None:
 def run_fault_trials(options: argparse.Namespace) -> int:
     """Perform the table of faults, or continue it. Returns 0 if every run ended as due, 2 if one did not or if its
     fault did not happen, 3 if a run was not performed."""
-    folder = _resumed(options) if options.resume is not None else _new(options)
+    folder = _new(options) if options.resume is None else resumed_campaign(options)
     table = read_fault_table(folder.path / TABLE)
     trials = perform(folder, options, partial(write_fault_results, table), partial(_line, table))
-    results = fault_results(table, trials)
+    results = FaultResults.of(table, trials)
     if options.json:
-        print_json({**results, "directory": str(folder.path)})
+        print_json({**results.as_json(), "directory": str(folder.path)})
     else:
         _print(results, folder.path)
     if any(not trial.performed for trial in trials):
         return 3
-    return 0 if all(judge(table, trial).good for trial in trials) else 2
-
-
-def _resumed(options: argparse.Namespace) -> CampaignFolder:
-    folder = CampaignFolder.open(options.resume.absolute())
-    folder.check_program()
-    return folder
+    return 0 if all(verdict.good for _, verdict in results.runs) else 2
 
 
 def _new(options: argparse.Namespace) -> CampaignFolder:
     """Return the folder of a new campaign. Everything is checked before anything is written."""
-    settings = load_settings(options.cell)
-    table = _chosen(read_fault_table(options.faults), options.only)
-    garments = GARMENTS if options.garments is None else tuple(options.garments.split(","))
-    first = 1 if options.first_seed is None else options.first_seed
+    table, first = read_fault_table(options.faults), first_seed(options)
+    if options.only is not None:
+        table = chosen_faults(table, [name.strip() for name in options.only.split(",")])
     campaign = fault_campaign(
         table,
-        list_garments() if garments == ("all",) else [name.strip() for name in garments],
+        GARMENTS if options.garments is None else distinct_garments(options.garments.split(",")),
         range(first, first + (options.n or SEEDS)),
-        settings,
+        load_settings(options.cell),
         driver=options.driver,
         world=options.world,
         pairs=bool(options.pairs),
         keep=options.keep or "failures",
     )
-    logs = prepare_logs(logs_directory(options.logs))
-    folder = CampaignFolder.create(campaign_folder(logs, "faults"), campaign, logs)
+    folder = new_campaign(campaign, "faults", options)
     write_whole(folder.path / TABLE, options.faults.read_text(encoding="utf-8"))
     return folder
-
-
-def _chosen(table: FaultTable, only: str | None) -> FaultTable:
-    return table if only is None else chosen_faults(table, [name.strip() for name in only.split(",")])
 
 
 def _line(table: FaultTable, trial: Trial) -> str:
@@ -97,31 +85,26 @@ def _line(table: FaultTable, trial: Trial) -> str:
     return f"{name:<60} {verdict.end or '-':<10} {word:<17}" + ("" if verdict.good else f" {verdict.why}")
 
 
-def _print(results: dict[str, Any], folder: Path) -> None:
+def _print(results: FaultResults, folder: Path) -> None:
     print("\nsimulated; runs that ended as due, of those in which the fault happened; interval: Wilson, 95 %")
-    garments = results["garments"]
     print_table(
-        ("fault", "due", *garments, "all", "interval"),
+        ("fault", "due", *results.garments, "all", "interval"),
         [
             (
-                row["name"],
-                " or ".join(row["due_ends"]),
-                *(_share(row["by_garment"][garment]) for garment in garments),
-                _share(row),
-                _percent(row["interval"]),
+                row.name,
+                " or ".join(row.due_ends),
+                *(_share(row.by_garment[garment]) for garment in results.garments),
+                _share(row.all),
+                interval(row.all.interval),
             )
-            for row in results["faults"]
+            for row in results.rows
         ],
     )
-    for name, group in results["totals"].items():
-        print(f"{name}: {_share(group)} ({_percent(group['interval'])})")
+    for name, group in results.totals.items():
+        print(f"{name}: {_share(group)} ({interval(group.interval)})")
     print(f"details  {folder / PAGE}")
 
 
-def _share(group: dict[str, Any]) -> str:
-    left = f" +{group['not_struck']} without" if group["not_struck"] else ""
-    return f"{group['due']}/{group['runs']}{left}" if group["runs"] or left else "-"
-
-
-def _percent(interval: tuple[float, float]) -> str:
-    return f"{100 * interval[0]:.0f}-{100 * interval[1]:.0f} %"
+def _share(group: Group) -> str:
+    left = f" +{group.not_struck} without" if group.not_struck else ""
+    return f"{group.due}/{group.runs}{left}" if group.runs or left else "-"

@@ -1,4 +1,4 @@
-"""Perform the runs of a campaign's folder, with progress and advice how to continue."""
+"""Open the folder of a campaign and perform its runs, with progress and advice how to continue."""
 
 from __future__ import annotations
 
@@ -7,44 +7,60 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable
-from typing import Any
 
 from cell.campaigns.executors import RUNS_EACH, chosen_workers
-from cell.campaigns.perform_campaign import perform_campaign
-from cell.campaigns.trials.progress import CampaignProgress
+from cell.campaigns.perform_campaign import Write, perform_campaign, write_results
+from cell.campaigns.trials.campaign import Campaign
+from cell.campaigns.trials.progress import CampaignProgress, described
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.commands.output import progress_stream
-from cell.support.files.paths import command_for
+from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
 from robots.errors import ConfigurationError, StorageError
 
-__all__ = ["perform"]
+__all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
+
+
+def first_seed(options: argparse.Namespace) -> int:
+    """Return the first seed of a new campaign. The option has no default, so that a stated one can be refused."""
+    return 1 if options.first_seed is None else int(options.first_seed)
+
+
+def new_campaign(campaign: Campaign, kind: str, options: argparse.Namespace) -> CampaignFolder:
+    """Create the folder of a campaign in the logs. kind: beginning of its name. Raises StorageError."""
+    logs = prepare_logs(logs_directory(options.logs))
+    return CampaignFolder.create(campaign_folder(logs, kind), campaign, logs)
+
+
+def resumed_campaign(options: argparse.Namespace) -> CampaignFolder:
+    """Open the campaign that `--resume` names. Raises ConfigurationError if it cannot be continued."""
+    folder = CampaignFolder.open(options.resume.absolute())
+    folder.check_program()
+    return folder
 
 
 def perform(
     campaign: CampaignFolder,
     options: argparse.Namespace,
-    write: Callable[[CampaignFolder, list[Trial]], Any] | None = None,
-    describe: Callable[[Trial], str] | None = None,
+    write: Write = write_results,
+    describe: Callable[[Trial], str] = described,
 ) -> list[Trial]:
     """Perform the missing runs on the workers that the options name. Returns all runs. write: writes the results;
-    describe: text about a run that has ended; None: as for any campaign.
+    describe: returns the text about a run that has ended.
 
     An interrupted campaign says how to continue it. Raises what `perform_campaign` raises.
     """
     out = progress_stream(options.json)
     with campaign.owned():
-        finished = campaign.finished()
-        missing = len(campaign.missing(finished))
+        finished, total = len(campaign.finished()), len(campaign.campaign.requests)
         try:
             with chosen_workers(options.workers, options.cluster, campaign.path, RUNS_EACH) as workers:
                 for note in workers.notes:
                     print(note, file=sys.stderr)
-                already = f", {len(finished)} of them finished earlier" if finished else ""
-                print(f"{missing + len(finished)} runs{already}, {workers.count} at a time", file=out, flush=True)
+                already = f", {finished} of them finished earlier" if finished else ""
+                print(f"{total} runs{already}, {workers.count} at a time", file=out, flush=True)
                 print(f"folder   {campaign.path}", file=out, flush=True)
-                total = missing + len(finished)
-                progress = CampaignProgress(total, len(finished), workers.count, describe=describe)
+                progress = CampaignProgress(total, finished, workers.count, describe)
                 return perform_campaign(
                     campaign, workers, lambda t: print(progress.line(t), file=out, flush=True), write=write
                 )
@@ -53,7 +69,6 @@ def perform(
                 shutil.rmtree(campaign.path)
             raise
         except (KeyboardInterrupt, StorageError):
-            made = len(campaign.finished())
             again = command_for(f"trials --resume {shlex.quote(str(campaign.path))}", campaign.path.parent)
-            print(f"{made} of {missing + len(finished)} runs are finished; continue: {again}", file=sys.stderr)
+            print(f"{len(campaign.finished())} of {total} runs are finished; continue: {again}", file=sys.stderr)
             raise

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from cell.campaigns.results import campaign_results
-from cell.campaigns.statistics.summary import Row, claims, part_claims
+from cell.campaigns.page.campaign_page import PAGE
+from cell.campaigns.results import CampaignResults
+from cell.campaigns.statistics.summary import ALL
 from cell.campaigns.trials.campaign import Campaign, CampaignFile, campaign_of, read_campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import Trial
 from cell.commands.options import cell_option, count, driver_options, folder, json_option, logs_option, seed
 from cell.commands.output import print_json, print_table
 from cell.commands.run.endurance import run_endurance
 from cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
-from cell.commands.run.perform import perform
+from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
 from cell.config.cell_settings import load_settings
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.record.words import figure, interval, percent
 from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
@@ -73,13 +72,17 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError("--only and --pairs choose among faults", "add --faults")
     if options.renew is not None:
         raise ConfigurationError("--renew without --hours", "campaigns renew their processes by themselves")
-    campaign = _opened(options)
-    trials = perform(campaign, options)
-    results = campaign_results(campaign.campaign, trials)
-    if options.json:
-        print_json({**results, "directory": str(campaign.path)})
+    if options.resume is not None:
+        _refuse(options, "--resume", ("file", *OF_A_NEW_ONE))
+        folder = resumed_campaign(options)
     else:
-        _print(campaign, results, trials)
+        folder = new_campaign(_campaign(options), "trials", options)
+    trials = perform(folder, options)
+    results = CampaignResults.of(folder.campaign, trials)
+    if options.json:
+        print_json({**results.as_json(), "directory": str(folder.path)})
+    else:
+        _print(folder.path, results)
     return 3 if any(t.result in ("fault", "not_performed") for t in trials) else 0
 
 
@@ -93,19 +96,8 @@ def _hours(text: str) -> float:
     return hours
 
 
-def _opened(options: argparse.Namespace) -> CampaignFolder:
-    """Return the campaign to resume, or a new one. Everything is checked before anything is written."""
-    if options.resume is not None:
-        _refuse(options, "--resume", ("file", *OF_A_NEW_ONE))
-        campaign = CampaignFolder.open(options.resume.absolute())
-        campaign.check_program()
-        return campaign
-    content = _campaign(options)
-    logs = prepare_logs(logs_directory(options.logs))
-    return CampaignFolder.create(campaign_folder(logs, "trials"), content, logs)
-
-
 def _campaign(options: argparse.Namespace) -> Campaign:
+    """Return the new campaign. Everything is checked before anything is written."""
     settings = load_settings(options.cell)
     if options.file is not None:
         _refuse(options, "a campaign file", ("garments", "n", "first_seed"))
@@ -118,7 +110,7 @@ def _campaign(options: argparse.Namespace) -> Campaign:
         return campaign if options.keep is None else replace(campaign, keep=options.keep)
     content = CampaignFile.model_validate({
         "garments": (options.garments or "all").split(","),
-        "seeds": {"first": 1 if options.first_seed is None else options.first_seed, "count": options.n or 10},
+        "seeds": {"first": first_seed(options), "count": options.n or 10},
         "keep": options.keep or "failures",
     })  # fmt: skip
     return campaign_of(content, settings, options.driver, options.world)
@@ -131,76 +123,46 @@ def _refuse(options: argparse.Namespace, given: str, names: Sequence[str]) -> No
         raise ConfigurationError(f"{given} with {', '.join(both)}", f"{given} already states the runs")
 
 
-def _print(campaign: CampaignFolder, results: dict[str, Any], trials: list[Trial]) -> None:
+def _print(folder: Path, results: CampaignResults) -> None:
     print("\nsimulated; folded: claimed and passed by the scorer; interval: Wilson, 95 %; times and IoU: medians")
-    several = len(campaign.campaign.variants) > 1
-    rows = [Row(**row) for row in results["garments"]]
-    print_table(
+    several = len(results.variants) > 1
+    rows = [row for variant in results.variants for row in variant.rows]
+    names = (
+        "variant", "garment", "folded", "interval", "false claims", "faults", "recoveries", "robot s", "wall s",
+        "IoU", "folds/h",
+    )  # fmt: skip
+    cells = [
         (
-            *(("variant",) if several else ()),
-            *(
-                "garment",
-                "folded",
-                "interval",
-                "false claims",
-                "faults",
-                "recoveries",
-                "robot s",
-                "wall s",
-                "IoU",
-                "folds/h",
-            ),
-        ),
-        [
-            (
-                *((r.variant,) if several else ()),
-                r.garment,
-                f"{r.folded}/{r.runs}",
-                f"{100 * r.interval[0]:.0f}-{100 * r.interval[1]:.0f} %",
-                r.false_claims,
-                r.faults,
-                r.recoveries,
-                r.robot_time_s,
-                r.wall_time_s,
-                "-" if r.iou is None else f"{r.iou:.3f}",
-                r.folds_per_hour,
-            )
-            for r in rows
-        ],
-    )
-    for name in campaign.campaign.variants:
-        table = claims(t for t in trials if t.request.variant == name)
+            r.variant, r.garment, f"{r.folded}/{r.runs}", interval(r.interval), r.false_claims, r.faults,
+            r.recoveries, r.robot_time_s, r.wall_time_s, figure("iou", r.iou), r.folds_per_hour,
+        )
+        for r in rows
+    ]  # fmt: skip
+    left_out = 0 if several else 1
+    print_table(names[left_out:], [row[left_out:] for row in cells])
+    for variant in results.variants:
+        table = variant.claims
         print(
-            f"{name + ': ' if several else ''}claimed and passed {table.claimed_passed}, "
+            f"{variant.name + ': ' if several else ''}claimed and passed {table.claimed_passed}, "
             f"claimed in error {table.claimed_failed}, passed but not claimed {table.unclaimed_passed}, "
-            f"neither {table.unclaimed_failed}; precision {_share(table.precision)}, recall {_share(table.recall)}"
+            f"neither {table.unclaimed_failed}; "
+            f"precision {percent(table.precision)}, recall {percent(table.recall)}"
         )
-        for part, found in part_claims(t for t in trials if t.request.variant == name).items():
-            print(f"  {part} alone: precision {_share(found.precision)}, recall {_share(found.recall)}")
-    for c in results["comparisons"]:
+        for part, found in variant.part_claims.items():
+            print(f"  {part} alone: precision {percent(found.precision)}, recall {percent(found.recall)}")
+    for first, second, c in results.comparisons:
         print(
-            f"{c['second']} against {c['first']}: {c['pairs']} pairs, better in {len(c['only_second'])}, worse in "
-            f"{len(c['only_first'])}, p = {c['p_value']:.3f} (McNemar, exact)"
+            f"{second} against {first}: {c.pairs} pairs, better in {len(c.only_second)}, worse in "
+            f"{len(c.only_first)}, p = {c.p_value:.3f} (McNemar, exact)"
         )
-    for cause, number in _causes(rows):
-        print(f"{number:4d}  {cause}")
-    missed = sum(bool((t.figures or {}).get("script_missed")) for t in trials)
-    if missed:
-        print(f"{missed} runs ended before all that their variant's script states had happened (script_missed)")
-    if results["not_performed"]:
-        print(f"{len(results['not_performed'])} runs were not performed: see the messages above")
-    print(f"details  {campaign.path / 'campaign.html'}")
-
-
-def _share(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
-
-
-def _causes(rows: Sequence[Row]) -> list[tuple[str, int]]:
-    """Return the causes of failure over all garments and variants, with their counts, the most frequent first."""
-    count: dict[str, int] = {}
+    causes: Counter[str] = Counter()
     for row in rows:
-        if row.garment != "all":
-            for cause, number in row.causes.items():
-                count[cause] = count.get(cause, 0) + number
-    return sorted(count.items(), key=lambda item: -item[1])
+        causes.update(row.causes if row.garment != ALL else {})
+    for cause, number in causes.most_common():
+        print(f"{number:4d}  {cause}")
+    missed = sum(bool(trial.seen and trial.seen.not_done) for trial in results.trials)
+    if missed:
+        print(f"{missed} runs ended before all that their variant's script states had happened")
+    if results.not_performed:
+        print(f"{len(results.not_performed)} runs were not performed: see the messages above")
+    print(f"details  {folder / PAGE}")

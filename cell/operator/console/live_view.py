@@ -28,22 +28,10 @@ from cell.states.observers import Step
 from cell.states.plan_edit import PlanEdit
 from cell.states.run_context import Result, RunContext
 from cell.states.transition_table import State
+from cell.support.forwarding import forwarding
 from cell.view.bounded_worker import BoundedWorker
 from robots.errors import DriverError
-from robots.ports import (
-    Arms,
-    Array,
-    CameraFrame,
-    Clock,
-    JointSetpoint,
-    JointState,
-    Ports,
-    Side,
-    Stop,
-    StopState,
-    Tactile,
-    TactileReading,
-)
+from robots.ports import Array, CameraFrame, Clock, JointSetpoint, Ports, Side, StopState, Tactile, TactileReading
 from skills.vocabulary import CameraCalibration
 
 __all__ = ["LiveView"]
@@ -91,7 +79,8 @@ class LiveView:
         self._due = 0.0
         self._busy = False
         self._next: Work | None = None
-        self._commanded: list[Array] = []
+        self._commanded: Array | None = None
+        """The last set-point."""
         self._grips: dict[Side, float] = {}
         self._drawn: tuple[int, bytes] | None = None
 
@@ -118,9 +107,30 @@ class LiveView:
         self._display = display = display or _glimpses(ports)
         poll = partial(self._poll, ports.clock, display)
         display.on_advance(poll)
-        tactile = {side: _FeltTactile(port, self._grips) for side, port in ports.tactile.items()}
-        arms = _CommandedArms(ports.arms, self._commanded)
-        return replace(ports, stop=_PolledStop(ports.stop, poll), arms=arms, tactile=tactile)
+
+        def stop_state() -> StopState:
+            state = ports.stop.state()
+            if not state.stopped:
+                poll()
+            return state
+
+        def command(q: Array, qd: Array) -> JointSetpoint:
+            self._commanded = np.array(q)
+            return ports.arms.command(q, qd)
+
+        def reading(tactile: Tactile) -> TactileReading:
+            reading = tactile.reading()
+            self._grips[tactile.side] = reading.grip
+            return reading
+
+        return replace(
+            ports,
+            stop=forwarding(ports.stop, state=stop_state),
+            arms=forwarding(ports.arms, command=command),
+            tactile={
+                side: forwarding(port, reading=partial(reading, port)) for side, port in ports.tactile.items()
+            },
+        )
 
     def _poll(self, cell_clock: Clock, display: Display, rests: bool = False) -> None:
         """Take a picture if one is due. rests: the cell stands still for a while now: take one in any case."""
@@ -133,8 +143,7 @@ class LiveView:
             picture = display.take()
         except DriverError:  # the picture ages, and the page says so
             return
-        q = self._commanded[-1] if self._commanded else None
-        show = partial(self._show, picture, advance, now, cell_clock.now(), self._moment.state, q)
+        show = partial(self._show, picture, advance, now, cell_clock.now(), self._moment.state, self._commanded)
         with self._lock:
             self._next = show  # it replaces an older one that has not been drawn
             if self._busy:
@@ -285,52 +294,3 @@ def _glimpses(ports: Ports) -> Display:
 
 def _ignore(error: BaseException) -> None:
     """A picture that fails is missing; its age shows that."""
-
-
-class _PolledStop:
-    """A stop that calls `poll` each time its state is read."""
-
-    def __init__(self, stop: Stop, poll: Callable[[], None]) -> None:
-        self._stop, self._poll = stop, poll
-
-    def trigger(self, reason: str) -> None:
-        self._stop.trigger(reason)
-
-    def state(self) -> StopState:
-        state = self._stop.state()
-        if not state.stopped:
-            self._poll()
-        return state
-
-    def reset(self) -> None:
-        self._stop.reset()
-
-
-class _CommandedArms:
-    """Arms whose last set-point is written to `commanded`, a list of one."""
-
-    def __init__(self, arms: Arms, commanded: list[Array]) -> None:
-        self._arms, self._commanded = arms, commanded
-        self.command_timeout = arms.command_timeout
-
-    def state(self) -> JointState:
-        return self._arms.state()
-
-    def enable(self) -> None:
-        self._arms.enable()
-
-    def command(self, q: Array, qd: Array) -> JointSetpoint:
-        self._commanded[:] = [np.array(q)]
-        return self._arms.command(q, qd)
-
-
-class _FeltTactile:
-    """Tactile cells whose last grip is written to `grips` [N]."""
-
-    def __init__(self, tactile: Tactile, grips: dict[Side, float]) -> None:
-        self._tactile, self._grips, self.side = tactile, grips, tactile.side
-
-    def reading(self) -> TactileReading:
-        reading = self._tactile.reading()
-        self._grips[self.side] = reading.grip
-        return reading

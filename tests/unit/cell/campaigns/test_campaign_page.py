@@ -13,14 +13,16 @@ from hypothesis import strategies as st
 
 from cell.campaigns.page.campaign_page import campaign_page
 from cell.campaigns.page.charts import axis, rate_chart, strip_chart
+from cell.campaigns.results import CampaignResults
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
-from tests.builders.campaigns import figures, request, trials_campaign
+from tests.builders.campaigns import record, request, trial, trials_campaign
 
 
-def page(tmp_path: Path, trials: list[Trial], **more: object) -> str:
+def page(tmp_path: Path, trials: list[Trial]) -> str:
     campaign = trials_campaign([1, 2, 3], ("towel", "shirt"), ("shipped", "no_pressing"))
-    return campaign_page(CampaignFolder.create(tmp_path, campaign, tmp_path / "logs"), trials)
+    folder = CampaignFolder.create(tmp_path, campaign, tmp_path / "logs")
+    return campaign_page(folder, CampaignResults.of(folder.campaign, trials))
 
 
 def test_failures_have_their_picture_and_a_link_to_the_report(tmp_path: Path) -> None:
@@ -28,13 +30,13 @@ def test_failures_have_their_picture_and_a_link_to_the_report(tmp_path: Path) ->
     run.mkdir(parents=True)
     (run / "report.html").write_text("the report")
     cv2.imwrite(str(run / "last.jpg"), np.full((480, 640, 3), 128, np.uint8))
-    failed = {**figures(passed=False, height_m=0.03), "run_dir": "/elsewhere/run"}
+    failed = record(passed=False, height_m=0.03, run_dir="/elsewhere/run")
     text = page(
         tmp_path,
         [
-            Trial(request(1), figures()),
+            trial(1),
             Trial(request(2, variant="no_pressing"), failed),
-            Trial(request(2), figures()),
+            trial(2),
             Trial(request(3, "shirt"), None, "<crashed>"),
         ],
     )
@@ -46,7 +48,7 @@ def test_failures_have_their_picture_and_a_link_to_the_report(tmp_path: Path) ->
 
 
 def test_the_page_fetches_nothing(tmp_path: Path) -> None:
-    text = page(tmp_path, [Trial(request(1), figures())])
+    text = page(tmp_path, [trial()])
     assert not re.search(r'(src|href)="(https?:)?//|@import|<script', text)
 
 

@@ -18,8 +18,7 @@ import pytest
 
 from cell.campaigns.executors import Workers
 from cell.campaigns.perform_campaign import perform_campaign
-from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import MANIFEST
+from cell.campaigns.trials.store import MANIFEST, CampaignFolder
 from robots.errors import ConfigurationError
 from tests.builders.campaigns import FINISHED, logged_fold, trials_campaign
 
@@ -69,7 +68,7 @@ def test_a_campaign_killed_twice_makes_every_run_once(tmp_path: Path) -> None:
     assert sum(finished(tmp_path).values()) <= len(seeds) + 2 * 2
     results = json.loads((tmp_path / "trials.json").read_text())
     assert [run["seed"] for run in results["runs"]] == list(seeds) and results["not_performed"] == []
-    assert [run["figures"]["robot_time_s"] for run in results["runs"]] == [30.0 + seed for seed in seeds]
+    assert [run["record"]["robot_time_s"] for run in results["runs"]] == [30.0 + seed for seed in seeds]
     assert (tmp_path / "campaign.html").exists()
 
 

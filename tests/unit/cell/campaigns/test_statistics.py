@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import comb
 
 import numpy as np
@@ -13,7 +14,11 @@ from cell.campaigns.statistics.comparison import compare_trials
 from cell.campaigns.statistics.proportions import bootstrap_median, mcnemar_exact, wilson_interval
 from cell.campaigns.statistics.summary import claims, part_claims, summarise
 from cell.campaigns.trials.trial import Trial
-from tests.builders.campaigns import figures, request, trial
+from cell.record.run_record import IdealRecord
+from robots.errors import FailureKind
+from tests.builders.campaigns import request, trial
+from tests.builders.records import score_record
+from tests.inspections import a_claim
 
 
 def test_the_interval_of_the_papers_result() -> None:
@@ -60,24 +65,22 @@ def test_rows_count_results_recoveries_and_causes() -> None:
         trial(1, "b", robot_time_s=50.0),
         trial(2, "b", passed=False, robot_time_s=70.0, height_m=0.03),
         Trial(request(3, "b"), None, "crashed"),
-        trial(1, "a", result="not_folded", passed=False, failure="slipped", robot_time_s=90.0),
+        trial(1, "a", result="not_folded", passed=False, failure=FailureKind.SLIPPED, robot_time_s=90.0),
         Trial(request(4, "b"), None, "its worker died", performed=False),
     ]
     a, b, both = summarise(trials)
     assert (a.garment, b.garment, both.garment) == ("a", "b", "all")
     assert (b.runs, b.folded, b.false_claims, b.faults, b.recoveries) == (3, 1, 1, 1, 4)
     assert b.robot_time_s == 60.0
-    assert b.causes == {"score: iou, height": 1, "error": 1} and a.causes == {"slipped": 1}
+    assert b.causes == {"score: IoU, height": 1, "error": 1} and a.causes == {"slipped": 1}
     assert (both.runs, both.folded) == (4, 1)
     assert b.folds_per_hour == pytest.approx(3600.0 / 120.0), "failures take time too"
 
 
 def test_an_ideal_fold_that_is_not_valid_is_a_cause_of_its_own() -> None:
-    one = trial(1, "b", passed=False)
-    assert one.figures is not None
-    ideal = {"valid": False, "reason": "it does not come to rest"}
-    score = {"passed": False, "shape": True, "flat": None, "iou": 0.95, "limits": {"iou": 0.9}, "ideal": ideal}
-    judged = Trial(one.request, {**one.figures, "score": score})
+    ideal = IdealRecord(False, "it does not come to rest")
+    score = score_record({"iou": 0.9}, passed=False, flat=None, iou=0.95, ideal=ideal)
+    judged = trial(1, "b", score=score)
     assert judged.cause == "score: ideal" and judged.passed is False and not judged.success
 
 
@@ -100,18 +103,20 @@ def test_the_parts_of_a_claim_are_counted_apart() -> None:
     """Runs without a claim, and scores without the part, do not count."""
 
     def judged(claim: dict[str, bool] | None, score: dict[str, bool | None] | None) -> Trial:
-        known = figures()
-        return Trial(request(), {**known, "claim": claim, "score": score and {**known["score"], **score}})
+        return trial(
+            claim=None if claim is None else replace(a_claim(), **claim),
+            score=None if score is None else score_record(**score),
+        )
 
     good, high = {"shape": True, "flat": True}, {"shape": True, "flat": False}
     found = part_claims(
         [
-            *(judged(good, {**good}) for _ in range(4)),
-            judged(good, {**high}),
-            judged(high, {**high}),
-            judged(high, {**good}),
+            *(judged(good, good) for _ in range(4)),
+            judged(good, high),
+            judged(high, high),
+            judged(high, good),
             judged(good, {"shape": True, "flat": None}),
-            judged(None, {**good}),
+            judged(None, good),
             judged(good, None),
             trial(),
         ]
@@ -128,7 +133,7 @@ def test_runs_are_compared_on_the_same_garment_and_seed() -> None:
         trial(0, robot_time_s=43.0),
         trial(1, passed=False, robot_time_s=44.0),
         trial(2, robot_time_s=45.0, height_m=0.018),
-        trial(3, passed=False, result="not_folded", failure="sag", robot_time_s=46.0),
+        trial(3, passed=False, result="not_folded", failure=FailureKind.SAG, robot_time_s=46.0),
         Trial(request(4), None, "its worker died", performed=False),
         trial(9),
     ]
@@ -137,7 +142,7 @@ def test_runs_are_compared_on_the_same_garment_and_seed() -> None:
     assert c.only_first == (("towel", 1), ("towel", 3)) and c.only_second == ()
     assert c.p_value == pytest.approx(0.5)
     assert c.robot_time_difference_s == pytest.approx(3.0)
-    assert c.second_causes == {"score: iou": 1, "sag": 1}
+    assert c.second_causes == {"score: IoU": 1, "sag": 1}
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=20))

@@ -3,43 +3,45 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cell.campaigns.hil.director import Observations
+from cell.campaigns.hil.script import Action
 from cell.campaigns.trials import perform_trial
 from cell.campaigns.trials.campaign import TrialRequest
+from cell.campaigns.trials.trial import Trial
 from cell.commands.main import main
+from cell.record.run_record import RunResult
+from robots.errors import FailureKind
+from tests.builders.campaigns import record, request
 
-FOLDED = {
-    "result": "folded",
-    "state": "folded",
-    "failure": None,
-    "score": {"passed": True, "limits": {}},
-    "parked": True,
-    "overdue": False,
-    "sent_after_stop": 0,
-    "script_missed": [],
-    "robot_time_s": 30.0,
-    "run_dir": "",
-}
-QUESTION = {"kind": "camera_fault", "what": "no picture", "hint": "plug the camera in"}
-ASKED = {**FOLDED, "result": "not_folded", "state": "not_folded", "score": None, "failure": QUESTION}
+
+def ended(result: RunResult = "folded", missed: tuple[Action, ...] = (), **values: Any) -> Trial:
+    """A run that parked."""
+    return Trial(
+        request(), record(result, **values), seen=Observations(states=(), failures=(), parked=True, missed=missed)
+    )
+
+
+FOLDED, ASKED = ended(), ended("not_folded", passed=None, failure=FailureKind.CAMERA_FAULT)
+SLIP = Action.model_validate({"fault": {"kind": "slip"}})
 
 
 class Runs:
-    """Replaces the runs: `ends` has the figures of a fault's run, all others fold."""
+    """Replaces the runs: `ends` has how a fault's run ends, all others fold."""
 
     def __init__(self) -> None:
-        self.ends: dict[str, Mapping[str, Any]] = {}
+        self.ends: dict[str, Trial] = {}
         self.requests: list[TrialRequest] = []
 
-    def perform(self, request: TrialRequest, folder: Path) -> dict[str, Any]:
+    def perform(self, request: TrialRequest, folder: Path) -> Trial:
         self.requests.append(request)
-        return dict(self.ends.get(request.variant, FOLDED))
+        return replace(self.ends.get(request.variant, FOLDED), request=request)
 
 
 @pytest.fixture
@@ -67,11 +69,9 @@ def test_all_ends_as_due_give_exit_code_0(runs: Runs, capsys: pytest.CaptureFixt
     assert (folder / "faults.html").is_file() and not (folder / "campaign.html").exists()
 
 
-@pytest.mark.parametrize(
-    "end", [ASKED, {**FOLDED, "script_missed": ["fault slip"]}, {**FOLDED, "score": {"passed": False}}]
-)
+@pytest.mark.parametrize("end", [ASKED, ended(missed=(SLIP,)), ended(passed=False)])
 def test_one_end_that_was_not_due_gives_exit_code_2(
-    runs: Runs, end: dict[str, Any], capsys: pytest.CaptureFixture[str]
+    runs: Runs, end: Trial, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runs.ends = {"slip": end}
     assert faults("--only", "slip,camera_silent_for_good") == 2

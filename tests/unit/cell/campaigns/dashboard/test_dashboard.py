@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import http.client
-import json
 import re
 import socket
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from html import unescape
 from pathlib import Path
@@ -21,12 +20,16 @@ import pytest
 from cell.campaigns.dashboard.server import served_history
 from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.store import CampaignFolder
-from cell.campaigns.trials.trial import digest
+from cell.campaigns.trials.trial import Trial, write_trial
 from cell.journal.journal import Journal
 from cell.operator.local_server import open_listener
-from tests.builders.campaigns import figures, trials_campaign
+from cell.record.run_record import FoldRecord, RunResult, write_record
+from robots.errors import FailureKind
+from tests.builders.campaigns import record, trials_campaign
+from tests.builders.records import score_record
+from tests.inspections import a_claim
 
-FAILURE: dict[str, Any] = {"failure": {"kind": "too_high", "what": "folded, but stands 31 mm high", "hint": ""}}
+TOO_HIGH: dict[str, Any] = {"failure": FailureKind.TOO_HIGH, "what": "folded, but stands 31 mm high"}
 
 
 @dataclass(frozen=True)
@@ -62,26 +65,29 @@ def never_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.campaigns.dashboard.history.LEAST_AGE_S", -1.0)
 
 
-def performed(logs: Path, garment: str = "towel", seed: int = 1, result: str = "folded", **summary: Any) -> Path:
+def performed(
+    logs: Path, garment: str = "towel", seed: int = 1, result: RunResult = "folded", **values: Any
+) -> Path:
     """Journal a run that looked and grasped, with settings, a report and a picture. Returns its folder."""
     with Journal.open(logs / "journal.db") as journal:
         run = journal.begin_run(garment=garment, seed=seed, driver="sim", versions={"numpy": "2"})
         for t, effect in enumerate(("look", "grasp")):
             run.result(run.intent(float(t), "working", effect), t + 0.5, {"event": "done"})
-        run.end(result, {**figures(), "result": result, **summary})
+        ended = record(result, garment=garment, seed=seed, run_dir=str(run.directory), **values)
+        run.end(result, ended.as_json())
     (run.directory / "cell.yaml").write_text(f"grasp: {{grip_force: {10.0 + seed}}}\n")
     (run.directory / "report.html").write_text(f"the report of seed {seed}")
     (run.directory / "last.jpg").write_bytes(b"\xff\xd8 seed %d" % seed)
     return run.directory
 
 
-def trial_of(campaign: CampaignFolder, request: TrialRequest, found: dict[str, Any]) -> Path:
+def trial_of(campaign: CampaignFolder, request: TrialRequest, **values: Any) -> Path:
     """Perform a run of a campaign: journalled in its own folder, with its result beside."""
     folder = campaign.folder(request)
     folder.mkdir(parents=True)
-    run = performed(folder, request.garment, request.seed, **found)
-    content = {"request": digest(request), "figures": {**found, "run_dir": str(run)}, "error": ""}
-    (folder / "trial.json").write_text(json.dumps(content))
+    run = performed(folder, request.garment, request.seed, **values)
+    given = {"garment": request.garment, "seed": request.seed, "run_dir": str(run), **values}
+    write_trial(folder, Trial(request, record(**given)))
     return run
 
 
@@ -159,7 +165,7 @@ def test_nothing_else_is_handed_out(dashboard: Dashboard, path: str) -> None:
 def test_nothing_in_the_folder_is_changed(dashboard: Dashboard) -> None:
     first, second = performed(dashboard.logs, seed=1), performed(dashboard.logs, seed=2)
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), trials_campaign([1]), dashboard.logs)
-    trial_of(campaign, campaign.campaign.requests[0], figures())
+    trial_of(campaign, campaign.campaign.requests[0])
 
     def content() -> dict[str, tuple[int, bytes]]:
         files = (p for p in sorted(dashboard.logs.rglob("*")) if p.is_file())
@@ -181,13 +187,11 @@ def new(folder: Path) -> Path:
 
 def test_runs_are_filtered_by_garment_result_failure_campaign_and_text(dashboard: Dashboard) -> None:
     performed(dashboard.logs, "medium_towel", 1)
-    performed(dashboard.logs, "medium_towel", 2, "not_folded", **FAILURE)
-    performed(
-        dashboard.logs, "pants", 3, "fault", failure={"kind": "dropped_corner", "what": "it fell", "hint": ""}
-    )
-    performed(dashboard.logs, "pants", 4, "folded", score={"passed": False, "iou": 0.5, "limits": {"iou": 0.9}})
+    performed(dashboard.logs, "medium_towel", 2, "not_folded", **TOO_HIGH)
+    performed(dashboard.logs, "pants", 3, "fault", failure=FailureKind.DROPPED_CORNER, what="it fell")
+    performed(dashboard.logs, "pants", 4, passed=False)
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), trials_campaign([5]), dashboard.logs)
-    trial_of(campaign, campaign.campaign.requests[0], figures())
+    trial_of(campaign, campaign.campaign.requests[0])
 
     def seeds(**query: str) -> set[int]:
         return {int(s) for row in rows(dashboard.get(**query)) for s in re.findall(r"<td>[^<]*, seed (\d)", row)}
@@ -206,7 +210,7 @@ def test_runs_are_filtered_by_garment_result_failure_campaign_and_text(dashboard
 
 def test_each_result_states_how_many_runs_meet_the_other_conditions(dashboard: Dashboard) -> None:
     for seed in (1, 2, 3):
-        performed(dashboard.logs, "pants", seed, "not_folded", **FAILURE)
+        performed(dashboard.logs, "pants", seed, "not_folded", **TOO_HIGH)
     performed(dashboard.logs, "pants", 4)
     performed(dashboard.logs, "skirt", 5)
     text = dashboard.get(garment="pants", result="folded")
@@ -233,8 +237,8 @@ def test_the_campaigns_are_listed_with_their_pages(dashboard: Dashboard) -> None
     plan = trials_campaign([1, 2, 3])
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), plan, dashboard.logs)
     passed, failed, _ = campaign.campaign.requests
-    run = trial_of(campaign, passed, figures())
-    trial_of(campaign, failed, {**figures(passed=False), "result": "not_folded", **FAILURE})
+    run = trial_of(campaign, passed)
+    trial_of(campaign, failed, passed=False, result="not_folded", **TOO_HIGH)
     for page in ("campaign.html", "faults.html"):
         (campaign.path / page).write_text(f"this is {page}")
     text = dashboard.get()
@@ -256,15 +260,17 @@ def test_scripted_runs_and_runs_that_go_on_are_listed(dashboard: Dashboard) -> N
         run.intent(1.0, "folding", "fold")
         (row,) = rows(dashboard.get(result="running"))
         assert "seed 8" in row
-        run.end("folded", figures())
+        run.end("folded", record().as_json())
         assert not re.search("running</span>", dashboard.get()), "the page shows the end at once"
     assert "scripted runs" in dashboard.get() and len(rows(dashboard.get(campaign=scripted.name))) == 1
 
 
 def test_texts_of_runs_cannot_become_part_of_the_page(dashboard: Dashboard) -> None:
     attack = "<script>alert(1)</script>"
-    failure = {"kind": attack, "what": f'"{attack}', "hint": ""}
-    runs = [performed(dashboard.logs, attack, seed, "fault", failure=failure) for seed in (1, 2)]
+    runs = [
+        performed(dashboard.logs, attack, seed, "fault", failure=FailureKind.SLIPPED, what=f'"{attack}')
+        for seed in (1, 2)
+    ]
     for address in (
         dashboard.address,
         f"{dashboard.address}?{urlencode({'text': attack, 'garment': attack})}",
@@ -290,7 +296,7 @@ def test_damaged_runs_and_campaigns_are_shown_as_damaged_beside_the_others(dashb
         (new(dashboard.logs / name) / "result.json").write_text(text)  # fmt: skip
     (new(dashboard.logs / "trials-broken") / "campaign.json").write_text('{"schema": 1')
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), trials_campaign([6]), dashboard.logs)
-    run = trial_of(campaign, campaign.campaign.requests[0], figures())
+    run = trial_of(campaign, campaign.campaign.requests[0])
     (run.parent / "trial.json").write_text("{")
     text = dashboard.get()
     assert len(rows(text)) == 5
@@ -308,9 +314,9 @@ def test_damaged_runs_and_campaigns_are_shown_as_damaged_beside_the_others(dashb
 @pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\x00" + b"\xff" * 4096])
 def test_a_damaged_journal_hides_neither_its_runs_nor_campaigns(dashboard: Dashboard, content: bytes) -> None:
     run = performed(dashboard.logs, seed=1)
-    (run / "result.json").write_text(json.dumps({**figures(), "garment": "towel", "seed": 1}))
+    write_record(record(run_dir=str(run)))
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), trials_campaign([6]), dashboard.logs)
-    trial_of(campaign, campaign.campaign.requests[0], figures())
+    trial_of(campaign, campaign.campaign.requests[0])
     for path in dashboard.logs.glob("journal.db*"):
         path.unlink()
     (dashboard.logs / "journal.db").write_bytes(content)
@@ -325,7 +331,7 @@ def test_simulated_runs_are_labelled(dashboard: Dashboard) -> None:
         names = []
         for driver in ("sim", "emulator", "ros"):
             run = journal.begin_run(garment="towel", seed=None, driver=driver)
-            run.end("folded", figures(passed=None))
+            run.end("folded", record(passed=None, driver=driver, simulated=driver != "ros").as_json())
             names.append(run.id)
     labels = {
         name: "simulated" in row for row in rows(dashboard.get()) for name in names if f'title="{name}"' in row
@@ -342,13 +348,11 @@ def test_an_empty_folder_says_so(dashboard: Dashboard) -> None:
 
 
 def test_two_runs_are_shown_side_by_side(dashboard: Dashboard) -> None:
-    score = {"passed": False, "iou": 0.85, "height_m": 0.031, "limits": {"iou": 0.90, "height_m": 0.022}}
-    claim = {"shape": True, "flat": False, "reliability": 0.97, "says": "folded, but high", "height_m": 0.030,
-             "height_limit_m": 0.020}  # fmt: skip
-    fold = {"name": "half", "accepted": True, "done": True, "attempts": 2, "observed_iou": 0.91,
-            "recoveries": ["missed_grasp -> grasp_again"]}  # fmt: skip
+    score = score_record({"iou": 0.90, "height_m": 0.022}, passed=False, iou=0.85, height_m=0.031)
+    claim = replace(a_claim(), flat=False, reliability=0.97, says="folded, but high")
+    fold = FoldRecord("half", True, True, attempts=2, recoveries=("missed_grasp -> grasp_again",))
     a = performed(dashboard.logs, seed=1)
-    b = performed(dashboard.logs, seed=2, result="not_folded", score=score, claim=claim, steps=[fold], **FAILURE)
+    b = performed(dashboard.logs, seed=2, result="not_folded", score=score, claim=claim, steps=(fold,), **TOO_HIGH)
     (a / "questions").mkdir()
     (a / "questions" / "01-awaiting_approval.jpg").write_bytes(b"\xff\xd8")
     (b / "fold.png").write_bytes(b"png")
@@ -375,7 +379,7 @@ def test_two_runs_are_shown_side_by_side(dashboard: Dashboard) -> None:
 
 def test_a_run_of_a_campaign_is_compared_with_a_run_by_itself(dashboard: Dashboard) -> None:
     campaign = CampaignFolder.create(new(dashboard.logs / "trials-1"), trials_campaign([6]), dashboard.logs)
-    run = trial_of(campaign, campaign.campaign.requests[0], figures())
+    run = trial_of(campaign, campaign.campaign.requests[0])
     alone = performed(dashboard.logs, seed=1)
     chosen = dashboard.get(chosen=alone.name)
     (pair,) = [link for link in links(chosen) if link.startswith("compare?")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,26 @@ import pytest
 from cell.campaigns.faults.fault_table import DueEnd, read_fault_table
 from cell.campaigns.faults.fault_trials import chosen_faults, fault_campaign, faults_of
 from cell.campaigns.faults.judge import due_ends, judge
-from cell.campaigns.faults.results import fault_results, write_fault_results
+from cell.campaigns.faults.results import FaultResults, Group
+from cell.campaigns.hil.director import Observations
 from cell.campaigns.hil.script import Action
+from cell.campaigns.page.fault_page import write_fault_results
 from cell.campaigns.statistics.proportions import wilson_interval
 from cell.campaigns.trials.campaign import Campaign, TrialRequest
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.config.cell_settings import load_settings
+from cell.record.run_record import FailureRecord
 from cell.simulation import TRAITS
-from robots.errors import ConfigurationError
+from cell.states.transition_table import State
+from robots.errors import ConfigurationError, FailureKind
+from tests.builders.records import run_record, score_record
 
 TABLE = read_fault_table()
 LIMITS = {"iou": 0.9, "drift_m": 0.05, "height_m": 0.02}
-GOOD = {"passed": True, "iou": 0.95, "drift_m": 0.01, "height_m": 0.01, "limits": LIMITS}
-ASKING = {"kind": "camera_fault", "what": "the camera does not answer", "hint": "plug it in again"}
+GOOD = score_record(LIMITS, iou=0.95, drift_m=0.01, height_m=0.01)
+ASKING = FailureRecord(FailureKind.CAMERA_FAULT, "the camera does not answer", "plug it in again")
+MISSED = Action.model_validate({"fault": {"kind": "slip"}})
 
 
 def campaign(*names: str, seeds: tuple[int, ...] = (1, 2), pairs: bool = False) -> Campaign:
@@ -38,16 +45,18 @@ def ended(
     state: str | None = None,
     garment: str = "small_towel",
     seed: int = 1,
-    **figures: Any,
+    seen: dict[str, Any] | None = None,
+    **values: Any,
 ) -> Trial:
-    """A run with a good score (if folded) or a question (if not), apart from `figures`."""
+    """A run with a good score (if folded) or a question (if not), apart from `values`. seen: observations that are
+    not as in a run that parked."""
     folded = result == "folded"
-    values = {
-        "result": result, "state": state or result, "score": GOOD if folded else None,
-        "failure": None if folded else ASKING, "parked": True, "overdue": False, "sent_after_stop": 0,
-        "script_missed": [], "robot_time_s": 30.0, "run_dir": "", **figures,
-    }  # fmt: skip
-    return Trial(TrialRequest(variant, garment, seed, "sim", "xpbd", {}), values)
+    end = {"score": GOOD, "failure": None} if folded else {"score": None, "failure": ASKING}
+    observed = {"states": (), "failures": (), "parked": True, "missed": (), **(seen or {})}
+    record = run_record(result=result, state=State(state or result), **{**end, **values})
+    return Trial(
+        TrialRequest(variant, garment, seed, "sim", "xpbd", {}), record, seen=Observations(**observed)
+    )
 
 
 # the runs
@@ -108,19 +117,19 @@ def test_faults_are_chosen_by_name_or_kind() -> None:
         (ended("slip"), DueEnd.RECOVERED, True),
         (ended("slip", "not_folded"), DueEnd.ASKED, False),
         (ended("slip", "fault"), DueEnd.SAFE, False),
-        (ended("slip", score={**GOOD, "passed": False, "iou": 0.8}), None, False),
+        (ended("slip", score=replace(GOOD, passed=False, iou=0.8)), None, False),
         (ended("slip", score=None), None, False),
         (ended("camera_silent_for_good", "not_folded"), DueEnd.ASKED, True),
-        (ended("camera_silent_for_good", "not_folded", failure={**ASKING, "hint": ""}), None, False),
-        (ended("camera_silent_for_good", "not_folded", parked=False), DueEnd.SAFE, False),
+        (ended("camera_silent_for_good", "not_folded", failure=replace(ASKING, hint="")), None, False),
+        (ended("camera_silent_for_good", "not_folded", seen={"parked": False}), DueEnd.SAFE, False),
         (ended("camera_silent_for_good", "fault"), DueEnd.SAFE, False),
         (ended("camera_silent_for_good"), DueEnd.RECOVERED, False),
-        (ended("stop_flaps", "not_folded", "stopped", parked=False), DueEnd.SAFE, True),
-        (ended("stop_flaps", "not_folded", "stopped", parked=False, sent_after_stop=1), None, False),
+        (ended("stop_flaps", "not_folded", "stopped", seen={"parked": False}), DueEnd.SAFE, True),
+        (ended("stop_flaps", "not_folded", "stopped", seen={"parked": False, "sent_after_stop": 1}), None, False),
         (ended("stop_flaps"), DueEnd.RECOVERED, False),
         (ended("joint_state_nan_for_good", "fault"), DueEnd.SAFE, True),
         (ended("joint_state_nan_for_good", "not_folded"), DueEnd.ASKED, True),
-        (ended("slip", "not_folded", overdue=True), None, False),
+        (ended("slip", "not_folded", seen={"overdue": True}), None, False),
         (ended("gripper_weak"), DueEnd.RECOVERED, True),
         (ended("gripper_weak", "not_folded"), DueEnd.ASKED, True),
         (Trial(ended("slip").request, None, "it crashed"), None, False),
@@ -133,49 +142,45 @@ def test_ends_are_told_apart(trial: Trial, end: DueEnd | None, due: bool) -> Non
 
 
 def test_drift_is_not_judged_after_a_shove_but_after_a_slip() -> None:
-    drifted = {**GOOD, "passed": False, "drift_m": 0.09}
+    drifted = replace(GOOD, passed=False, drift_m=0.09)
     assert judge(TABLE, ended("garment_shoved", score=drifted)).due
     assert not judge(TABLE, ended("slip", score=drifted)).due
-    assert not judge(TABLE, ended("garment_shoved", score={**drifted, "iou": 0.8})).due
+    assert not judge(TABLE, ended("garment_shoved", score=replace(drifted, iou=0.8))).due
 
 
 def test_a_run_without_its_fault_proves_nothing() -> None:
-    verdict = judge(TABLE, ended("slip", script_missed=["fault slip"]))
+    verdict = judge(TABLE, ended("slip", seen={"missed": (MISSED,)}))
     assert verdict.due and not verdict.struck and not verdict.good and "did not happen" in verdict.why
 
 
 def test_a_run_that_failed_before_its_second_fault_is_a_failure() -> None:
-    verdict = judge(TABLE, ended("slip+camera_silent", "not_folded", script_missed=["fault camera_silent"]))
+    verdict = judge(TABLE, ended("slip+camera_silent", "not_folded", seen={"missed": (MISSED,)}))
     assert not verdict.due and verdict.struck
 
 
 # the results
 
 
-def results_of(*trials: Trial) -> dict[str, Any]:
-    return fault_results(TABLE, trials)
-
-
 def test_rows_totals_and_intervals_count_the_runs_in_which_the_fault_happened() -> None:
-    results = results_of(
+    trials = (
         ended("slip", seed=1),
         ended("slip", "not_folded", seed=2),
         ended("slip", seed=3, garment="pants"),
-        ended("slip", seed=4, script_missed=["fault slip"]),
+        ended("slip", seed=4, seen={"missed": (MISSED,)}),
         ended("slip+camera_silent", seed=1),
         ended("stop_flaps", "not_folded", "stopped"),
         Trial(ended("slip", seed=5).request, None, "killed", performed=False),
     )
-    rows = {row["name"]: row for row in results["faults"]}
+    results = FaultResults.of(TABLE, trials)
+    rows = {row.name: row for row in results.rows}
     assert list(rows) == ["stop_flaps", "slip", "slip and another"], "in the order of the table, pairs last"
     slip, flaps, two = rows["slip"], rows["stop_flaps"], rows["slip and another"]
-    assert (slip["runs"], slip["due"], slip["not_struck"], slip["not_performed"]) == (3, 2, 1, 1)
-    assert slip["interval"] == pytest.approx(wilson_interval(2, 3))
-    assert slip["by_garment"]["pants"]["runs"] == 1 and flaps["by_garment"]["pants"]["runs"] == 0
-    assert (two["runs"], two["due"], two["due_ends"]) == (1, 1, ["recovered"])
-    totals = {name: (group["runs"], group["due"]) for name, group in results["totals"].items()}
-    assert totals == {"recovered": (3, 2), "safe": (1, 1), "two faults": (1, 1)}
-    assert len(results["runs"]) == 7
+    assert slip.all == Group(runs=3, due=2, interval=wilson_interval(2, 3), not_struck=1, not_performed=1)
+    assert slip.by_garment["pants"].runs == 1 and flaps.by_garment["pants"].runs == 0
+    assert (two.all.runs, two.all.due, two.due_ends) == (1, 1, (DueEnd.RECOVERED,))
+    totals = [(name, group.runs, group.due) for name, group in results.totals.items()]
+    assert totals == [("recovered", 3, 2), ("safe", 1, 1), ("two faults", 1, 1)]
+    assert len(results.runs) == 7
 
 
 def test_the_page_shows_every_fault_and_fetches_nothing(tmp_path: Path) -> None:
@@ -184,7 +189,7 @@ def test_the_page_shows_every_fault_and_fetches_nothing(tmp_path: Path) -> None:
     run = tmp_path / "slip" / "small_towel-seed1" / "run"
     run.mkdir(parents=True)
     (run / "report.html").write_text("the report")
-    failed = ended("slip", "not_folded", failure={**ASKING, "what": "<lost>"}, run_dir="/elsewhere/run")
+    failed = ended("slip", "not_folded", failure=replace(ASKING, what="<lost>"), run_dir="/elsewhere/run")
     write_fault_results(TABLE, folder, [failed, ended("camera_black")])
     text = (tmp_path / "faults.html").read_text()
     assert "camera black" in text and 'href="slip/small_towel-seed1/run/report.html"' in text

@@ -40,9 +40,9 @@ def no_guards_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(directing, "WALL_FACTOR", 1e4)
 
 
-def begun(*actions: dict[str, Any], **expect: Any) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
+def begun(*actions: dict[str, Any]) -> tuple[Director, Ports, FakeCell, CommandQueue, list[str]]:
     cell, commands, told = FakeCell(), CommandQueue(), []
-    director = Director(a_script(*actions, **expect), np.zeros(14), told.append)
+    director = Director(a_script(*actions).do, np.zeros(14), told.append)
     return director, director.begin(OpenCell(cell.ports()), commands), cell, commands, told
 
 
@@ -163,7 +163,7 @@ FAILED = Failure(FailureKind.MISSED_GRASP, "nothing between the pads", "look aga
 def played(monkeypatch: pytest.MonkeyPatch, script: Script, *, away: float = 0.0) -> Director:
     """A run that folds after one missed grasp."""
     cell, commands = FakeCell(np.full(14, away)), CommandQueue()
-    director = Director(script, np.zeros(14), lambda line: None)
+    director = Director(script.do, np.zeros(14), lambda line: None)
     director.begin(OpenCell(cell.ports()), commands)
     for state in (State.LOOKING, State.GRASPING, State.RECOVERING, State.GRASPING, State.FOLDED):
         enter(director, state, cell)

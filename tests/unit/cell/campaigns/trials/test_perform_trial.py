@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Mapping
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,18 @@ import pytest
 
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.perform_trial import perform_trial
-from cell.campaigns.trials.trial import TRIAL, load_trial
-from robots.errors import ConfigurationError, StorageError
-from tests.builders.campaigns import figures, request
+from cell.campaigns.trials.trial import TRIAL, Trial, read_trial
+from robots.errors import ConfigurationError, FailureKind, StorageError
+from tests.builders.campaigns import record, request
 
 
 def recorded(passed: bool) -> Any:
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         run = folder / "run"
         (run / "frames").mkdir(parents=True)
         for name in ("run.rrd", "frames/a.npz", "report.html", "result.json"):
             (run / name).write_text("x")
-        return figures(passed=passed)
+        return Trial(request, record(passed=passed))
 
     return fold
 
@@ -32,23 +31,23 @@ def recorded(passed: bool) -> Any:
 def test_a_finished_run_is_not_repeated(tmp_path: Path) -> None:
     calls = []
 
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         calls.append(request.seed)
-        return figures()
+        return Trial(request, record())
 
     first = perform_trial(request(), tmp_path, "all", fold)
     assert perform_trial(request(), tmp_path, "all", fold) == first and calls == [1]
 
 
 def test_the_result_of_another_request_is_not_taken(tmp_path: Path) -> None:
-    perform_trial(request(1), tmp_path, "all", lambda r, f: figures())
-    assert load_trial(tmp_path, request(2)) is None
+    perform_trial(request(1), tmp_path, "all", lambda r, f: Trial(r, record()))
+    assert read_trial(tmp_path, request(2)) is None
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"request": "other"}', '{"figures": null}'])
 def test_a_damaged_result_counts_as_not_finished(content: str, tmp_path: Path) -> None:
     (tmp_path / TRIAL).write_text(content)
-    assert load_trial(tmp_path, request()) is None
+    assert read_trial(tmp_path, request()) is None
 
 
 def test_the_remains_of_a_run_that_was_cut_off_are_removed(tmp_path: Path) -> None:
@@ -56,11 +55,11 @@ def test_the_remains_of_a_run_that_was_cut_off_are_removed(tmp_path: Path) -> No
     (tmp_path / "half" / "run.rrd").write_text("x")
     (tmp_path / "journal.db").write_text("x")
 
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         assert sorted(p.name for p in folder.iterdir()) == ["trial.lock"]
-        return figures()
+        return Trial(request, record())
 
-    assert perform_trial(request(), tmp_path, "all", fold)["error"] == ""
+    assert perform_trial(request(), tmp_path, "all", fold).error == ""
 
 
 @pytest.mark.parametrize(
@@ -77,33 +76,33 @@ def test_recordings_are_kept_as_asked_and_reports_always(
 
 
 def test_an_error_of_the_run_is_a_result_that_is_not_repeated(tmp_path: Path) -> None:
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         raise ConfigurationError("no such garment", "name another one")
 
     done = perform_trial(request(), tmp_path, "all", fold)
-    assert done["figures"] is None and "no such garment" in done["error"]
+    assert done.record is None and "no such garment" in done.error
     assert perform_trial(request(), tmp_path, "all", recorded(True)) == done
 
 
 @pytest.mark.parametrize("error", [StorageError("full", "free some"), OSError(28, "No space left on device")])
 def test_a_full_disk_is_no_result_of_the_run(error: Exception, tmp_path: Path) -> None:
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         raise error
 
     with pytest.raises(type(error)):
         perform_trial(request(), tmp_path, "all", fold)
-    assert load_trial(tmp_path, request()) is None
+    assert read_trial(tmp_path, request()) is None
 
 
 def test_the_same_run_in_two_processes_is_performed_once(tmp_path: Path) -> None:
     calls, results = [], []
     begun, go_on = threading.Event(), threading.Event()
 
-    def fold(request: TrialRequest, folder: Path) -> Mapping[str, Any]:
+    def fold(request: TrialRequest, folder: Path) -> Trial:
         calls.append(1)
         begun.set()
         go_on.wait(10.0)
-        return figures()
+        return Trial(request, record())
 
     threads = [
         threading.Thread(target=lambda: results.append(perform_trial(request(), tmp_path, "all", fold)))
@@ -116,7 +115,7 @@ def test_the_same_run_in_two_processes_is_performed_once(tmp_path: Path) -> None
     for thread in threads:
         thread.join()
     assert len(calls) == 1 and results[0] == results[1]
-    assert json.loads((tmp_path / TRIAL).read_text())["figures"] == figures()
+    assert read_trial(tmp_path, request()) == results[0] == Trial(request(), record())
 
 
 def other_python(tmp_path: Path, script: str) -> TrialRequest:
@@ -127,10 +126,9 @@ def other_python(tmp_path: Path, script: str) -> TrialRequest:
 
 
 def test_another_version_is_called_by_its_command_line(tmp_path: Path) -> None:
-    script = 'echo "$@" > "$0.line"; echo progress; echo \'{"result": "folded", "seed": 7}\''
-    request = other_python(tmp_path, script)
-    done = perform_trial(request, tmp_path / "run", "all")
-    assert done["figures"] == {"result": "folded", "seed": 7}
+    (tmp_path / "answer").write_text(json.dumps(record().as_json()))
+    request = other_python(tmp_path, 'echo "$@" > "$0.line"; echo progress; cat "$(dirname "$0")/answer"')
+    assert perform_trial(request, tmp_path / "run", "all").record == record()
     line = (tmp_path / "python.line").read_text()
     assert "fold towel --seed 7" in line and f"--logs {tmp_path / 'run'} --json" in line
     settings = (tmp_path / "run" / "cell.yaml").read_text()
@@ -140,18 +138,18 @@ def test_another_version_is_called_by_its_command_line(tmp_path: Path) -> None:
 def test_the_last_line_of_another_version_that_fails_is_reported(tmp_path: Path) -> None:
     request = other_python(tmp_path, "echo 'foldcell: unknown key' >&2; exit 64")
     done = perform_trial(request, tmp_path / "run", "all")
-    assert done["figures"] is None and "64: foldcell: unknown key" in done["error"]
+    assert done.record is None and "64: foldcell: unknown key" in done.error
 
 
 def test_a_run_that_a_signal_ended_is_not_finished(tmp_path: Path) -> None:
-    """A worker that is told to end stops its run, and the stopped run has figures."""
+    """A worker that is told to end stops its run, and the stopped run has a record."""
     with pytest.raises(BrokenExecutor):
-        perform_trial(request(), tmp_path, "all", lambda r, f: {**figures("not_folded", False), "signal": 15})
-    assert load_trial(tmp_path, request()) is None
+        perform_trial(request(), tmp_path, "all", lambda r, f: Trial(r, record("not_folded", signal=15)))
+    assert read_trial(tmp_path, request()) is None
 
 
 def test_a_run_that_could_not_be_recorded_is_not_finished(tmp_path: Path) -> None:
-    unrecorded = {"kind": "unrecorded", "what": "the disk is full", "hint": "free some space"}
+    unrecorded = record("fault", failure=FailureKind.UNRECORDED, what="the disk is full")
     with pytest.raises(StorageError, match="the disk is full"):
-        perform_trial(request(), tmp_path, "all", lambda r, f: {**figures("fault"), "failure": unrecorded})
-    assert load_trial(tmp_path, request()) is None
+        perform_trial(request(), tmp_path, "all", lambda r, f: Trial(r, unrecorded))
+    assert read_trial(tmp_path, request()) is None

@@ -1,0 +1,24 @@
+"""An object in front of another one, which it replaces for some methods only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+__all__ = ["forwarding"]
+
+T = TypeVar("T")
+
+
+def forwarding(behind: T, **own: Callable[..., Any]) -> T:
+    """Return an object that has the methods `own`, and takes everything else from `behind`."""
+    return cast(T, _Forwarding(behind, own))
+
+
+class _Forwarding:
+    def __init__(self, behind: object, own: dict[str, Callable[..., Any]]) -> None:
+        self._behind = behind
+        self.__dict__.update(own)
+
+    def __getattr__(self, name: str) -> Any:  # called for what the object itself does not have
+        return getattr(self._behind, name)
