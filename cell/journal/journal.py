@@ -155,12 +155,6 @@ class JournalRun:
     status: str
     directory: Path
 
-    @property
-    def refusal(self) -> tuple[str, str]:
-        """Why the run did not begin, and what to do (what, hint); empty texts if it began."""
-        reason = self.summary.get("reason") or {}
-        return str(reason.get("what", "")), str(reason.get("hint", ""))
-
 
 class Journal:
     """The journal file of one logs folder. Create it with `open`; several processes may have it open."""

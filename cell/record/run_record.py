@@ -31,15 +31,18 @@ __all__ = [
     "EXIT_CODES",
     "NOTHING_LOST",
     "RECORD",
+    "Ending",
     "FailureRecord",
     "FoldRecord",
     "IdealRecord",
     "Recognised",
     "RecordingLosses",
+    "Refusal",
     "RunEvent",
     "RunRecord",
     "RunResult",
     "ScoreRecord",
+    "ending_of",
     "known",
     "read_record",
     "record_of",
@@ -240,7 +243,31 @@ class RunRecord:
         return dict(to_json(self))
 
 
-_RECORD, _SCORE = TypeAdapter(RunRecord), TypeAdapter(ScoreRecord)
+@dataclass(frozen=True)
+class Refusal:
+    """Why a run did not begin, and what a person can do, in words."""
+
+    what: str
+    hint: str
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What is known of the end of any run: of one with a record, of a calibration, and of one that did not begin
+    (reason). Times [s]."""
+
+    failure: FailureRecord | None = None
+    robot_time_s: float | None = None
+    wall_time_s: float | None = None
+    reason: Refusal | None = None
+
+    @property
+    def why(self) -> str:
+        """Why the run did not succeed, in words; empty if it did."""
+        return self.failure.what if self.failure else self.reason.what if self.reason else ""
+
+
+_RECORD, _SCORE, _ENDING = TypeAdapter(RunRecord), TypeAdapter(ScoreRecord), TypeAdapter(Ending)
 
 
 def record_of(values: object) -> RunRecord | None:
@@ -251,6 +278,14 @@ def record_of(values: object) -> RunRecord | None:
         return _RECORD.validate_python(values)
     except ValidationError:
         return None
+
+
+def ending_of(values: object) -> Ending:
+    """Return what is known of the end of a run, from its summary in the journal."""
+    try:
+        return _ENDING.validate_python(values)
+    except ValidationError:
+        return Ending()
 
 
 def read_record(folder: Path) -> RunRecord:

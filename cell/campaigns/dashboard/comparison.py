@@ -122,11 +122,10 @@ def _result(run: RunEntry) -> Values:
     world = record.world if record else None
     yield "driver", Value(" ".join(filter(None, (run.driver, world, "(simulated)" if run.simulated else ""))))
     yield "failure", Value(plain(run.failure))
-    yield "reason", Value(run.reason)
-    if record:
-        for name in ("robot_time_s", "wall_time_s"):
-            yield figure_name(name), _figure(name, getattr(record, name))
-        yield "continues", Value(record.resumed_from or "")
+    yield "reason", Value(run.ending.why)
+    for name in ("robot_time_s", "wall_time_s"):
+        yield figure_name(name), _figure(name, getattr(run.ending, name))
+    yield "continues", Value(record.resumed_from or "" if record else "")
 
 
 def _claim(run: RunEntry) -> Values:

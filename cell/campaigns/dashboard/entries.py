@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cell.campaigns.trials.trial import failed_figures
 from cell.hardware.driver import is_simulated
-from cell.record.run_record import RunRecord
+from cell.record.run_record import Ending, RunRecord
 from cell.record.words import plain
 
 __all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry"]
@@ -20,9 +20,8 @@ DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 @dataclass(frozen=True)
 class RunEntry:
     """One run. key: path of its folder relative to the logs, which names it in addresses. status: as in the
-    journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none, perhaps for the
-    reason in `missing`. campaign, variant: empty for a run by itself. damage: what is wrong with its files, or
-    empty."""
+    journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none. campaign,
+    variant: empty for a run by itself. damage: what is wrong with its files, or empty."""
 
     key: str
     folder: Path
@@ -31,8 +30,8 @@ class RunEntry:
     driver: str
     status: str
     started: float | None
+    ending: Ending
     record: RunRecord | None
-    missing: str = ""
     campaign: str = ""
     variant: str = ""
     damage: str = ""
@@ -54,12 +53,7 @@ class RunEntry:
     @property
     def failure(self) -> str:
         """Kind of the failure that ended the run, or empty."""
-        return self.record.failure.kind.value if self.record and self.record.failure else ""
-
-    @property
-    def reason(self) -> str:
-        """Why the garment was not folded, in words, or empty."""
-        return self.record.failure.what if self.record and self.record.failure else self.missing
+        return self.ending.failure.kind.value if self.ending.failure else ""
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -69,7 +63,7 @@ class RunEntry:
     @cached_property
     def text(self) -> str:
         """Everything in which a reader may search, in lower case."""
-        parts = (self.key, self.garment, self.driver, self.verdict, self.failure, self.reason, self.variant)
+        parts = (self.key, self.garment, self.driver, self.verdict, self.failure, self.ending.why, self.variant)
         return plain(" ".join((*parts, *self.failed, self.damage))).lower()
 
 

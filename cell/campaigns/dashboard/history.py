@@ -22,7 +22,7 @@ from cell.campaigns.trials.campaign import TrialRequest
 from cell.campaigns.trials.store import MANIFEST, CampaignFolder, is_campaign
 from cell.campaigns.trials.trial import TRIAL, read_trial
 from cell.journal.journal import NOT_BEGUN, Journal
-from cell.record.run_record import RECORD, RunRecord, read_record, record_of
+from cell.record.run_record import RECORD, Ending, Refusal, RunRecord, ending_of, read_record, record_of
 from cell.record.words import plain
 from cell.support.files.paths import journal_path
 from robots.errors import CellError, StorageError
@@ -108,18 +108,22 @@ class History:
         return [
             self._entry(
                 r.directory, r.garment, r.seed, r.driver, r.status, r.started, record_of(r.summary),
-                missing=r.refusal[0], campaign=campaign, variant=variant,
+                ending_of(r.summary), campaign=campaign, variant=variant,
             )
             for r in runs
         ]  # fmt: skip
 
     def _entry(
         self, folder: Path, garment: str, seed: int | None, driver: str, status: str, started: float | None,
-        record: RunRecord | None, **more: str,
+        record: RunRecord | None, ending: Ending | None = None, **more: str,
     ) -> RunEntry:  # fmt: skip
         damage = "" if folder.is_dir() else "its folder is missing"
         key = folder.relative_to(self.logs).as_posix()
-        return RunEntry(key, folder, garment, seed, driver, status, started, record, **{"damage": damage, **more})
+        if ending is None:
+            ending = Ending(record.failure, record.robot_time_s, record.wall_time_s) if record else Ending()
+        return RunEntry(
+            key, folder, garment, seed, driver, status, started, ending, record, **{"damage": damage, **more}
+        )
 
     def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
         """Return the entry of a run's folder that no journal names, with its record if it can be read."""
@@ -184,10 +188,10 @@ class History:
         if trial is None:
             return None
         folder = campaign.run_folder(trial) or campaign.folder(request)
-        missing = "" if trial.record else trial.error or "the run has no record"
+        ending = None if trial.record else Ending(reason=Refusal(trial.error or "the run has no record", ""))
         return self._entry(
             folder, request.garment, request.seed, request.driver, trial.result, _stamp(folder), trial.record,
-            missing=missing, campaign=campaign.path.name, variant=request.variant,
+            ending, campaign=campaign.path.name, variant=request.variant,
         )  # fmt: skip
 
     def _unchanged(self, path: Path, read: Callable[[], Any], keep: Callable[[Any], bool] | None = None) -> Any:

@@ -46,9 +46,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"  {effect.begun_s:8.1f} s  {effect.name:<20} {_ending(effect)}")
     if run.status == "interrupted":
         print("  the process ended here without ending the run (killed, machine down, or the journal's disk full)")
-    what, hint = run.refusal
-    if what:
-        print(f"  the run did not begin: {what}" + (f"\n  {hint}" if hint else ""))
+    if reason := listed.ending.reason:
+        print(f"  the run did not begin: {reason.what}" + (f"\n  {reason.hint}" if reason.hint else ""))
     if may_resume:
         print(f"resume  {command_for(f'resume {run.id}', run.directory.parent)}")
     print(f"report  {page if page.is_file() else _no_page(run)}")

@@ -13,7 +13,7 @@ from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.journal.checkpoint_file import has_checkpoint
 from cell.journal.journal import Intent, Journal, JournalRun
-from cell.record.run_record import RunRecord, record_of
+from cell.record.run_record import Ending, ending_of
 from cell.record.words import plain
 from cell.support.files.paths import command_for, journal_path, logs_directory
 from robots.errors import ConfigurationError
@@ -27,19 +27,19 @@ only if there is a campaign."""
 
 @dataclass(frozen=True)
 class ListedRun:
-    """A run of the journal. record: None if it has none. last: of a run that has not ended, the last effect that
+    """A run of the journal and how it ended. last: of a run that has not ended, the last effect that
     it began."""
 
     run: JournalRun
-    record: RunRecord | None
+    ending: Ending
     last: Intent | None
 
     @classmethod
     def of(cls, journal: Journal, run: JournalRun) -> ListedRun:
-        return cls(run, record_of(run.summary), journal.last_intent(run.id) if run.ended is None else None)
+        return cls(run, ending_of(run.summary), journal.last_intent(run.id) if run.ended is None else None)
 
     def as_json(self) -> dict[str, Any]:
-        run, record, last = self.run, self.record, self.last
+        run, ending, last = self.run, self.ending, self.last
         return {
             "run": run.id,
             "status": run.status,
@@ -49,10 +49,10 @@ class ListedRun:
             "started": run.started,
             "ended": run.ended,
             "pid": run.pid,
-            "robot_time_s": record.robot_time_s if record else None,
-            "wall_time_s": record.wall_time_s if record else None,
-            "reason": run.refusal[0] or None,
-            "failure": record.failure.kind if record and record.failure else None,
+            "robot_time_s": ending.robot_time_s,
+            "wall_time_s": ending.wall_time_s,
+            "reason": ending.reason.what if ending.reason else None,
+            "failure": ending.failure.kind if ending.failure else None,
             "run_dir": run.directory,
             "last_intent": last
             and {
@@ -66,9 +66,9 @@ class ListedRun:
     @property
     def how(self) -> str:
         """How the run ended, or what it does now, in words."""
-        run, failure = self.run, self.record.failure if self.record else None
+        run, failure = self.run, self.ending.failure
         if self.last is None:
-            why = run.refusal[0] or (plain(failure.kind) if failure else "")
+            why = plain(failure.kind) if failure else self.ending.why
             return run.status + (f": {why}" if why else "")
         where = "during" if self.last.ended_s is None else "after"
         process = f" (process {run.pid})" if run.status == "running" else ""
@@ -77,9 +77,9 @@ class ListedRun:
     @property
     def row(self) -> tuple[Any, ...]:
         """The cells of the run's line in the table."""
-        run, record = self.run, self.record
+        run, ending = self.run, self.ending
         started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(run.started))
-        times = (record.robot_time_s, record.wall_time_s) if record else (None, None)
+        times = ending.robot_time_s, ending.wall_time_s
         return run.id, run.garment, run.seed, run.driver, started, *times, self.how
 
 

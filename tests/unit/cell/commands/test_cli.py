@@ -23,6 +23,7 @@ import pytest
 from cell.commands.main import build_parser, main
 from cell.journal.journal import Journal
 from cell.record.run_record import FailureRecord, FoldRecord, IdealRecord, RecordingLosses, RunRecord
+from cell.states.transition_table import State
 from robots.errors import ConfigurationError, DriverError, FailureKind, InternalError, StorageError
 from tests.builders.records import run_record, score_record
 from tests.inspections import a_claim
@@ -377,7 +378,7 @@ def journal_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     first.result(look, 0.5, {"event": "done"})
     grasp = first.intent(0.5, "grasping", "grasp")
     first.result(grasp, 2.0, {"event": "failed", "kind": "missed_grasp", "what": "nothing between the pads"})
-    first.end("folded", {"robot_time_s": 61.5, "wall_time_s": 20.25})
+    first.end("folded", run_record(robot_time_s=61.5, wall_time_s=20.25).as_json())
     (first.directory / "report.html").write_text("<html></html>")
     (first.directory / "run.rrd").write_bytes(b"RRF2")
     second = journal.begin_run(garment="large_towel", seed=2, driver="sim", wall_clock=lambda: 1.1e9)
@@ -400,7 +401,8 @@ def test_runs_lists_how_each_run_ended(journal_file: Path, capsys: pytest.Captur
 def test_runs_lists_the_failure_that_ended_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Journal.open(tmp_path / "journal.db") as journal:
         run = journal.begin_run(garment="vest", seed=1, driver="sim")
-        run.end("not_folded", {"failure": {"kind": "no_garment", "what": "nothing there", "hint": ""}})
+        failure = FailureRecord(FailureKind.NO_GARMENT, "nothing there", "")
+        run.end("not_folded", run_record(result="not_folded", state=State.NOT_FOLDED, failure=failure).as_json())
     assert main(["runs", "--logs", str(tmp_path)]) == 0
     assert capsys.readouterr().out.rstrip().endswith("not_folded: no garment")
     main(["runs", "--logs", str(tmp_path), "--json"])

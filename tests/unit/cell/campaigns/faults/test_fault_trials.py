@@ -54,9 +54,7 @@ def ended(
     end = {"score": GOOD, "failure": None} if folded else {"score": None, "failure": ASKING}
     observed = {"states": (), "failures": (), "parked": True, "missed": (), **(seen or {})}
     record = run_record(result=result, state=State(state or result), **{**end, **values})
-    return Trial(
-        TrialRequest(variant, garment, seed, "sim", "xpbd", {}), record, seen=Observations(**observed)
-    )
+    return Trial(TrialRequest(variant, garment, seed, "sim", "xpbd", {}), record, seen=Observations(**observed))
 
 
 # the runs
