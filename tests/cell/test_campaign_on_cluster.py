@@ -39,9 +39,9 @@ UNLIKE = ("wall_time_s", "run_dir", "recording")
 
 
 def outcome(trial: Trial) -> dict[str, Any]:
-    """The figures that depend on the request alone."""
-    assert trial.figures is not None, trial.error
-    return {name: value for name, value in trial.figures.items() if name not in UNLIKE}
+    """The values of the record that depend on the request alone."""
+    assert trial.record is not None, trial.error
+    return {name: value for name, value in trial.record.as_json().items() if name not in UNLIKE}
 
 
 @pytest.fixture
