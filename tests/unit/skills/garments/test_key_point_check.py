@@ -13,6 +13,7 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from skills.garments.garment import Garment
 from skills.garments.key_point_check import KeyPointFinding, check_key_points
 from skills.garments.picture_measure import PictureMeasure
+from tests.scenes import place
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 COLUMNS, ROWS = 1280, 960
@@ -21,8 +22,7 @@ Points = dict[str, np.ndarray]
 
 def placed(garment: Garment, angle: float = 0.2, scale: float = 500.0) -> Points:
     """The key points in a picture from above, with the laid garment turned by `angle`. scale [px/m]."""
-    c, s = np.cos(angle), np.sin(angle)
-    xy = garment.template @ np.array([[c, s], [-s, c]])
+    xy = place(garment.template, 0.0, 0.0, angle)
     pixels = np.array([COLUMNS / 2, ROWS / 2]) - scale * xy[:, ::-1]
     return dict(zip(garment.keypoints, pixels, strict=True))
 

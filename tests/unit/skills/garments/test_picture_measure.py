@@ -9,14 +9,10 @@ from hypothesis import strategies as st
 
 from cell.config.garments.garment_file import load_garment
 from skills.garments.picture_measure import fitted_template, mirror_images
+from tests.scenes import place
 
 SHIRT = load_garment("t_shirt", "bare_table").template
 SKEW = np.array([[-0.3, -0.2], [0.3, -0.25], [0.2, 0.3], [-0.25, 0.2]])
-
-
-def turned(points: np.ndarray, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return points @ np.array([[c, s], [-s, c]])
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(0.01, 1e4), st.floats(-50.0, 50.0), st.sampled_from([0, 1]))
@@ -26,7 +22,7 @@ def test_a_fitted_template_does_not_depend_on_turn_scale_and_place(
     shape = (SHIRT, SKEW)[which]
     pair = (0, len(shape) // 2)
     length = float(np.linalg.norm(shape[pair[0]] - shape[pair[1]]))
-    found = fitted_template(scale * turned(shape, angle) + shift, shape, pair, length)
+    found = fitted_template(scale * place(shape, 0.0, 0.0, angle) + shift, shape, pair, length)
     centred = shape - 0.5 * (shape.min(axis=0) + shape.max(axis=0))
     assert found == pytest.approx(centred, abs=1e-6)
 

@@ -16,6 +16,7 @@ from skills.perception.inspection.claim import Claim, Displacement, claim_fold, 
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import StackHeights, TargetView
+from skills.perception.outline import rotation
 from skills.vocabulary import FailureKind
 from tests.inspections import inspection
 
@@ -56,16 +57,25 @@ def test_a_shape_over_a_doubtful_fold_is_not_claimed() -> None:
     assert "sleeve_left was not found good" in claim.says and claim.reliability > 0.5
 
 
-def test_a_fold_that_is_too_high_says_by_how_much() -> None:
-    claim = claimed(height=0.031)
-    assert claim.shape and not claim.flat and claim.reliability > 0.9
-    assert claim.says == "folded, but stands 31 mm high, 11 mm more than it should"
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"height": 0.031}, "folded, but stands 31 mm high, 11 mm more than it should"),
+        ({"crease": 0.041}, "folded, but a crease stands 41 mm high, 6 mm more than it should"),
+        ({"diagnosis": FailureKind.PILING}, "folded, but cloth is heaped up"),
+        ({"height": math.nan, "crease": math.nan}, "folded, but its height cannot be seen"),
+    ],
+)
+def test_a_fold_that_is_not_flat_says_why(changes: dict[str, Any], words: str) -> None:
+    claim = claimed(**changes)
+    assert claim.shape and not claim.flat and claim.says.startswith(words)
+    told = claim_to_dict(claim)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    assert (told["height_m"] is None) == math.isnan(claim.height_m)
 
 
-def test_a_crease_that_is_too_high_says_so() -> None:
-    claim = claimed(crease=0.041)
-    assert claim.shape and not claim.flat
-    assert claim.says == "folded, but a crease stands 41 mm high, 6 mm more than it should"
+def test_the_claim_that_a_fold_is_far_too_high_is_reliable() -> None:
+    assert claimed(height=0.031).reliability > 0.9
 
 
 @pytest.mark.parametrize(
@@ -84,18 +94,6 @@ def test_a_wrong_shape_is_named(changes: dict[str, Any], words: str) -> None:
 
 def test_a_drift_from_the_prediction_alone_leaves_the_shape_right() -> None:
     assert claimed(diagnosis=FailureKind.DRIFT).holds
-
-
-def test_piled_cloth_is_not_flat() -> None:
-    claim = claimed(diagnosis=FailureKind.PILING)
-    assert claim.shape and not claim.flat and "heaped up" in claim.says
-
-
-def test_a_fold_whose_height_is_not_visible_is_not_claimed() -> None:
-    claim = claimed(height=math.nan, crease=math.nan)
-    assert claim.shape and not claim.flat and "cannot be seen" in claim.says
-    told = claim_to_dict(claim)
-    assert told["height_m"] is None and json.loads(json.dumps(told, allow_nan=False)) == told
 
 
 def test_a_stiffer_fabric_may_stand_higher() -> None:
@@ -120,7 +118,7 @@ def test_a_claim_at_its_limit_is_as_good_as_a_throw_of_a_coin() -> None:
 def test_displacements_before_and_after_the_last_plan_add_up(dx: float, dy: float, turn: float, a: float) -> None:
     """A target at `start` moves with the plan by a rotation about the origin and a shift, then by its drift."""
     start, t = np.array([0.6, 0.1]), np.array([0.02, -0.01])
-    R = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    R = rotation(turn)
     about = R @ start + t
     seen = StackHeights(0.0, 0.0)
     found = displacement_of(TargetView(1.0, about, np.array([dx, dy]), a, seen, seen, seen), R, t)

@@ -8,14 +8,14 @@ import pytest
 from robots.ports import Array
 from skills.perception.monitoring.flat_placement import convex_corners, place_outline
 from skills.perception.outline import resample_closed
+from tests.scenes import place
 
 TOWEL = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])
 
 
 def turned(points: Array, angle: float, shift: tuple[float, float]) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
     middle = TOWEL.mean(axis=0)
-    return (points - middle) @ np.array([[c, s], [-s, c]]) + middle + shift
+    return place(points - middle, *(middle + shift), angle)
 
 
 def test_the_corners_of_a_rectangle_point_inwards() -> None:

@@ -32,6 +32,7 @@ def test_a_raised_point_appears_where_its_line_of_sight_meets_the_table(xy, z):
     seen = VIEW.shadow_on_table(np.array([*xy, z]))
     assert np.allclose(VIEW.to_image(seen), VIEW.to_image([*xy, z]), atol=1e-6)
     assert np.allclose(VIEW.to_table(VIEW.to_pixel(seen), z), xy, atol=1e-9)
+    assert np.allclose(VIEW.at_height(np.array(xy), z), VIEW.to_pixel(seen), atol=1e-9)
 
 
 def test_far_is_up_and_left_is_left_in_the_view():
@@ -85,8 +86,3 @@ def test_a_square_on_the_table_is_a_square_in_the_view():
 def test_a_table_without_extent_is_refused():
     with pytest.raises(ValueError, match="too small"):
         TableView(camera(), Table(0.0, (0.3, 0.301), (-0.1, 0.1)))
-
-
-def test_at_height_is_the_inverse_of_to_table():
-    pixels = np.array([[100.0, 80.0], [300.0, 50.0]])
-    assert np.allclose(VIEW.at_height(VIEW.to_table(pixels, 0.01), 0.01), pixels, atol=1e-9)

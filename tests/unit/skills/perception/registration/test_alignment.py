@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.vocabulary import Array
+from tests.scenes import place
 
 # A folded shirt without symmetries. Corners counter-clockwise [m].
 SHIRT = np.array([[0.45, -0.2], [0.75, -0.2], [0.75, 0.02], [0.65, 0.02], [0.65, 0.25], [0.45, 0.25]])
@@ -17,8 +18,7 @@ SQUARE = np.array([[0.4, -0.2], [0.8, -0.2], [0.8, 0.2], [0.4, 0.2]])
 
 def turned(points: Array, x: float, y: float, degrees: float) -> Array:
     """The points turned about the middle of the table's work area and then moved."""
-    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
-    return (points - (0.6, 0.0)) @ np.array([[c, s], [-s, c]]) + (0.6 + x, y)
+    return place(points - (0.6, 0.0), 0.6 + x, y, np.deg2rad(degrees))
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)

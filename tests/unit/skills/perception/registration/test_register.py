@@ -20,32 +20,7 @@ from tests.scenes import (
 )
 
 TOWEL_TEMPLATE = Silhouette("medium_towel", "towel", TOWEL_NAMES, TOWEL)
-TROUSERS = Silhouette(
-    "pants",
-    "trousers",
-    (
-        "waist_left",
-        "crotch_side_left",
-        "hem_left_out",
-        "hem_left_in",
-        "crotch",
-        "hem_right_in",
-        "hem_right_out",
-        "waist_right",
-    ),
-    np.array(
-        [
-            [0.42, 0.19],
-            [0.14, 0.22],
-            [-0.5, 0.20],
-            [-0.5, 0.05],
-            [0.10, 0.0],
-            [-0.5, -0.05],
-            [-0.5, -0.20],
-            [0.42, -0.19],
-        ]
-    ),
-)
+TROUSERS = Silhouette("pants", "pants", TROUSERS_NAMES, trousers())
 
 
 def error(registration, names, truth):
@@ -122,8 +97,7 @@ def test_a_crotch_is_found_between_close_legs(spread):
     inner = [truth[crotch - 1], truth[crotch + 1]]
     apart = [truth[crotch] + 0.025 * (p - truth[crotch]) / np.linalg.norm(p - truth[crotch]) for p in inner]
     seen = np.vstack([truth[:crotch], apart, truth[crotch + 1 :]])
-    template = Silhouette("pants", "pants", TROUSERS_NAMES, trousers())
-    found = register(resample_closed(seen, 0.002), template)
+    found = register(resample_closed(seen, 0.002), TROUSERS)
     assert np.linalg.norm(found.keypoints["crotch"] - truth[crotch]) < 0.010
 
 
