@@ -29,7 +29,7 @@ from skills.cloth.crease_set import largest_crease_set
 from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import CREASE_TIME, SolverSettings
-from skills.cloth.solver import CapsuleMotion, ClothSimulation
+from skills.cloth.solver import Capsules, ClothSimulation
 from skills.vocabulary import Material
 
 __all__ = [
@@ -154,19 +154,16 @@ class _Film:
         height = None if z0 is None else np.linspace(z0, z1, frames + 1)
         for k in range(frames):
             weight = None if height is None else _weight(float(height[k]), float(height[k + 1]))
-            s.advance(1, capsules=weight)
+            s.advance(1, weight)
             if k % 3 == 2 or k + 1 == frames:
                 self.pictures.append(s.positions)
                 self.times.append(s.time)
 
 
-def _weight(z0: float, z1: float) -> CapsuleMotion:
-    def ends(z: float) -> tuple[Array, Array]:
-        a = np.array([[0.5 * LOOP - 0.5 * LOADED, -WIDTH, z + RADIUS]])
-        return a, a * [1.0, -1.0, 1.0]
-
-    (a0, b0), (a1, b1) = ends(z0), ends(z1)
-    return CapsuleMotion(a0, b0, a1, b1, np.array([RADIUS]))
+def _weight(z0: float, z1: float) -> Capsules:
+    """Return the capsule of the weight while its underside moves from z0 to z1 [m] in one frame."""
+    end = np.array([[[0.5 * LOOP - 0.5 * LOADED, -WIDTH, z + RADIUS]] for z in (z0, z1)])
+    return end, end * [1.0, -1.0, 1.0], np.array([RADIUS])
 
 
 def _folded(rest: Array, thickness: float) -> Array:

@@ -10,7 +10,15 @@ import numpy as np
 from benchmarks.cloth import Tell
 from benchmarks.cloth.physics import EDGES
 from cell.config.garments.garment_file import list_garments, load_garment
-from skills.cloth.mesh import mesh_from_contour
+from skills.cloth.mesh import ClothMesh, mesh_from_contour
+
+
+def smallest_angle(mesh: ClothMesh) -> float:
+    """Return the smallest angle of a mesh's triangles [rad]."""
+    p = mesh.rest[mesh.triangles]
+    u, v = np.roll(p, -1, axis=1) - p, np.roll(p, -2, axis=1) - p
+    sine = np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+    return float(np.arctan2(sine, (u * v).sum(axis=2)).min())
 
 
 def quality(quick: bool, tell: Tell) -> dict[str, Any]:
@@ -23,9 +31,9 @@ def quality(quick: bool, tell: Tell) -> dict[str, Any]:
             start = time.thread_time()
             mesh = mesh_from_contour(garment.template, edge, garment.layers)
             seconds.append(time.thread_time() - start)
-            angles.append(mesh.quality.min_angle)
-            shortest.append(mesh.quality.shortest_edge / edge)
-            longest.append(mesh.quality.longest_edge / edge)
+            angles.append(smallest_angle(mesh))
+            shortest.append(float(mesh.edge_length.min()) / edge)
+            longest.append(float(mesh.edge_length.max()) / edge)
     return {
         "mesh_garments": len(names),
         "mesh_min_angle_deg": float(np.rad2deg(min(angles))),

@@ -14,7 +14,7 @@ from robots.ports import Array
 from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation, ToolMotion
+from skills.cloth.solver import ClothSimulation
 
 PATCH = np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
 CREEP_RATIO, SLIDE_RATIOS = 0.98, (1.02, 1.1, 1.5)
@@ -178,8 +178,9 @@ def _hung(mesh: ClothMesh) -> tuple[Array, float]:
     start = np.array([0.288, 0.0, 0.001])
     s.grip(0, start, turned)
     up = start + np.array([0.0, 0.0, 0.9])
-    s.advance(120, [ToolMotion(0, start, turned, up, turned)])
-    s.advance(round((1.7 + RELEASE) * 60), [ToolMotion(0, up, turned, up, turned)])
+    raised = start + np.linspace(0.0, 1.0, 121)[:, None] * (up - start)
+    s.advance_along(np.stack([raised, raised], axis=1), np.broadcast_to(turned, (121, 2, 3, 3)))
+    s.advance(round((1.7 + RELEASE) * 60))
     force, squeeze = s.pinch_force(0), 20.0
     while s.held(0):
         squeeze *= 0.995

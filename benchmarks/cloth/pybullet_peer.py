@@ -20,7 +20,6 @@ from benchmarks.cloth.scenes import RELEASE, SETTLE, SharedFold, plain_fold
 from robots.bullet.body import pb
 from robots.ports import Array
 from skills.cloth.elasticity import GRAVITY, membrane_modulus
-from skills.vocabulary import REFERENCE_DROP
 
 STEP = 1.0 / 240.0
 SUBSTEPS = (1, 4)
@@ -90,7 +89,7 @@ def _cloth(fold: SharedFold, mu: float, client: int) -> int:
         return int(
             pb.loadSoftBody(
                 str(path), mass=material.areal_mass * float(mesh.area.sum()), useMassSpring=1, useBendingSprings=1,
-                springElasticStiffness=float(SPRING * membrane_modulus(material, REFERENCE_DROP)),
+                springElasticStiffness=float(SPRING * membrane_modulus(material)),
                 springDampingStiffness=0.05, springBendingStiffness=0.1, useSelfCollision=1, useFaceContact=1,
                 frictionCoeff=mu, collisionMargin=0.5 * material.thickness, physicsClientId=client,
             )

@@ -43,7 +43,7 @@ def substeps(quick: bool, tell: Tell) -> dict[str, Any]:
     rows = []
     for name, mesh, material, folds in _scenes(quick):
         x = mesh.lay_flat(material.thickness)
-        chosen = choose_substeps(mesh, material, SolverSettings())[0]
+        chosen = choose_substeps(mesh, material, SolverSettings())
         for number, paths in enumerate(folds, 1):
             row: dict[str, Any] = {"garment": name, "fold": number, "chosen": chosen}
             finest = _end(mesh, x, material, paths, FINEST)

@@ -31,7 +31,7 @@ from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.f32x16 import LANES
 
-__all__ = ["FAR", "LEAF", "Clusters", "build_clusters"]
+__all__ = ["FAR", "LEAF", "Clusters", "build_clusters", "edge_finder", "triangle_sides"]
 
 LEAF = LANES  # largest number of triangles in a cluster: they fill one row
 FAR = 1e6  # [m] coordinates in unused lanes, which are thus near nothing; for triangles, see `Clusters`
@@ -144,14 +144,17 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
         split(np.flatnonzero(mesh.triangle_layer == k))
     clusters = _in_pieces(mesh, _of_few_corners(mesh, _in_pieces(mesh, clusters)))
     m = len(clusters)
-    vertices, edges = _shares(mesh, edge, clusters)
+    tri_edge, edge_tri = triangle_sides(mesh, edge)
+    sheet = mesh.triangle_layer[edge_tri]
+    paired = (edge_tri >= 0).all(axis=1) & (sheet[:, 0] == sheet[:, 1])  # edges with two triangles in one layer
+    vertices, edges = _shares(mesh, tri_edge, clusters)
     tri, _, of_tri = _lanes(clusters, len(mesh.triangles))
     owned, edge_start, of_edge = _lanes(edges, len(edge))
     vertex, vertex_start, of_vertex = _lanes(vertices, len(mesh.rest))
     corner, corner_start, find = _corners(mesh, clusters)
     slot = np.zeros(len(of_tri), np.intp)
     slot[tri[tri >= 0]] = np.flatnonzero(tri.ravel() >= 0)
-    ring, ring_start = _rows([slot[tris] for tris in _rings(mesh, clusters)])
+    ring, ring_start = _rows([slot[tris] for tris in _rings(edge_tri[paired], clusters)])
     near = _beside(mesh, clusters)
     beside, beside_start = _rows(near)
     smooth, smooth_start = _rows(_smooth_beside(mesh, clusters, near))
@@ -163,7 +166,7 @@ def build_clusters(mesh: ClothMesh, edge: NDArray[np.int32]) -> Clusters:
     edge_geo[:, :3], edge_geo[:, 3:7], edge_geo[:, 12] = FAR, 1.0, 1.0
     vertex_geo = np.zeros((len(vertex), 7, LANES), np.float32)
     vertex_geo[:, :3] = FAR
-    edge_beside, rim = _beside_edges(mesh, edge, owned, slot)
+    edge_beside, rim = _beside_edges(edge_tri, paired, owned, slot)
     return Clusters(
         corner,
         corner_start,
@@ -223,27 +226,15 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 
 
 def _beside_edges(
-    mesh: ClothMesh, edge: NDArray[np.int32], owned: NDArray[np.int32], slot: NDArray[np.intp]
+    edge_tri: NDArray[np.int32], paired: NDArray[np.bool_], owned: NDArray[np.int32], slot: NDArray[np.intp]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return for each edge of `owned` its two triangles, (rows, 2, LANES), each as cluster x LANES + lane, or 0 if
-    the edge does not have two in one layer. Also return a bit mask per row, (rows,): bit i is set if the edge in
-    lane i does not have two triangles in one layer."""
-    number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
-    sides: list[list[int]] = [[] for _ in edge]
-    for t, tri in enumerate(mesh.triangles.tolist()):
-        for k in range(3):
-            i, j = sorted((tri[k], tri[(k + 1) % 3]))
-            sides[number[i, j]].append(t)
-    beside, rim = np.zeros((len(owned), 2, LANES), np.int32), np.zeros(len(owned), np.int32)
-    for row, members in enumerate(owned.tolist()):
-        for place, e in enumerate(members):
-            if e < 0:
-                continue
-            if len(sides[e]) != 2 or mesh.triangle_layer[sides[e][0]] != mesh.triangle_layer[sides[e][1]]:
-                rim[row] |= 1 << place
-            else:
-                beside[row, :, place] = slot[sides[e]]
-    return beside, rim
+    the edge is not `paired`, which means that it does not have two in one layer. Also return a bit mask per row,
+    (rows,): bit i is set if the edge in lane i is not paired."""
+    inside = (owned >= 0) & paired[owned]
+    beside = np.where(inside[:, None], slot[edge_tri[owned]].transpose(0, 2, 1), 0)
+    rim = ((owned >= 0) & ~inside) @ (1 << np.arange(LANES))
+    return np.ascontiguousarray(beside, dtype=np.int32), rim.astype(np.int32)
 
 
 def _corners(
@@ -283,21 +274,48 @@ def _lanes(
     return rows, start, of
 
 
+def edge_finder(
+    edge: NDArray[np.int32], n: int
+) -> Callable[[NDArray[np.integer], NDArray[np.integer]], NDArray[np.int32]]:
+    """Return a function that returns the indices in `edge` (e, 2) of the edges between vertices i and j, both
+    arrays of one shape. n: number of vertices."""
+    keys = np.sort(edge, axis=1) @ [n, 1]
+    order = np.argsort(keys)
+
+    def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
+        at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
+        return order[at].astype(np.int32)
+
+    return between
+
+
+def triangle_sides(mesh: ClothMesh, edge: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return (t, 3) the edges of each triangle, and (e, 2) the triangles beside each edge, the lower index first,
+    -1 where there is none."""
+    tri = mesh.triangles
+    tri_edge = edge_finder(edge, len(mesh.rest))(tri, tri[:, [2, 0, 1]])
+    by_edge = np.argsort(tri_edge.ravel(), kind="stable")
+    sides = np.bincount(tri_edge.ravel(), minlength=len(edge))  # one or two triangles beside an edge
+    first = np.cumsum(sides) - sides
+    beside = (by_edge // 3).astype(np.int32)
+    edge_tri = np.full((len(edge), 2), -1, np.int32)
+    edge_tri[:, 0] = beside[first]
+    edge_tri[sides == 2, 1] = beside[first[sides == 2] + 1]
+    return tri_edge, edge_tri
+
+
 def _shares(
-    mesh: ClothMesh, edge: NDArray[np.int32], clusters: list[NDArray[np.intp]]
+    mesh: ClothMesh, tri_edge: NDArray[np.int32], clusters: list[NDArray[np.intp]]
 ) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
     """Return the vertices and the edges that each cluster owns. A vertex or edge has one owner among the clusters
     that contain it: a vertex the first of these clusters, an edge the one with the fewest edges so far."""
-    number = {(min(e), max(e)): k for k, e in enumerate(edge.tolist())}
     vertex_free = np.ones(len(mesh.rest), bool)
     vertices: list[NDArray[np.intp]] = []
     touching: dict[int, list[int]] = {}
     for k, tris in enumerate(clusters):
-        t = mesh.triangles[tris]
-        v = np.unique(t)
-        sides = np.unique(np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]), axis=1), axis=0)
-        for i, j in sides.tolist():
-            touching.setdefault(number[i, j], []).append(k)
+        v = np.unique(mesh.triangles[tris])
+        for e in np.unique(tri_edge[tris]).tolist():
+            touching.setdefault(e, []).append(k)
         vertices.append(v[vertex_free[v]].astype(np.intp))
         vertex_free[v] = False
     edges: list[list[int]] = [[] for _ in clusters]
@@ -306,17 +324,12 @@ def _shares(
     return vertices, [np.array(sorted(e), np.intp) for e in edges]
 
 
-def _rings(mesh: ClothMesh, clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
-    """Return for each cluster its triangles and the triangles of its layer that share an edge with one of them."""
-    layer = mesh.triangle_layer
-    faces: dict[tuple[int, int, int], list[int]] = {}
-    for t, tri in enumerate(mesh.triangles.tolist()):
-        for k in range(3):
-            i, j = sorted((tri[k], tri[(k + 1) % 3]))
-            faces.setdefault((i, j, int(layer[t])), []).append(t)
+def _rings(paired: NDArray[np.int32], clusters: list[NDArray[np.intp]]) -> list[NDArray[np.intp]]:
+    """Return for each cluster its triangles and the triangles of its layer that share an edge with one of them.
+    paired: (k, 2) the triangles of one layer that share an edge."""
     ring: list[set[int]] = [set(map(int, tris)) for tris in clusters]
     of = {t: k for k, tris in enumerate(ring) for t in list(tris)}
-    for pair in faces.values():
+    for pair in paired.tolist():
         for t in pair:
             ring[of[t]].update(pair)
     return [np.array(sorted(tris), np.intp) for tris in ring]

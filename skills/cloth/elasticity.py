@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh
-from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, vdiv, where_above
+from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, where_above
 from skills.cloth.simd.vec3 import dot, load, spread, store, vector
-from skills.vocabulary import Material
+from skills.vocabulary import REFERENCE_DROP, Material
 
 __all__ = [
     "GRAVITY",
@@ -107,11 +107,10 @@ class BendingFriction(NamedTuple):
     limit: Array
 
 
-def membrane_modulus(material: Material, reference_drop: float) -> float:
-    """Return the Young modulus of the membrane [N/m] with which a strip of length L = `reference_drop` [m], hung
-    by its end, elongates by the fraction s = `stretch_fraction` under its own weight: Y = areal_mass g L / (2
-    s)."""
-    return material.areal_mass * GRAVITY * reference_drop / (2.0 * material.stretch_fraction)
+def membrane_modulus(material: Material) -> float:
+    """Return the Young modulus of the membrane [N/m] with which a strip of length L = REFERENCE_DROP, hung by its
+    end, elongates by the fraction s = `stretch_fraction` under its own weight: Y = areal_mass g L / (2 s)."""
+    return material.areal_mass * GRAVITY * REFERENCE_DROP / (2.0 * material.stretch_fraction)
 
 
 def flexural_rigidity(material: Material) -> float:
@@ -124,16 +123,14 @@ def build_elastic(
     material: Material,
     inverse_mass: Array,
     step: float,
-    reference_drop: float,
     anisotropy: float = 1.0,
-    seam_factor: float = 1.0,
     bending_ratio: float = 1.0,
 ) -> Elastic:
     """Build the constraints for a substep of `step` [s]. anisotropy: stretch stiffness ratio of material y to
-    material x; seam_factor: stiffness ratio of edges on the outline (hems, seams) to other edges; bending_ratio:
-    rigidity along material y divided by the rigidity along x. The material's rigidity is their geometric mean."""
+    material x; bending_ratio: rigidity along material y divided by the rigidity along x. The material's rigidity
+    is their geometric mean."""
     edge, length = mesh.edges, mesh.edge_length
-    stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
+    stiffness = _stiffness(mesh, material, anisotropy)
     sweep = step**2 * inverse_mass[edge].sum(axis=1)
     compliance = np.maximum(1.0 / stiffness - SWEEP * sweep, FLOOR * sweep)
     weight, areas = _stencils(mesh)
@@ -175,8 +172,7 @@ def hinge_extents(mesh: ClothMesh) -> tuple[Array, Array]:
     """Return (h,) lengths of the edges, and (h,) widths of the cloth that each hinge bends, which are (A0 + A1) /
     length [m]; in the order of the hinges."""
     order = shuffled(len(mesh.hinges))
-    a, b = mesh.hinges[order, 0], mesh.hinges[order, 1]
-    length = np.linalg.norm(mesh.rest[b] - mesh.rest[a], axis=1)
+    length = mesh.hinge_length[order]
     return length, _stencils(mesh)[1][order] / length
 
 
@@ -202,34 +198,23 @@ def turns(hinge: NDArray[np.int32], x: Array) -> Array:
     return np.copysign(size, (p * (d - a)).sum(axis=1))
 
 
-def stretch_excess(
-    mesh: ClothMesh,
-    material: Material,
-    step: float,
-    reference_drop: float,
-    anisotropy: float = 1.0,
-    seam_factor: float = 1.0,
-) -> float:
+def stretch_excess(mesh: ClothMesh, material: Material, step: float, anisotropy: float) -> float:
     """Estimate how much longer than the material the cloth hangs, as a fraction of the length, for a substep of
     `step` [s]. The reason is that an edge cannot be stiffer than one sweep allows. The estimate agrees with the
     hang test within a third."""
-    stiffness = _stiffness(mesh, material, reference_drop, anisotropy, seam_factor)
+    stiffness = _stiffness(mesh, material, anisotropy)
     inverse_mass = 1.0 / (material.areal_mass * mesh.vertex_area)
     sweep = step**2 * inverse_mass[mesh.edges].sum(axis=1)
     return material.stretch_fraction * float(np.maximum((SWEEP + FLOOR) * sweep * stiffness - 1.0, 0.0).mean())
 
 
-def _stiffness(
-    mesh: ClothMesh, material: Material, reference_drop: float, anisotropy: float, seam_factor: float
-) -> Array:
+def _stiffness(mesh: ClothMesh, material: Material, anisotropy: float) -> Array:
     """Return (e,): stretch stiffness of the edges [N/m], in the order of the mesh."""
     edge, length = mesh.edges, mesh.edge_length
     along = (mesh.rest[edge[:, 1]] - mesh.rest[edge[:, 0]]) / length[:, None]
     directional = np.sqrt(anisotropy) ** (along[:, 1] ** 2 - along[:, 0] ** 2)
-    outline = np.isin(edge[:, 0], mesh.border) & np.isin(edge[:, 1], mesh.border)
-    modulus = membrane_modulus(material, reference_drop)
     even = _evened_out(along, mesh.edge_area, mesh.area.sum())
-    return modulus * even * mesh.edge_area / length**2 * directional * np.where(outline, seam_factor, 1.0)
+    return membrane_modulus(material) * even * mesh.edge_area / length**2 * directional
 
 
 def _evened_out(along: Array, edge_area: Array, area: float) -> Array:
@@ -368,7 +353,7 @@ def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
             p, q = _load_four(x, i), _load_four(x, j)
             d = _apart(p, q)
             r = load_f64x4(inverse_square, k) * dots(d, d)
-            s = vdiv(2.0 * r - two, 3.0 * r + one)
+            s = (2.0 * r - two) / (3.0 * r + one)
             _store_four(x, i, p, s * load_f64x4(wi, k), d)
             _store_four(x, j, q, -(s * load_f64x4(wj, k)), d)
             k += four
@@ -527,7 +512,7 @@ def damp_edges(batch_start, edge, rate, w, x, v):
             d = _apart(_load_four(x, i), _load_four(x, j))
             p, q, wi, wj = _load_four(v, i), _load_four(v, j), gather_f64x4(w, i), gather_f64x4(w, j)
             total, d2 = wi + wj, dots(d, d)
-            s = vdiv(load_f64x4(rate, k) * dots(_apart(p, q), d), d2 * total)
+            s = load_f64x4(rate, k) * dots(_apart(p, q), d) / (d2 * total)
             # without a branch, which would be mispredicted too often
             s = where_above(total, nothing, where_above(splat_f64x4(LOST), d2, nothing, s), nothing)
             _store_four(v, i, p, s * wi, d)

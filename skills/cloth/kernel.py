@@ -82,7 +82,7 @@ COMPILED = (
     "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
     "contact/vertex_triangle.py", "crease_set.py", "elasticity.py", "held_cloth.py", "integrate.py",
     "intersections/crossings.py", "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py",
-    "simd/f64x8.py", "simd/i32x16.py", "simd/intrinsics.py", "simd/vec3.py", "sleep.py", "state.py",
+    "simd/f64x8.py", "simd/i32x16.py", "simd/registers.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
 """Files that are compiled into the loop."""
 

@@ -18,7 +18,7 @@ from scipy.spatial import Delaunay
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
 
-__all__ = ["ClothMesh", "FineBands", "MeshQuality", "mesh_from_contour"]
+__all__ = ["ClothMesh", "FineBands", "mesh_from_contour"]
 
 Index = NDArray[np.int32]
 
@@ -29,18 +29,6 @@ JITTER = 0.12  # largest random displacement of grid points along each axis, in 
 TRANSITION = 2.0  # over this distance from a fine band, in its edge lengths, the edges become twice as long
 HALVED = 1.4  # a border segment is halved if it is longer than this, in edge lengths
 SEED = 20110520  # seed of the jitter, fixed so that a mesh depends only on the arguments
-
-
-@dataclass(frozen=True)
-class MeshQuality:
-    """Quality of the triangles: smallest angle [rad], shortest and longest edge [m], and the numbers of vertices
-    and triangles."""
-
-    min_angle: float
-    shortest_edge: float
-    longest_edge: float
-    vertices: int
-    triangles: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +73,9 @@ class ClothMesh:
     @cached_property
     def edge_area(self) -> Array:
         """(e,) sum of the areas of the triangles at each edge [m2]."""
-        key = {tuple(e): i for i, e in enumerate(self.edges.tolist())}
-        out = np.zeros(len(self.edges))
-        for k, (i, j) in enumerate(np.sort(_half_edges(self.triangles), axis=1).tolist()):
-            out[key[i, j]] += self.area[k % len(self.triangles)]
-        return frozen(out)
+        half = np.sort(_half_edges(self.triangles), axis=1)
+        _, edge = np.unique(half, axis=0, return_inverse=True)
+        return frozen(np.bincount(edge.ravel(), np.tile(self.area, 3)))
 
     @cached_property
     def hinges(self) -> Index:
@@ -135,21 +121,6 @@ class ClothMesh:
             np.sort(_half_edges(self.triangles[self.triangle_layer == 0]), axis=1), axis=0, return_counts=True
         )
         return frozen(np.unique(e[n == 1]).astype(np.int32))
-
-    @cached_property
-    def quality(self) -> MeshQuality:
-        p = self.rest[self.triangles]
-        angles = []
-        for k in range(3):
-            u, v = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
-            angles.append(np.arctan2(np.abs(_cross(u, v)), (u * v).sum(axis=1)))
-        return MeshQuality(
-            float(np.min(angles)),
-            float(self.edge_length.min()),
-            float(self.edge_length.max()),
-            len(self.rest),
-            len(self.triangles),
-        )
 
     def lay_flat(self, thickness: float) -> Array:
         """Return (n, 3): positions of the garment laid flat on the table, its layers `thickness` [m] apart."""

@@ -32,8 +32,6 @@ class SolverSettings:
     0.001, that is 0.1 percentage points), and raises ConfigurationError if too many would be needed. A given
     number of substeps is used unchanged; it is refused only if a stretch_tolerance is given too and is not met
     with these substeps. gravity [m/s2]: to simulate a tilted table, tilt this vector (the table stays at z = 0).
-    reference_drop [m]: the hanging length at which the material's stretch_fraction was measured (0.6 if the
-    garment's length is not given).
 
     stretch_damping, bend_damping: Rayleigh times [s], damping force = time x stiffness x rate (bending damping is
     reduced on meshes so fine that it would be unstable). drag [1/s] of the air. max_speed [m/s] caps every vertex.
@@ -44,10 +42,10 @@ class SolverSettings:
 
     anisotropy: stretch stiffness ratio of material y to material x. bending_ratio, 1/4 to 4: rigidity along
     material y (the warp) divided by the rigidity along x (the weft); the material's bending length belongs to
-    their geometric mean. seam_factor: stretch stiffness ratio of the outline to the rest of the cloth.
-    residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature that released cloth
-    keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F bending test: B is the
-    rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of Textiles 2016, 4614168).
+    their geometric mean. residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature
+    that released cloth keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F
+    bending test: B is the rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of
+    Textiles 2016, 4614168).
     crease_set: share of the turn beyond the elastic bend that a crease has taken as a plastic set after 5 min
     under 500 g on 15 x 18 mm; 0: creases take no set, only friction holds them. crease_time [s]: shortest of the
     times of that law under this load (crease_set.py has the law).
@@ -57,7 +55,6 @@ class SolverSettings:
     substeps: int | None = None
     stretch_tolerance: float | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
-    reference_drop: float = 0.6
     stretch_damping: float = 0.002
     bend_damping: float = 0.014
     drag: float = 0.05
@@ -65,7 +62,6 @@ class SolverSettings:
     sleep_distance: float = 1e-3
     sleep_frames: int = 10
     anisotropy: float = 1.0
-    seam_factor: float = 1.0
     residual_curvature: float = 0.0
     bending_ratio: float = 1.0
     crease_set: float = 0.0
@@ -89,20 +85,13 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
         "friction_layers": (0.0, 5.0),
     }
     for name, (low, high) in bounds.items():
-        value = getattr(material, name)
-        if not low <= value <= high:
-            raise ConfigurationError(f"material {name} = {value} is out of range", f"{low} to {high}", value=value)
-    if not 0.0 <= settings.residual_curvature <= MOST_RESIDUAL:
-        raise ConfigurationError(
-            f"residual_curvature = {settings.residual_curvature} is out of range",
-            f"0 to {MOST_RESIDUAL:g}",
-            value=settings.residual_curvature,
-        )
-    if not 0.25 <= settings.bending_ratio <= 4.0:
-        raise ConfigurationError(
-            f"bending_ratio = {settings.bending_ratio} is out of range", "0.25 to 4", value=settings.bending_ratio
-        )
-    _check_creases(settings)
+        _expect(f"material {name}", getattr(material, name), low, high)
+    _expect("residual_curvature", settings.residual_curvature, 0.0, MOST_RESIDUAL)
+    _expect("bending_ratio", settings.bending_ratio, 0.25, 4.0)
+    _expect("crease_time", settings.crease_time, *CREASE_TIMES)
+    most = largest_crease_set(settings.crease_time)
+    why = ": a crease cannot keep more than its whole turn after a longer time"
+    _expect("crease_set", settings.crease_set, 0.0, most, why)
     n = settings.substeps
     if settings.frame_rate <= 0 or (n is not None and (n % PHASE or n <= 0)):
         raise ConfigurationError(
@@ -122,42 +111,28 @@ def check_cloth(material: Material, settings: SolverSettings, mesh: ClothMesh) -
         )
 
 
-def _check_creases(settings: SolverSettings) -> None:
-    low, high = CREASE_TIMES
-    if not low <= settings.crease_time <= high:
-        raise ConfigurationError(
-            f"crease_time = {settings.crease_time} is out of range", f"{low:g} to {high:g} s",
-            value=settings.crease_time,
-        )  # fmt: skip
-    most = largest_crease_set(settings.crease_time)
-    if not 0.0 <= settings.crease_set <= most:
-        raise ConfigurationError(
-            f"crease_set = {settings.crease_set} is out of range",
-            f"0 to {most:.3f}: a crease cannot keep more than its whole turn after a longer time",
-            value=settings.crease_set,
-        )  # fmt: skip
+def _expect(name: str, value: float, low: float, high: float, why: str = "") -> None:
+    if not low <= value <= high:
+        raise ConfigurationError(f"{name} = {value} is out of range", f"{low:g} to {high:.4g}{why}", value=value)
 
 
-def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> tuple[int, float]:
-    """Return the number of substeps per frame, and the remaining error of the stretch (see SolverSettings)."""
+def choose_substeps(mesh: ClothMesh, material: Material, settings: SolverSettings) -> int:
+    """Return the number of substeps per frame (see SolverSettings)."""
 
     def error(n: int) -> float:
-        step = settings.frame / n
-        return stretch_excess(
-            mesh, material, step, settings.reference_drop, settings.anisotropy, settings.seam_factor
-        )
+        return stretch_excess(mesh, material, settings.frame / n, settings.anisotropy)
 
     tolerance = settings.stretch_tolerance if settings.stretch_tolerance is not None else STRETCH_TOLERANCE
     if not tolerance > 0.0:
         raise ConfigurationError("stretch_tolerance must be positive", "", stretch_tolerance=tolerance)
     n = settings.substeps
     if n is not None and (settings.stretch_tolerance is None or error(n) <= ESTIMATE_SHARE * tolerance):
-        return n, error(n)
+        return n
     needed = LEAST_SUBSTEPS
     while error(needed) > ESTIMATE_SHARE * tolerance and needed < 1000:
         needed += PHASE
     if n is None and needed <= MOST_SUBSTEPS:
-        return needed, error(needed)
+        return needed
     raise ConfigurationError(
         f"{n or MOST_SUBSTEPS} substeps a frame cannot hold the stretch to the tolerance that was asked for",
         f"{needed} substeps, a longer edge, a greater stretch_tolerance or a softer cloth",

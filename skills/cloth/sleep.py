@@ -148,7 +148,7 @@ def _grow(start, ring, near, rings):
 @njit(nogil=True)
 def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
     """Wake the vertices marked in `near`, and put to sleep those that were quiet for `sleep_frames`. Returns
-    whether any vertex woke or fell asleep, and whether any vertex woke."""
+    (changed, woke): changed is true if any vertex woke or fell asleep."""
     changed = woke = False
     for i in range(len(x)):
         if near[i]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from robots.errors import ConfigurationError, InternalError
 from robots.ports import Array
@@ -25,7 +24,6 @@ from skills.cloth.elasticity import (
     flexural_rigidity,
     hinge_extents,
     membrane_modulus,
-    shuffled,
     turns,
 )
 from skills.cloth.intersections.resolve import Intersections, no_intersections
@@ -55,7 +53,10 @@ from skills.cloth.state import (
 from skills.cloth.topology import topology_of
 from skills.vocabulary import Material
 
-__all__ = ["CapsuleMotion", "ClothSimulation", "ToolMotion"]
+__all__ = ["Capsules", "ClothSimulation"]
+
+Capsules = tuple[Array, Array, Array]
+"""Capsules in motion: both ends, (frames + 1, k, 3) each, and radius (k,) [m]."""
 
 MOST_PAIRS = 120
 """Largest number of candidate pairs per vertex; folded stacks have about 10. Cloth with more pairs than this has
@@ -68,35 +69,6 @@ UNSOUND = 2.0
 """Multiple of the largest speed at which vertices move freely. Contacts, pads and edges add less than this."""
 FINER = 2, 4
 """Factors of the substeps with which frames are repeated in which the positions were lost."""
-
-
-@dataclass(frozen=True, eq=False)
-class ToolMotion:
-    """Motion of one tool during a call of `advance`: its poses in the table frame at the start and the end.
-
-    hand: 0 or 1. position0, position1: (3,) tool centre point [m]; rotation0, rotation1: (3, 3) R_table_tool.
-    """
-
-    hand: int
-    position0: Array
-    rotation0: Array
-    position1: Array
-    rotation1: Array
-
-
-@dataclass(frozen=True, eq=False)
-class CapsuleMotion:
-    """Motion of fingers and wrists that push the cloth: k capsules with their ends at the start and the end of a
-    call of `advance`.
-
-    p0_start, p1_start, p0_end, p1_end: (k, 3) [m], table frame; radius: (k,) [m].
-    """
-
-    p0_start: Array
-    p1_start: Array
-    p0_end: Array
-    p1_end: Array
-    radius: Array
 
 
 RELEASE_SPEED = 0.1  # [m/s] largest speed of held points when the pads open
@@ -122,8 +94,7 @@ class ClothSimulation:
     equilibrium. All of the cloth then sleeps until something moves, and bending friction, if any, holds the
     present bends. Without at_rest, bending friction assumes that the cloth was flat before. fixed: (n,) True for
     vertices that never move (the upper hem of hung cloth). substeps: number of substeps per frame, given or
-    chosen; stretch_error: estimated relative excess of the cloth's hanging length over the material's. Two threads
-    must not use the same simulation at the same time; they may use two simulations.
+    chosen. Two threads must not use the same simulation at the same time; they may use two simulations.
     """
 
     def __init__(
@@ -143,7 +114,7 @@ class ClothSimulation:
         self.pads = pads or PadGeometry()
         self.time = 0.0
         check_cloth(material, self.settings, mesh)
-        self.substeps, self.stretch_error = choose_substeps(mesh, material, self.settings)
+        self.substeps = choose_substeps(mesh, material, self.settings)
         self._solver_parameters = _solver_parameters(
             mesh, material, self.settings, self.substeps, self.pads, table
         )
@@ -182,14 +153,6 @@ class ClothSimulation:
     def inverse_mass(self) -> Array:
         """(n,) inverse masses of the vertices [1/kg] (a copy)."""
         return self._body.w.copy()
-
-    @property
-    def crease_angles(self) -> Array:
-        """(h,) the set of each hinge [rad], in the order of the mesh's hinges; zeros if creases take no set."""
-        angles = np.zeros(len(self.mesh.hinges))
-        if len(self._state.set_parts):
-            angles[shuffled(len(angles))] = self._state.set_parts.sum(axis=1)
-        return angles
 
     def press(self, pressure: Array | float) -> None:
         """Let bodies press on the cloth with `pressure` [Pa], (n,) or equal for all vertices, until the next call.
@@ -295,25 +258,17 @@ class ClothSimulation:
         """Return (3,): mean force of the cloth on the hand over the last frame [N], table frame."""
         return self._holds.force[hand].copy()
 
-    def advance(
-        self, frames: int = 1, tools: Sequence[ToolMotion] = (), capsules: CapsuleMotion | None = None
-    ) -> None:
-        """Advance by `frames`; tools and capsules move at constant speed from start to end during these frames."""
-        p = np.repeat(self._tool_p[None], frames + 1, axis=0)
-        r = np.repeat(self._tool_r[None], frames + 1, axis=0)
-        at = np.linspace(0.0, 1.0, frames + 1)
-        for tool in tools:
-            p[:, tool.hand] = tool.position0 + at[:, None] * (np.asarray(tool.position1) - tool.position0)
-            r[:, tool.hand] = _turn(tool.rotation0, tool.rotation1, at)
-        self.advance_along(p, r, _capsule_path(capsules, at))
+    def advance(self, frames: int = 1, capsules: Capsules | None = None) -> None:
+        """Advance by `frames` while the tools rest. capsules: see `advance_along`."""
+        p, r = (np.repeat(pose[None], frames + 1, axis=0) for pose in (self._tool_p, self._tool_r))
+        self.advance_along(p, r, capsules)
 
-    def advance_along(
-        self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None = None
-    ) -> None:
+    def advance_along(self, position: Array, rotation: Array, capsules: Capsules | None = None) -> None:
         """Advance along sampled motions, one sample at each frame boundary: position (frames + 1, 2, 3) and
-        rotation (frames + 1, 2, 3, 3) of both hands; capsules: both ends, (frames + 1, k, 3) each, and radius
-        (k,)."""
-        path = capsules if capsules is not None else _capsule_path(None, np.zeros(len(position)))
+        rotation (frames + 1, 2, 3, 3) R_table_tool of both hands. capsules: fingers and wrists that push the
+        cloth, as both ends, (frames + 1, k, 3) each, and radius (k,). Lengths in metres, table frame."""
+        none = np.zeros((len(position), 0, 3))
+        path = (none, none, np.zeros(0)) if capsules is None else capsules
         p, r = np.ascontiguousarray(position, dtype=float), np.ascontiguousarray(rotation, dtype=float)
         before = self.checkpoint() if self._hasty(p) else None
         kept = self._advanced(p, r, path)
@@ -335,7 +290,7 @@ class ClothSimulation:
             fastest_m_s=float(np.abs(np.nan_to_num(self._state.v, posinf=0.0, neginf=0.0)).max()),
         )
 
-    def _advanced(self, p: Array, r: Array, capsules: tuple[Array, Array, Array]) -> bool:
+    def _advanced(self, p: Array, r: Array, capsules: Capsules) -> bool:
         """Advance along the motions of `advance_along`. Returns False if the positions are lost."""
         frames, lost = len(p) - 1, False
         motion = p, r, *capsules, frames
@@ -463,16 +418,7 @@ def _body(
     h, w = parameters.h, 1.0 / (material.areal_mass * mesh.vertex_area)
     if fixed is not None:
         w[fixed] = 0.0  # must precede build_elastic, whose sweep compliance depends on w
-    e = build_elastic(
-        mesh,
-        material,
-        w,
-        h,
-        settings.reference_drop,
-        settings.anisotropy,
-        settings.seam_factor,
-        settings.bending_ratio,
-    )
+    e = build_elastic(mesh, material, w, h, settings.anisotropy, settings.bending_ratio)
     rate = np.minimum(0.4, settings.stretch_damping * e.stiffness * parameters.phase * h * w[e.edge].sum(axis=1))
     grow = 1.0 + parameters.bend_gamma
     own = grow * (w[e.hinge] * e.weight**2).sum(axis=1)
@@ -511,7 +457,7 @@ def _solver_parameters(
     h = settings.frame / substeps
     edge = float(np.quantile(mesh.edge_length, FINE_SHARE))
     softer = min(settings.anisotropy, 1.0 / settings.anisotropy) ** 0.5  # stiffness factor of the softer direction
-    modulus = softer * membrane_modulus(material, settings.reference_drop)
+    modulus = softer * membrane_modulus(material)
     stiffer = max(settings.bending_ratio, 1.0 / settings.bending_ratio) ** 0.5  # rigidity of the stiffer direction
     room = IN_PLANE * modulus * edge**2 / (stiffer * flexural_rigidity(material))
     sharpest = min(SHARPEST, max(0.0, 1.0 - DAMPED / room))
@@ -537,23 +483,4 @@ def _solver_parameters(
         sleep_frames=settings.sleep_frames if settings.sleep_frames > 0 else 2**30,
         table=table,
         hold_compliance=pads.compliance,
-    )
-
-
-def _turn(rotation0: Array, rotation1: Array, at: Array) -> Array:
-    """Return (len(at), 3, 3): spherical interpolation between two rotations."""
-    if np.array_equal(rotation0, rotation1):
-        return np.repeat(np.asarray(rotation0, dtype=float)[None], len(at), axis=0)
-    return Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([rotation0, rotation1])))(at).as_matrix()
-
-
-def _capsule_path(capsules: CapsuleMotion | None, at: Array) -> tuple[Array, Array, Array]:
-    if capsules is None:
-        none = np.zeros((len(at), 0, 3))
-        return none, none, np.zeros(0)
-    s = at[:, None, None]
-    return (
-        np.ascontiguousarray((1.0 - s) * capsules.p0_start + s * capsules.p0_end),
-        np.ascontiguousarray((1.0 - s) * capsules.p1_start + s * capsules.p1_end),
-        np.asarray(capsules.radius, dtype=float).copy(),
     )

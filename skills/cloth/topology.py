@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.cloth.clusters import Clusters, build_clusters
+from skills.cloth.clusters import Clusters, build_clusters, edge_finder, triangle_sides
 from skills.cloth.elasticity import colour_batches, shuffled
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.aligned_arrays import aligned
@@ -50,27 +50,10 @@ def topology_of(mesh: ClothMesh) -> Topology:
 @lru_cache(maxsize=MESHES)
 def _build(mesh: ClothMesh) -> Topology:
     n, edge = len(mesh.rest), mesh.edges[shuffled(len(mesh.edges))]
-    keys = np.sort(edge, axis=1) @ [n, 1]
-    order = np.argsort(keys)
-
-    def between(i: NDArray[np.integer], j: NDArray[np.integer]) -> NDArray[np.int32]:
-        """Return the indices of the edges between vertices i and j."""
-        at = np.searchsorted(keys, np.minimum(i, j).astype(np.int64) * n + np.maximum(i, j), sorter=order)
-        return order[at].astype(np.int32)
-
-    tri = mesh.triangles
-    tri_edge = between(tri, tri[:, [2, 0, 1]])
-    by_edge = np.argsort(tri_edge.ravel(), kind="stable")
-    sides = np.bincount(tri_edge.ravel(), minlength=len(edge))  # one or two triangles beside an edge
-    first = np.cumsum(sides) - sides
-    beside = (by_edge // 3).astype(np.int32)
-    edge_tri = np.full((len(edge), 2), -1, np.int32)
-    edge_tri[:, 0] = beside[first]
-    edge_tri[sides == 2, 1] = beside[first[sides == 2] + 1]
-
+    tri_edge, edge_tri = triangle_sides(mesh, edge)
     both = np.concatenate([edge, edge[:, ::-1]])
     both = both[np.lexsort((both[:, 1], both[:, 0]))]
     start = np.searchsorted(both[:, 0], np.arange(n + 1)).astype(np.int32)
     ring = np.ascontiguousarray(both[:, 1], dtype=np.int32)
-    ring_edge = between(both[:, 0], both[:, 1])
+    ring_edge = edge_finder(edge, n)(both[:, 0], both[:, 1])
     return Topology(tri_edge, edge_tri, start, ring, ring_edge, *colour_batches(edge), build_clusters(mesh, edge))

@@ -16,7 +16,6 @@ from cell.commands.options import Commands
 from robots.errors import ConfigurationError
 from skills.cloth.elasticity import flexural_rigidity, membrane_modulus
 from skills.garments.garment import Garment
-from skills.vocabulary import REFERENCE_DROP
 
 __all__ = ["add_options", "hang_test", "modulus", "tilt_test"]
 
@@ -111,7 +110,7 @@ def _held(garment: Garment, options: argparse.Namespace) -> str:
 
 
 def modulus(garment: Garment, test: ShearCalibration) -> float:
-    return membrane_modulus(replace(garment.material, stretch_fraction=test.strip_stretch), REFERENCE_DROP)
+    return membrane_modulus(replace(garment.material, stretch_fraction=test.strip_stretch))
 
 
 def _friction(garment: Garment, options: argparse.Namespace, surface: str, tell: Tell) -> FabricTest:

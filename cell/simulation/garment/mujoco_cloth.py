@@ -23,7 +23,7 @@ from robots.errors import InternalError
 from skills.cloth.elasticity import GRAVITY, flexural_rigidity, membrane_modulus
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport, find_pinched
-from skills.vocabulary import REFERENCE_DROP, Array, Material
+from skills.vocabulary import Array, Material
 
 __all__ = ["MujocoCloth", "MujocoSettings"]
 
@@ -335,7 +335,7 @@ def _compile(
 def _xml(
     mesh: ClothMesh, material: Material, flat: Array, settings: MujocoSettings, table: bool, fixed: Sequence[int]
 ) -> str:
-    modulus, rigidity = membrane_modulus(material, REFERENCE_DROP), flexural_rigidity(material)
+    modulus, rigidity = membrane_modulus(material), flexural_rigidity(material)
     plate = float(np.sqrt(12.0 * (1.0 - POISSON**2) * rigidity / modulus))
     contact = f'condim="3" solref="{settings.solref} 1"'
     ground = f'<geom type="plane" size="3 3 .1" friction="{material.friction_static} 0 0" priority="1" {contact}/>'

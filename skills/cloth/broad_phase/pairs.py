@@ -120,8 +120,19 @@ def search(body, parameters, state, pairs):
         return False
     if not _have_room(n_ee, count[EE], pairs.ee, clusters.stale, clusters.of_edge, clusters.of_edge):
         return False
-    _renew_vertex_triangle(clusters, np.int64(len(body.tri)), pairs, count, n_vt)
-    _renew_edge_edge(clusters, np.int64(len(body.edge)), pairs, count, n_ee)
+    stale, scratch, free, key, row = clusters.stale, pairs.contact_vertices, pairs.near_c, pairs.key, pairs.row
+    of_vertex, of_tri = clusters.of_vertex.view(np.uint32), clusters.of_tri.view(np.uint32)
+    of_edge = clusters.of_edge.view(np.uint32)
+    count[VT] = _renew(
+        count[VT], now, stale, of_vertex, of_tri, pairs.vt.view(np.uint32), pairs.side, pairs.vt_due, pairs.vt_j,
+        np.empty((0, 4)), n_vt, pairs.new_vt, np.int64(len(body.tri)), scratch, pairs.kept, pairs.kept_normal,
+        free, key, row
+    )  # fmt: skip
+    count[EE] = _renew(
+        count[EE], now, stale, of_edge, of_edge, pairs.ee.view(np.uint32), pairs.near, pairs.ee_due, pairs.ee_j,
+        pairs.normal, n_ee, pairs.new_ee, np.int64(len(body.edge)), scratch, pairs.kept, pairs.kept_normal,
+        free, key, row
+    )  # fmt: skip
     note_ridges(clusters.stale, clusters.edge_start, clusters.ridge, state.ridge_searched, state.expired)
     state.turned[:] = False
     count[SEARCHED] = count[FITTED] = 1
@@ -165,28 +176,31 @@ def _foresee(
 
 
 @njit(nogil=True)
-def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
-    """Replace the pairs of stale clusters by the new pairs. A new pair inherits the side and the impulse of an
-    equal old pair. Sleeping pairs without a side are removed as well."""
-    vt, side, due, new, scratch = (
-        pairs.vt.view(np.uint32),
-        pairs.side,
-        pairs.vt_due,
-        pairs.new_vt,
-        pairs.contact_vertices,
-    )
-    borne, memory, free, key, row = pairs.vt_j, pairs.kept, pairs.near_c, pairs.key, pairs.row
-    stale, of_vertex, of_tri = clusters.stale, clusters.of_vertex.view(np.uint32), clusters.of_tri.view(np.uint32)
-    n, kept, places, now = np.uint64(count[VT]), NONE, NONE, count[NOW]
+def _renew(
+    count, now, stale, of_first, of_second, pair, mark, due, borne, normal, n_new, new, width, scratch, memory,
+    kept_normal, free, key, row
+):  # fmt: skip
+    """Replace the pairs of stale clusters among the first `count` pairs by the n_new pairs in `new`. Returns the
+    new number of pairs.
+
+    mark: the remembered side of each pair (of edges: whether they are near), 0 if nothing is remembered. A new
+    pair inherits the mark, the impulse `borne` and the normal of an equal old pair with a mark. Sleeping pairs
+    without a mark are removed as well. normal: (k, 4), or empty for pairs without normals. stale: of the clusters
+    that own the first and the second primitive of a pair. width: one more than the largest second index of a pair.
+    scratch, memory, kept_normal, free, key, row: scratch.
+    """
+    n, kept, places, normals = np.uint64(count), NONE, NONE, len(normal) > 0
     for c in range(n):  # branch-free
-        old = stale[of_vertex[vt[c, 0]]] | stale[of_tri[vt[c, 1]]]
+        old = stale[of_first[pair[c, 0]]] | stale[of_second[pair[c, 1]]]
         free[places] = c
-        places += np.uint64(old | ((side[c] == 0) & (due[c] == PARKED)))
+        places += np.uint64(old | ((mark[c] == 0) & (due[c] == PARKED)))
     for k in range(places):
         o = np.uint64(free[k])
-        scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = vt[o, 0], vt[o, 1], side[o]
+        scratch[kept, 0], scratch[kept, 1], scratch[kept, 2] = pair[o, 0], pair[o, 1], mark[o]
         store(memory, kept, load(borne, o))
-        kept += np.uint64(side[o] != 0)
+        if normals:
+            store(kept_normal, kept, load(normal, o))
+        kept += np.uint64(mark[o] != 0)
     shift = _note(scratch, np.int64(kept), width, key, row)
     for c in range(np.uint64(n_new)):
         at = _find(new[c, 0] * width + new[c, 1], key, shift)
@@ -194,54 +208,20 @@ def _renew_vertex_triangle(clusters, width, pairs, count, n_new):
         was = np.int8(scratch[r, 2])  # always read, to avoid a branch
         o = np.uint64(free[c]) if c < places else n
         n += np.uint64(c >= places)
-        vt[o, 0], vt[o, 1], due[o] = new[c, 0], new[c, 1], now
-        side[o] = was * np.int8(found)
+        pair[o, 0], pair[o, 1], due[o] = new[c, 0], new[c, 1], now
+        mark[o] = was * np.int8(found)
         store(borne, o, (1.0 if found else 0.0) * load(memory, r))
+        if normals:
+            store(normal, o, (1.0 if found else 0.0) * load(kept_normal, r))
     for c in range(int(places) - 1, n_new - 1, -1):  # move the last pairs into the places that are still free
         n -= ONE
         o = np.uint64(free[c])
         if o < n:
-            vt[o, 0], vt[o, 1], side[o], due[o] = vt[n, 0], vt[n, 1], side[n], due[n]
+            pair[o, 0], pair[o, 1], mark[o], due[o] = pair[n, 0], pair[n, 1], mark[n], due[n]
             store(borne, o, load(borne, n))
-    count[VT] = n
-
-
-@njit(nogil=True)
-def _renew_edge_edge(clusters, width, pairs, count, n_new):
-    """Replace the pairs of edges of stale clusters by the new pairs. A new pair inherits the normal and the
-    impulse of an equal old pair that was near. Sleeping pairs that are not near are removed as well."""
-    ee, near, normal, due, new = pairs.ee.view(np.uint32), pairs.near, pairs.normal, pairs.ee_due, pairs.new_ee
-    scratch, borne, memory, kept_normal = pairs.contact_vertices, pairs.ee_j, pairs.kept, pairs.kept_normal
-    stale, of_edge = clusters.stale, clusters.of_edge.view(np.uint32)
-    free, key, row = pairs.near_c, pairs.key, pairs.row
-    n, kept, places, now = np.uint64(count[EE]), NONE, NONE, count[NOW]
-    for c in range(n):
-        old = stale[of_edge[ee[c, 0]]] | stale[of_edge[ee[c, 1]]]
-        free[places] = c
-        places += np.uint64(old | ((not near[c]) & (due[c] == PARKED)))
-    for k in range(places):
-        o = np.uint64(free[k])
-        scratch[kept, 0], scratch[kept, 1] = ee[o, 0], ee[o, 1]
-        store(memory, kept, load(borne, o))
-        store(kept_normal, kept, load(normal, o))
-        kept += np.uint64(near[o])
-    shift = _note(scratch, np.int64(kept), width, key, row)
-    for c in range(np.uint64(n_new)):
-        at = _find(new[c, 0] * width + new[c, 1], key, shift)
-        found, r = key[at] >= 0, np.uint64(row[at])
-        o = np.uint64(free[c]) if c < places else n
-        n += np.uint64(c >= places)
-        ee[o, 0], ee[o, 1], near[o], due[o] = new[c, 0], new[c, 1], found, now
-        store(borne, o, (1.0 if found else 0.0) * load(memory, r))
-        store(normal, o, (1.0 if found else 0.0) * load(kept_normal, r))
-    for c in range(int(places) - 1, n_new - 1, -1):
-        n -= ONE
-        o = np.uint64(free[c])
-        if o < n:
-            ee[o, 0], ee[o, 1], near[o], due[o] = ee[n, 0], ee[n, 1], near[n], due[n]
-            store(borne, o, load(borne, n))
-            store(normal, o, load(normal, n))
-    count[EE] = n
+            if normals:
+                store(normal, o, load(normal, n))
+    return n
 
 
 @njit(nogil=True)

@@ -44,7 +44,6 @@ from skills.cloth.simd.f64x8 import (
     scatter,
     splat_f64x8,
     store_f64x8,
-    vdiv,
     vmax,
     vmin,
     vsqrt,
@@ -267,7 +266,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
         ay = by - borne * ny - inv * (ry - py - (d - dp) * ny)
         az = bz - borne * nz - inv * (rz - pz - (d - dp) * nz)
         hold = vsqrt(dots(ax, ay, az, ax, ay, az))
-        slide = where_above(hold, nothing, vmin(unit, vdiv(mu * press, hold)), nothing)
+        slide = where_above(hold, nothing, vmin(unit, mu * press / hold), nothing)
         jx, jy, jz = press * nx + slide * ax, press * ny + slide * ay, press * nz + slide * az
         # no change for a contact that is apart and bears no load
         jx = where_above(borne, nothing, jx, where_above(least_gap, d, jx, bx))

@@ -22,11 +22,10 @@ from numba import njit
 from skills.cloth.contact.contacts import edge_distance
 from skills.cloth.simd.f32x16 import LANES
 
-__all__ = ["EVERY_EDGE", "find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
+__all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
 SHARE = 0.5  # x allowed angle: at this angle an edge becomes a ridge, as the angle may grow until the next search
 MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is
-EVERY_EDGE = np.float32(2.0)  # a value for `flat` with which every edge is a ridge
 WIDE = np.uint32(LANES)
 
 

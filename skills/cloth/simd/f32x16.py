@@ -15,18 +15,24 @@ Nothing checks that the last axis of an array has LANES elements.
 
 from __future__ import annotations
 
-import operator
 from typing import Any
 
 from llvmlite import ir
 from numba import njit, types
-from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.cpython.unsafe.numbers import trailing_zeros
-from numba.extending import models, overload, register_model
 
-from skills.cloth.simd.i32x16 import LANES, WHOLE, flags, whole
-from skills.cloth.simd.intrinsics import elementwise, load_of, operation, splat_of, store_of
+from skills.cloth.simd.i32x16 import LANES, flags, whole
+from skills.cloth.simd.registers import (
+    INDEX,
+    Register,
+    call,
+    choose,
+    load_rows,
+    mask_where,
+    operation,
+    splat_of,
+    store_rows,
+)
 
 __all__ = [
     "LANES",
@@ -45,129 +51,46 @@ __all__ = [
     "where",
 ]  # fmt: skip
 
-_REGISTER = ir.VectorType(ir.FloatType(), LANES)
-_FLAGS = ("contract", "nnan", "nsz")
+_lanes = Register(types.float32, LANES, ("contract", "nnan", "nsz"))
 
 # ctz(bits): position of the lowest bit that is set (an internal intrinsic of numba)
 ctz: Any = trailing_zeros
 
-
-class _Lanes(types.Type):
-    pass
-
-
-_lanes = _Lanes(name="Lanes")
-
-
-@register_model(_Lanes)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _REGISTER)  # type: ignore[no-untyped-call]
-
-
-def _check_singles(array: Any) -> None:
-    fits = isinstance(array, types.Array) and array.ndim == 3 and array.dtype == types.float32
-    if not fits or array.layout != "C":
-        raise TypingError(f"lanes are rows of a C-ordered array (m, k, {LANES}) of singles, not of {array}")
-
-
 # read and write a[i, j] of an array (m, k, LANES)
-load_f32x16, store_f32x16 = load_of(_lanes, _REGISTER, _check_singles), store_of(_lanes, _REGISTER, _check_singles)
-splat_f32x16 = splat_of(_lanes, _REGISTER, types.float32)
-_plus, _minus, _times, _div = (elementwise(_lanes, name, _FLAGS) for name in ("fadd", "fsub", "fmul", "fdiv"))
+load_f32x16, store_f32x16 = load_rows(_lanes, types.float32), store_rows(_lanes, types.float32)
+splat_f32x16, mask_less_equal = splat_of(_lanes), mask_where(_lanes, "<=")
+vmin, vmax = choose(_lanes, "<"), choose(_lanes, ">")
 
 
-def _chosen(sign: str) -> Any:
-    @operation
-    def apply(typingctx, a, b):
-        def generate(context, builder, signature, arguments):
-            first = builder.fcmp_ordered(sign, *arguments, flags=_FLAGS)
-            return builder.select(first, *arguments)
-
-        return _lanes(_lanes, _lanes), generate
-
-    return apply
-
-
-vmin, vmax = _chosen("<"), _chosen(">")
-
-
-@operation
-def vsqrt(typingctx, a):
+@operation(_lanes, _lanes)
+def vsqrt(builder, a):
     """Return the square root of each lane."""
-
-    def generate(context, builder, signature, arguments):
-        kind = ir.FunctionType(_REGISTER, [_REGISTER])
-        return builder.call(
-            cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{LANES}f32"), arguments
-        )
-
-    return _lanes(_lanes), generate
+    return call(builder, "sqrt", a)
 
 
-@operation
-def vabs(typingctx, a):
+@operation(_lanes, _lanes)
+def vabs(builder, a):
     """Return |a| in each lane."""
-
-    def generate(context, builder, signature, arguments):
-        bits = builder.and_(builder.bitcast(arguments[0], WHOLE), ir.Constant(WHOLE, [0x7FFFFFFF] * LANES))
-        return builder.bitcast(bits, _REGISTER)
-
-    return _lanes(_lanes), generate
+    bits = builder.and_(builder.bitcast(a, whole.llvm), ir.Constant(whole.llvm, [0x7FFFFFFF] * LANES))
+    return builder.bitcast(bits, a.type)
 
 
-@operation
-def mask_less_equal(typingctx, a, b):
-    """Return an integer whose bit k is set if a <= b in lane k."""
-
-    def generate(context, builder, signature, arguments):
-        met = builder.fcmp_ordered("<=", *arguments, flags=_FLAGS)
-        return builder.zext(builder.bitcast(met, ir.IntType(LANES)), ir.IntType(32))
-
-    return types.int32(_lanes, _lanes), generate
-
-
-def _give(operation: Any, function: Any) -> None:
-    @overload(operation)
-    def apply(a, b):
-        if a == _lanes and b == _lanes:
-            return lambda a, b: function(a, b)
-        return None
-
-
-for _sign, _function in (
-    (operator.add, _plus), (operator.sub, _minus), (operator.mul, _times), (operator.truediv, _div)
-):  # fmt: skip
-    _give(_sign, _function)
-
-
-@operation
-def permute(typingctx, a, i):
+@operation(_lanes, _lanes, whole)
+def permute(builder, a, i):
     """Return a register whose lane k is lane i[k] of a; i[k] is taken modulo LANES."""
-
-    def generate(context, builder, signature, arguments):
-        # in this form the compiler emits a single instruction, if the processor has one
-        a, i = arguments
-        i = builder.and_(i, ir.Constant(WHOLE, [LANES - 1] * LANES))
-        made = ir.Constant(_REGISTER, ir.Undefined)
-        for k in range(LANES):
-            place = ir.Constant(ir.IntType(32), k)
-            made = builder.insert_element(
-                made, builder.extract_element(a, builder.extract_element(i, place)), place
-            )
-        return made
-
-    return _lanes(_lanes, whole), generate
+    # in this form the compiler emits a single instruction, if the processor has one
+    i = builder.and_(i, ir.Constant(whole.llvm, [LANES - 1] * LANES))
+    made = ir.Constant(a.type, ir.Undefined)
+    for k in range(LANES):
+        place = ir.Constant(INDEX, k)
+        made = builder.insert_element(made, builder.extract_element(a, builder.extract_element(i, place)), place)
+    return made
 
 
-@operation
-def where(typingctx, bits, a, b):
+@operation(_lanes, types.int32, _lanes, _lanes)
+def where(builder, bits, a, b):
     """Take the lanes whose bit is set from a, the other lanes from b."""
-
-    def generate(context, builder, signature, arguments):
-        return builder.select(flags(builder, arguments[0]), *arguments[1:])
-
-    return _lanes(types.int32, _lanes, _lanes), generate
+    return builder.select(flags(builder, bits), a, b)
 
 
 @njit(nogil=True, forceinline=True)

@@ -8,8 +8,9 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
-from skills.cloth.solver import ClothSimulation, ToolMotion
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import GraspId, Material, ToolPath
+from tests.builders.cloth import straight
 
 MATERIAL = Material(
     areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
@@ -101,8 +102,8 @@ def test_held_cloth_hangs_from_the_held_line_with_its_weight():
     s.grip(0, p, np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
     up = p + np.array([0.0, 0.0, 0.9])
     r = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    s.advance(120, [ToolMotion(0, p, r, up, r)])
-    s.advance(120, [ToolMotion(0, up, r, up, r)])
+    s.advance_along(*straight(120, [p, p], [up, up], r))
+    s.advance(120)
     assert s.positions[:, 2].min() > 0.0
     force = s.pinch_force(0)
     assert force[2] == pytest.approx(-0.4 * 0.24 * 9.81, rel=0.01)
@@ -124,7 +125,7 @@ def test_a_pinch_releases_cloth_above_its_holding_force():
         s = ClothSimulation(TOWEL, MATERIAL, pads=pads)
         p = np.array([0.0, 0.0, 0.001])
         s.grip(1, p, DOWN, force=force)
-        s.advance(120, [ToolMotion(1, p, DOWN, p + np.array([0, 0, 0.8]), DOWN)])
+        s.advance_along(*straight(120, [p, p], [[0.0, 0.0, 0.801]] * 2, DOWN))
         held.append(s.held(1))
     assert held == [False, True]
 

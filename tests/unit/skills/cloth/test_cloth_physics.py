@@ -13,8 +13,9 @@ from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.simd.vec3 import rows
-from skills.cloth.solver import CapsuleMotion, ClothSimulation, ToolMotion
+from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
+from tests.builders.cloth import straight
 
 MATERIAL = Material(
     areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
@@ -268,8 +269,9 @@ def jerked(frames, substeps=20, fails=lambda simulation: False):
         s.grip(hand, place, down)
 
     def move(ways):
-        s.advance(1, [ToolMotion(k, hands[k], down, hands[k] + w / 60, down) for k, w in enumerate(ways)])
-        hands[:] = [p + w / 60 for p, w in zip(hands, ways, strict=True)]
+        after = [p + w / 60 for p, w in zip(hands, ways, strict=True)]
+        s.advance_along(*straight(1, hands, after, down))
+        hands[:] = after
 
     for _ in range(15):
         move([np.array([0.0, 0.0, 0.4])] * 2)
@@ -326,9 +328,8 @@ def test_a_finger_pushes_the_cloth():
     s = ClothSimulation(PATCH, MATERIAL)
     s.advance(30)
     assert s.asleep.all()
-    a, b = np.array([[-0.2, 0.0, 0.004]]), np.array([[-0.2, 0.0, 0.1]])
-    shift = np.array([0.15, 0.0, 0.0])
-    s.advance(45, capsules=CapsuleMotion(a, b, a + shift, b + shift, np.array([0.01])))
+    shift = np.linspace(0.0, 1.0, 46)[:, None, None] * [0.15, 0.0, 0.0]
+    s.advance(45, (np.array([-0.2, 0.0, 0.004]) + shift, np.array([-0.2, 0.0, 0.1]) + shift, np.array([0.01])))
     touched = (np.abs(PATCH.rest[:, 1]) < 0.02) & (PATCH.rest[:, 0] < -0.14)
     assert (s.positions - PATCH.lay_flat(0.003))[touched, 0].max() > 0.05
     assert np.isfinite(s.positions).all() and np.abs(s.velocities).max() < 4.0

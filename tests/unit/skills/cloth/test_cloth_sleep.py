@@ -179,7 +179,7 @@ def test_packed_edges_have_a_free_end_and_their_shares(share):
     assert set(state.awake_list[:awake].tolist()) == set(np.flatnonzero(state.awake).tolist())
     assert sorted(state.awake_list[:movable].tolist()) == np.flatnonzero(free > 0.0).tolist()
     h = s._solver_parameters.h
-    elastic = build_elastic(mesh, MATERIAL, w, h, 0.6)
+    elastic = build_elastic(mesh, MATERIAL, w, h)
     order, bounds = colour_batches(elastic.edge)
     chosen = (free[elastic.edge[order]] > 0.0).any(axis=1)
     asked = order[chosen]

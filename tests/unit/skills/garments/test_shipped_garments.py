@@ -12,8 +12,8 @@ import shapely
 import yaml
 
 from cell.config.garments.garment_file import list_garments, load_garment
-from skills.cloth.settings import SolverSettings
 from skills.fold_plan.plan import plan_folds
+from skills.vocabulary import REFERENCE_DROP
 
 GARMENTS = {name: load_garment(name) for name in list_garments()}
 
@@ -38,8 +38,7 @@ def test_the_measured_figures_of_shipped_garments_agree_with_the_paper(name: str
     stated = yaml.safe_load((resources.files("skills.garments") / f"{name}.yaml").read_text())["material"]
     assert stated["stretch_fraction"] == pytest.approx(stretch / 100)
     # elongation is proportional to the hanging length, and the solver's value refers to one reference length
-    drop = SolverSettings().reference_drop
-    assert garment.material.stretch_fraction == pytest.approx(stretch / 100 * drop / stated["hang_drop"])
+    assert garment.material.stretch_fraction == pytest.approx(stretch / 100 * REFERENCE_DROP / stated["hang_drop"])
     assert garment.material.friction_static == pytest.approx(math.tan(math.radians(angle)))
     assert len(garment.plan) == folds
     assert not {"stretch_fraction", "friction_static"} & set(garment.material.assumed)

@@ -6,11 +6,11 @@ import numpy as np
 
 from skills.cloth.broad_phase.cluster_bounds import fit_clusters
 from skills.cloth.clusters import LEAF, _of_few_corners
-from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.state import new_pairs, new_state
 from skills.cloth.topology import topology_of
+from tests.builders.cloth import EVERY_EDGE
 
 NOTCHED = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.25], [0.16, 0.25], [0.15, 0.06], [0.14, 0.25], [0.0, 0.25]])
 MESH = mesh_from_contour(NOTCHED, 0.02, layers=2)

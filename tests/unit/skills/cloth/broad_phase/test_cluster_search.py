@@ -10,7 +10,6 @@ from skills.cloth.broad_phase.pairs import HORIZON as PHASES_FORESEEN
 from skills.cloth.broad_phase.pairs import _expire
 from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
-from skills.cloth.contact.ridges import EVERY_EDGE
 from skills.cloth.elasticity import turns
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.settings import SolverSettings
@@ -18,6 +17,7 @@ from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.state import EE, SUBSTEP, VT, new_pairs
 from skills.vocabulary import Material
+from tests.builders.cloth import EVERY_EDGE
 
 THICK, SLACK, HORIZON = 0.003, 0.001, 0.02
 MATERIAL = Material(

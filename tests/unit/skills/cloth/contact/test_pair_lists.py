@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from skills.cloth.broad_phase.pairs import _have_room, _renew_edge_edge, _renew_vertex_triangle
+from skills.cloth.broad_phase.pairs import _have_room, _renew
 from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PARKED
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.state import EE, NOW, VT, new_pairs
+from skills.cloth.state import new_pairs
 
 SHEET = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
 ROOM = 400
@@ -26,25 +26,22 @@ def test_pairs_of_stale_clusters_are_replaced_and_others_kept(seed):
     rng = np.random.default_rng(seed)
     clusters, pairs = build_clusters(SHEET, SHEET.edges), new_pairs(ROOM, ROOM)
     clusters.stale[:] = rng.random(len(clusters.stale)) < rng.choice([0.0, 0.1, 0.5, 1.0])
-    counts = np.zeros(32, np.int64)
-    counts[NOW] = 1000
     none = np.zeros((ROOM, 4))
     kinds = (
-        (VT, pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, none, clusters.of_vertex, clusters.of_tri,
-         pairs.new_vt, _renew_vertex_triangle, len(SHEET.triangles)),
-        (EE, pairs.ee, pairs.near, pairs.ee_due, pairs.ee_j, pairs.normal, clusters.of_edge, clusters.of_edge,
-         pairs.new_ee, _renew_edge_edge, len(SHEET.edges)),
+        (pairs.vt, pairs.side, pairs.vt_due, pairs.vt_j, none, clusters.of_vertex, clusters.of_tri, pairs.new_vt),
+        (pairs.ee, pairs.near, pairs.ee_due, pairs.ee_j, pairs.normal, clusters.of_edge, clusters.of_edge,
+         pairs.new_ee),
     )  # fmt: skip
-    for place, pair, known, due, borne, normal, of_first, of_second, new, renew, width in kinds:
+    for pair, known, due, borne, normal, of_first, of_second, new in kinds:
+        flat = normal is none  # pairs of a vertex and a triangle have a side, but no normal
         n = rng.integers(0, ROOM + 1)
         pair[:n] = drawn(rng, len(of_first), len(of_second), n)
-        known[:n] = rng.integers(-1 if place == VT else 0, 2, n)
+        known[:n] = rng.integers(-1 if flat else 0, 2, n)
         due[:n] = rng.choice([PARKED, 990], n)
         for memory in (borne, normal):
             memory[:n, :3] = rng.random((n, 3)) * (known[:n, None] != 0)
-        if place == VT:
+        if flat:
             normal[:] = 0.0
-        counts[place] = n
 
         def held(m, pair=pair, known=known, due=due, borne=borne, normal=normal):
             rows = zip(
@@ -62,9 +59,13 @@ def test_pairs_of_stale_clusters_are_replaced_and_others_kept(seed):
         rng.shuffle(found)
         assert _have_room(len(found), n, pair, clusters.stale, of_first, of_second)
         new[: len(found)] = np.array(found, np.int32).reshape(-1, 2)
-        renew(clusters, np.int64(width), pairs, counts, len(found))
-        after = held(counts[place])
-        assert len(after) == counts[place]
+        count = _renew(
+            n, 1000, clusters.stale, of_first.view(np.uint32), of_second.view(np.uint32), pair.view(np.uint32),
+            known, due, borne, none[:0] if flat else normal, len(found), new, np.int64(len(of_second)),
+            pairs.contact_vertices, pairs.kept, pairs.kept_normal, pairs.near_c, pairs.key, pairs.row,
+        )  # fmt: skip
+        after = held(count)
+        assert len(after) == count
         kept = {p: v for p, v in before.items() if p not in stale and (v[0] != 0 or v[1] != PARKED)}
         nothing = (0, 1000, [0.0] * 4, None)
         renewed = {

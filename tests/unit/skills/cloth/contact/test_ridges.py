@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from skills.cloth.broad_phase.cluster_bounds import fit_clusters
 from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import edge_distance
-from skills.cloth.contact.ridges import EVERY_EDGE, flat_cosine, note_ridges, stay_ridges
+from skills.cloth.contact.ridges import flat_cosine, note_ridges, stay_ridges
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.state import new_pairs
+from tests.builders.cloth import EVERY_EDGE
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])
 THICK, EDGE = 0.003, 0.025

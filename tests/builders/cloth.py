@@ -1,0 +1,29 @@
+"""What tests need of simulated cloth beyond its public interface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robots.ports import Array
+from skills.cloth.elasticity import shuffled
+from skills.cloth.solver import ClothSimulation
+
+__all__ = ["EVERY_EDGE", "crease_angles", "straight"]
+
+EVERY_EDGE = np.float32(2.0)  # cosine from which an edge is a ridge, so that every edge is one
+
+
+def straight(frames: int, start: Sequence[Array], end: Sequence[Array], rotation: Array) -> tuple[Array, Array]:
+    """Poses of both hands, as `advance_along` takes them, that move straight from start to end (2, 3) each."""
+    at, first = np.linspace(0.0, 1.0, frames + 1)[:, None, None], np.asarray(start)
+    return first + at * (np.asarray(end) - first), np.broadcast_to(rotation, (frames + 1, 2, 3, 3))
+
+
+def crease_angles(simulation: ClothSimulation) -> Array:
+    """(h,) the set of each hinge [rad], in the order of the mesh's hinges; zeros if creases take no set."""
+    angles = np.zeros(len(simulation.mesh.hinges))
+    if len(simulation._state.set_parts):
+        angles[shuffled(len(angles))] = simulation._state.set_parts.sum(axis=1)
+    return angles
