@@ -34,7 +34,8 @@ from skills.fold_plan.folding import fold_points, outline_of, target_vertices
 from skills.fold_plan.plan import plan_folds
 from skills.fold_plan.turned_fold import turned_over
 from skills.garments.garment import Garment
-from skills.scoring.score import FinalGarment, named_edge_pairs, score
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import named_edge_pairs, score
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
 EDGE, FINER = 0.018, 0.85

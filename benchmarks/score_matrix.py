@@ -33,7 +33,9 @@ from skills.fold_figures.folded_mesh import fold_mesh
 from skills.fold_figures.table_raster import PIXEL, TableRaster
 from skills.fold_plan.folding import fold_xy
 from skills.fold_plan.plan import ways_to_fold
-from skills.scoring.score import FinalGarment, IdealHeights, Score, named_edge_pairs, score
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import named_edge_pairs, score
+from skills.scoring.verdict import IdealHeights, Score
 from skills.vocabulary import Array, FoldLine
 
 __all__ = [

@@ -23,6 +23,7 @@ __all__ = [
     "Array",
     "CameraCalibration",
     "CameraFrame",
+    "Corner",
     "Failure",
     "FailureKind",
     "FoldLine",
@@ -168,6 +169,14 @@ class FoldLine:
         """(..., 2) -> (..., 2): mirror image in the line."""
         d = self.signed_distance(xy)
         return np.asarray(xy) - 2.0 * np.multiply.outer(d, self.normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """A convex corner of an outline. point: (2,) its tip [m]; inward: (2,) unit, its bisector."""
+
+    point: Array
+    inward: Array
 
 
 class GraspId(StrEnum):

@@ -15,7 +15,8 @@ from cell.simulation.scoring.ideal import ideal_of
 from cell.support.files.packing import packed
 from cell.support.files.whole_file import write_whole
 from skills.fold_plan.plan import ways_to_fold
-from skills.scoring.score import IdealHeights, named_edge_pairs
+from skills.scoring.score import named_edge_pairs
+from skills.scoring.verdict import IdealHeights
 from skills.vocabulary import Array
 
 __all__ = ["IdealFolds", "ideal_folds_of"]

@@ -15,7 +15,7 @@ from skills.cloth.mesh import ClothMesh, mesh_from_contour
 from skills.cloth.predict import predict_fold
 from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_paths, lifted
 from skills.vocabulary import FoldStep, GraspId, Material
@@ -92,4 +92,4 @@ def _miss(case: Case, duration: float, on: tuple[ClothMesh, Array], controls: Co
 
 def initial(case: Case) -> dict[GraspId, Array]:
     frames = frames_of(case.step, case.garment.material.thickness)
-    return {i: initial_controls(frame.start, frame.end) for i, frame in frames.items()}
+    return {i: arc_controls(frame.start, frame.end) for i, frame in frames.items()}

@@ -13,7 +13,8 @@ from skills.cloth.predict import FoldPrediction
 from skills.fold_plan.folding import fold_xy
 from skills.garments.garment import Garment
 from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.scoring.score import Score, ScoreLimits, named_edge_pairs
+from skills.scoring.score import named_edge_pairs
+from skills.scoring.verdict import Score, ScoreLimits
 from skills.trajectory.search.acceptance import judge_prediction
 from skills.vocabulary import FoldLine, FoldStep, GraspId
 

@@ -30,14 +30,9 @@ from skills.fold_plan.ideal_heights import IdealFoldHeights, ideal_fold_heights
 from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
 from skills.motion.validation.collision import CollisionChecker
-from skills.scoring.score import (
-    FinalGarment,
-    IdealHeights,
-    Score,
-    keypoint_offsets,
-    named_edge_pairs,
-    score,
-)
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import keypoint_offsets, named_edge_pairs, score
+from skills.scoring.verdict import IdealHeights, Score
 from skills.trajectory.arcs.paths import lifted, tool_paths
 from skills.trajectory.plain_arc import plain_trajectory
 from skills.trajectory.search.acceptance import acceptance_limit

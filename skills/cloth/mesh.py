@@ -17,6 +17,7 @@ from scipy.spatial import Delaunay
 
 from robots.errors import ConfigurationError
 from robots.ports import Array, frozen
+from skills.plane import cross, lengths_along
 
 __all__ = ["ClothMesh", "FineBands", "mesh_from_contour"]
 
@@ -51,7 +52,7 @@ class ClothMesh:
     def area(self) -> Array:
         """(m,) areas of the triangles at rest [m2]."""
         a, b, c = (self.rest[self.triangles[:, k]] for k in range(3))
-        return frozen(0.5 * np.abs(_cross(b - a, c - a)))
+        return frozen(0.5 * np.abs(cross(b - a, c - a)))
 
     @cached_property
     def vertex_area(self) -> Array:
@@ -211,10 +212,6 @@ class _Sizes:
         return np.asarray(self.finest * 2.0 ** self.fine.coarsening(xy, self.most), dtype=np.float64)
 
 
-def _cross(u: Array, v: Array) -> Array:
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-
-
 def _half_edges(tri: Index) -> Index:
     return np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
 
@@ -252,7 +249,7 @@ def _check(contour: Array, edge_length: float, layers: int) -> Array:
 def _resample(outline: Array, edge_length: float) -> Array:
     """Return the outline with about one point per edge length; corners keep their place."""
     back, ahead = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
-    turn = np.abs(np.arctan2(_cross(back, ahead), (back * ahead).sum(axis=1)))
+    turn = np.abs(np.arctan2(cross(back, ahead), (back * ahead).sum(axis=1)))
     sides = np.minimum(np.linalg.norm(back, axis=1), np.linalg.norm(ahead, axis=1))
     corners = np.flatnonzero((turn > CORNER_TURN) | ((turn > SLIGHT_TURN) & (sides > 1.5 * edge_length)))
     if len(corners) < 3:
@@ -267,7 +264,7 @@ def _resample(outline: Array, edge_length: float) -> Array:
     n = len(outline)
     for a, b in zip(kept, [*kept[1:], kept[0] + n], strict=True):
         run = outline[np.arange(a, b + 1) % n]
-        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(run, axis=0), axis=1))])
+        s = lengths_along(run)
         m = max(1, round(s[-1] / edge_length))
         at = np.linspace(0.0, s[-1], m, endpoint=False)
         pieces.append(np.column_stack([np.interp(at, s, run[:, k]) for k in range(2)]))
@@ -325,7 +322,7 @@ def _inside(polygon: shapely.Polygon, xy: Array, margin: float | Array) -> NDArr
 def _triangulate(points: Array, polygon: shapely.Polygon) -> Index:
     tri = Delaunay(points).simplices.astype(np.int32)
     p = points[tri]
-    area = 0.5 * _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    area = 0.5 * cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     longest = np.max([((p[:, k] - p[:, k - 1]) ** 2).sum(axis=1) for k in range(3)], axis=0)
     keep = (np.abs(area) > 1e-3 * longest) & shapely.contains(polygon, shapely.points(p.mean(axis=1)))
     tri = tri[keep]

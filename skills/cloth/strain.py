@@ -31,6 +31,8 @@ BESIDE = 0.040
 """Nearer than this to a crease, strain is not measured [m]. On coarse meshes, `reach` is larger."""
 MOST_STRAIN = 0.05
 """Largest acceptable strain of an edge away from creases, as a fraction."""
+IGNORED = 0.01
+"""Smaller strains are not examined."""
 NO_AREA = 1e-30
 """Lower bound of twice a triangle's area, which avoids a division by zero [m2]."""
 
@@ -40,12 +42,12 @@ def reach(mesh: ClothMesh) -> float:
     return max(BESIDE, 2.0 * float(np.median(mesh.edge_length)))
 
 
-def largest_strain(mesh: ClothMesh, x: Array, ignored: float = 0.01) -> float:
+def largest_strain(mesh: ClothMesh, x: Array) -> float:
     """Return the largest strain (elongation or compression) of an edge that is not beside a crease, as a fraction
-    of its length, for cloth at x (n, 3). If it is at most `ignored`, `ignored` is returned."""
+    of its length, for cloth at x (n, 3). If it is at most IGNORED, IGNORED is returned."""
     now = np.linalg.norm(x[mesh.edges[:, 0]] - x[mesh.edges[:, 1]], axis=1)
     strain = np.abs(now / mesh.edge_length - 1.0)
-    candidates = np.flatnonzero(strain > ignored)
+    candidates = np.flatnonzero(strain > IGNORED)
     candidates = candidates[np.argsort(-strain[candidates])]
     for lot in np.array_split(candidates, max(1, len(candidates) // 32)):
         vertices, place = np.unique(mesh.edges[lot], return_inverse=True)
@@ -53,7 +55,7 @@ def largest_strain(mesh: ClothMesh, x: Array, ignored: float = 0.01) -> float:
         away = lot[turned <= TURN]
         if len(away):
             return float(strain[away[0]])
-    return ignored
+    return IGNORED
 
 
 def turns(mesh: ClothMesh, x: Array, vertices: Index | None = None) -> Array:

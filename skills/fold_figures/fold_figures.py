@@ -36,21 +36,20 @@ def measure_fold(
     triangles: NDArray[np.int32],
     material: Array,
     lines: Sequence[FoldLine],
-    margin: float = CREASE_MARGIN,
 ) -> FoldFigures:
     """Measure a garment with the flat rest shape `material` (n, 2) that lies at `vertices` (n, 3), folded about
     `lines` [m]."""
     folded = fold_mesh(material, triangles, lines, vertices)
-    return measure_cut_fold(folded, folded.attributes, margin)
+    return measure_cut_fold(folded, folded.attributes)
 
 
-def measure_cut_fold(folded: FoldedMesh, x: Array, margin: float = CREASE_MARGIN) -> FoldFigures:
+def measure_cut_fold(folded: FoldedMesh, x: Array) -> FoldFigures:
     """Measure a mesh that is cut at the fold lines, with its vertices at x (n, 3) [m]."""
     grid = TableRaster.around(np.vstack([x[:, :2], folded.target]))
     top, _ = grid.render(x, folded.triangles)
     _, count = grid.render(np.column_stack([folded.target, np.zeros(len(x))]), folded.triangles)
     silhouette, wanted = np.isfinite(top), count > 0
-    flat = grid.away_from(folded.creases, margin)
+    flat = grid.away_from(folded.creases, CREASE_MARGIN)
     return FoldFigures(
         iou=float((silhouette & wanted).sum() / (silhouette | wanted).sum()),
         height=_percentile(top, silhouette, flat),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skills.plane import cross
 from skills.vocabulary import Array, FoldLine, frozen
 
 __all__ = ["FoldedMesh", "doubled_area", "fold_mesh"]
@@ -124,5 +125,5 @@ def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]
 def doubled_area(xy: Array, triangles: NDArray[np.int32]) -> Array:
     """Return twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2); negative if upside
     down."""
-    a, b = xy[triangles[:, 1]] - xy[triangles[:, 0]], xy[triangles[:, 2]] - xy[triangles[:, 0]]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    a, b, c = np.moveaxis(xy[triangles], 1, 0)
+    return cross(b - a, c - a)

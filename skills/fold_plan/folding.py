@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from skills.vocabulary import Array, FoldLine, Material, frozen
 
+if TYPE_CHECKING:  # the render process needs no mesh, and importing it takes a second
+    from skills.cloth.mesh import ClothMesh
+
 __all__ = [
     "FoldedPoints",
-    "SheetMesh",
     "crease_segments",
     "fold_points",
     "fold_xy",
@@ -31,19 +33,12 @@ __all__ = [
     "target_vertices",
 ]
 
+COVERED = 0.25
+"""A layer that covers at least this share of the open pads is counted as one that they take."""
+SPACING = 0.004
+"""Distance between points on a crease [m]."""
 TOUCH = 1e-6
 """A point up to this distance outside the sheet's edge counts as on the sheet [m], because reflections round."""
-
-
-class SheetMesh(Protocol):
-    """The attributes of a cloth mesh that this module uses."""
-
-    @property
-    def rest(self) -> Array: ...
-    @property
-    def layer(self) -> NDArray: ...
-    @property
-    def triangles(self) -> NDArray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,17 +93,15 @@ def layers_at(lines: Sequence[FoldLine], outline: Array, xy: Array, sheets: int 
     return sheets * sum(bool(shapely.intersects_xy(region, *xy)) for region in pieces.values())
 
 
-def layers_under(
-    lines: Sequence[FoldLine], outline: Array, footprint: Array, sheets: int = 1, share: float = 0.25
-) -> int:
-    """Count the layers that cover at least a `share` of the open pads' footprint (4, 2) [m].
+def layers_under(lines: Sequence[FoldLine], outline: Array, footprint: Array, sheets: int = 1) -> int:
+    """Count the layers that cover at least COVERED of the open pads' footprint (4, 2) [m].
 
     A single point would be less reliable near an edge, whose position is known to a few millimetres only.
     """
     pads = shapely.Polygon(footprint)
     pieces = _pieces(lines, _polygon(outline))
     under = [shapely.intersection(region, pads).area for region in pieces.values()]
-    return sheets * sum(area >= share * pads.area for area in under)
+    return sheets * sum(area >= COVERED * pads.area for area in under)
 
 
 def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
@@ -117,7 +110,7 @@ def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
     return np.array(max(shapely.get_parts(region), key=lambda g: g.area).exterior.coords)[:-1]
 
 
-def target_vertices(mesh: SheetMesh, lines: Sequence[FoldLine], material: Material) -> Array:
+def target_vertices(mesh: ClothMesh, lines: Sequence[FoldLine], material: Material) -> Array:
     """Return the vertices (n, 3) of the ideal folded shape of a mesh: the isometry of its rest coordinates.
 
     Vertices lie in the middle of their layer, as in the simulation: z = (k + 1/2) x thickness for the k-th layer,
@@ -144,14 +137,14 @@ def crease_segments(lines: Sequence[FoldLine], outline: Array) -> Array:
     return np.array(found).reshape(-1, 2, 2)
 
 
-def folded_creases(lines: Sequence[FoldLine], outline: Array, spacing: float = 0.004) -> Array:
-    """Return (k, 2): points of all creases in the folded garment, at most `spacing` apart along each crease [m].
+def folded_creases(lines: Sequence[FoldLine], outline: Array) -> Array:
+    """Return (k, 2): points of all creases in the folded garment, at most SPACING apart along each crease [m].
 
     A later fold can fold an earlier crease, so a crease is sampled in the flat garment and its points are folded.
     outline: (n, 2) of the flat garment."""
     points = [np.zeros((0, 2))]
     for a, b in crease_segments(lines, outline):
-        share = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(b - a) / spacing))[:, None]
+        share = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(b - a) / SPACING))[:, None]
         points.append((1.0 - share) * a + share * b)
     return fold_xy(lines, np.concatenate(points))
 
@@ -163,7 +156,7 @@ def _unfolded(lines: Sequence[FoldLine], moved: Sequence[bool], xy: Array) -> Ar
     return xy
 
 
-def outline_of(mesh: SheetMesh) -> Array:
+def outline_of(mesh: ClothMesh) -> Array:
     """Return the silhouette (k, 2) of a mesh in rest coordinates."""
     triangles = np.asarray(mesh.rest, float)[mesh.triangles]
     return _outline(triangles.tobytes()).copy()

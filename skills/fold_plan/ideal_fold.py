@@ -52,20 +52,18 @@ def ideal_folds(
     settle_s: float | Sequence[float] = SETTLE_S,
     go_on: Callable[[], None] = lambda: None,
     turn_s: float = TURN_S,
-    made: Sequence[IdealFold] = (),
 ) -> tuple[IdealFold, ...]:
     """Make the folds about `lines` in order, starting from the flat garment. Return the garment after each fold.
 
     lines: in the coordinates of the mesh's rest shape [m]. settle_s: time for settling after each fold, or one
     time for all [s]; a fold that still moves then settles for at most MORE_S longer. go_on: called often; it may
-    raise an exception to end the computation. turn_s: duration of each half turn [s]. made: the first folds, if
-    they are known already. Raises ConfigurationError for a material that cannot be simulated, InternalError if the
-    simulation becomes unstable.
+    raise an exception to end the computation. turn_s: duration of each half turn [s]. Raises ConfigurationError
+    for a material that cannot be simulated, InternalError if the simulation becomes unstable.
     """
     settings = settings or SolverSettings()
     times = [settle_s] * len(lines) if isinstance(settle_s, int | float) else list(settle_s)
-    folds = list(made)
-    for k in range(len(folds), len(lines)):
+    folds: list[IdealFold] = []
+    for k in range(len(lines)):
         before = folds[-1].vertices if folds else mesh.lay_flat(material.thickness)
         turned = turned_over(mesh, tuple(lines[: k + 1]), material, before, settings, go_on, turn_s)
         folds.append(settled_fold(mesh, material, turned, settings, times[k], go_on))

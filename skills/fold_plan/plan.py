@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skills import plane
 from skills.cloth.pinch import PadGeometry
 from skills.fold_plan.folding import fold_xy, layers_at, layers_under, silhouette
 from skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
@@ -40,10 +41,9 @@ def plan_folds(
     state: GarmentState,
     garment: Garment,
     variants: Mapping[str, str] | None = None,
-    done: int = 0,
     pads: PadGeometry | None = None,
 ) -> Outcome[tuple[FoldStep, ...]]:
-    """Compute the fold steps of a flat garment, from step `done` on.
+    """Compute the fold steps of a flat garment.
 
     state: always that of the flat garment before its first fold; the places of later steps are computed from the
     earlier folds. After a drift, move the plan with `translate_plan`. variants: step name -> name of the variant
@@ -70,7 +70,7 @@ def plan_folds(
         earlier = tuple(lines)
         steps.append(_fold_step(step, variant, index, line, earlier, state, garment, pads or PadGeometry()))
         lines.append(line)
-    return Outcome(tuple(steps[done:]), notes={"steps": len(steps) - done})
+    return Outcome(tuple(steps), notes={"steps": len(steps)})
 
 
 def translate_plan(
@@ -113,8 +113,7 @@ def ways_to_fold(garment: Garment, keypoints: Mapping[str, Array]) -> tuple[tupl
 
 def rigid_motion(xy: Array, offset: Array, rotation: float, about: Array) -> Array:
     """Rotate points (..., 2) by `rotation` [rad] about `about` (2,), then move them by `offset` (2,) [m]."""
-    c, s = np.cos(rotation), np.sin(rotation)
-    return (np.asarray(xy) - about) @ np.array([[c, s], [-s, c]]) + about + np.asarray(offset)
+    return (np.asarray(xy) - about) @ plane.rotation(-rotation) + about + np.asarray(offset)
 
 
 def _mismatch(state: GarmentState, garment: Garment) -> Failure | None:

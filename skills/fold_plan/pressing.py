@@ -64,7 +64,6 @@ def crease_dabs(
     line: FoldLine,
     flat: Callable[[Array], float],
     inside: Callable[[Array], bool],
-    most: int = MOST,
 ) -> tuple[Dab, ...]:
     """Plan dabs where the crease of the last fold, at `line`, stands high. The two fingers lie across the crease.
 
@@ -79,7 +78,7 @@ def crease_dabs(
         [all(inside(_finger(line, s, inset)) for inset in (INSET + 2.0 * FINGERS, ROOM)) for s in along], bool
     )
     dabs = []
-    for s in _spread(along[clear], most):
+    for s in _spread(along[clear]):
         fingers = [_finger(line, s, inset) for inset in (INSET, INSET + 2.0 * FINGERS)]
         near = crease & (np.abs((places - line.point) @ line.direction - s) < 0.5 * PITCH)
         high = float(above[near].max()) if near.any() else 0.0
@@ -119,15 +118,15 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
     return {grasp_id: _path(points, clock, heading) for grasp_id, points in stops.items()}
 
 
-def _spread(along: Array, most: int) -> Array:
-    """Choose evenly spaced positions along a crease: PITCH apart, or wider if there would be more than `most`.
+def _spread(along: Array) -> Array:
+    """Choose evenly spaced positions along a crease: PITCH apart, or wider if there would be more than MOST.
     Only positions near one of the raised places along (k,) [m] are returned."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())
     if high - low < 0.5 * PITCH:
         return np.array([0.5 * (low + high)])
-    spots = np.linspace(low, high, min(int(np.ceil((high - low) / PITCH)) + 1, most))
+    spots = np.linspace(low, high, min(int(np.ceil((high - low) / PITCH)) + 1, MOST))
     apart = (high - low) / (len(spots) - 1)
     return spots[np.abs(spots[:, None] - along).min(axis=1) <= 0.5 * apart + 1e-9]
 

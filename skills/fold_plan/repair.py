@@ -13,9 +13,10 @@ from enum import StrEnum
 
 import numpy as np
 
+from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import Patch
-from skills.fold_plan.folding import SheetMesh
 from skills.fold_plan.plan import RELEASE_CLEARANCE
+from skills.plane import barycentric
 from skills.vocabulary import (
     Array,
     Failure,
@@ -73,7 +74,7 @@ class RepairPlan:
 
 
 def plan_repair(
-    goal: RepairGoal, mesh: SheetMesh, before: Array, now: Array, step: FoldStep, thickness: float
+    goal: RepairGoal, mesh: ClothMesh, before: Array, now: Array, step: FoldStep, thickness: float
 ) -> Outcome[RepairPlan]:
     """Plan the repair of a fold that is half made.
 
@@ -152,18 +153,12 @@ def _grasped_cloth(before: Array, grasp: Array, place: Array) -> Patch:
     return Patch(frozen(before[:, :2]), frozen(grasp), reach)
 
 
-def _other_layers(mesh: SheetMesh, now: Array, grasped: Patch, point: Array) -> Array:
+def _other_layers(mesh: ClothMesh, now: Array, grasped: Patch, point: Array) -> Array:
     """Return the heights (k,) [m] at which other cloth than the grasped cloth lies at a point (2,). The grasped
     cloth itself may be lofty, for example beside the crease of an earlier fold."""
-    a, b, c = np.moveaxis(now[mesh.triangles][..., :2], 1, 0)
-    u, v, w = b - a, c - a, point - a
-    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    flat = np.abs(area) > 1e-12
-    area = np.where(flat, area, 1.0)
-    s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
-    t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
-    over = flat & (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
-    weights, corners = np.column_stack([1.0 - s - t, s, t])[over], mesh.triangles[over]
+    weights = barycentric(now[mesh.triangles][..., :2], point)
+    over = (weights >= 0.0).all(axis=1)
+    weights, corners = weights[over], mesh.triangles[over]
     heights = np.einsum("kc,kc->k", weights, now[corners][..., 2])
     other = ~grasped.contains(corners, weights)
     return np.unique(np.round(heights[other], 6))  # a point on an edge lies on two triangles of one layer

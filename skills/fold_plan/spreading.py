@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skills.fold_plan.corner import Corner
 from skills.fold_plan.plan import RELEASE_CLEARANCE
 from skills.vocabulary import (
     Array,
+    Corner,
     Failure,
     FailureKind,
     FoldLine,

@@ -3,7 +3,7 @@
 The table is divided into square cells. Each cell has two residuals: of the share that is covered with cloth, and
 of the mean height of the cloth. The camera's noise in the mean of a cell is about 0.1 mm; the errors of the
 simulated shape are larger. The residuals are therefore scaled by the errors that correct simulations have
-(`MisfitSettings`), and their misfit is the negative logarithm of Student's t density, which grows slowly for
+(COVERAGE, HEIGHT), and their misfit is the negative logarithm of Student's t density, which grows slowly for
 outliers: one rucked corner must not outweigh the rest of the garment.
 """
 
@@ -19,33 +19,24 @@ from robots.ports import Array, frozen
 from skills.perception.inspection.predicted_view import draw_shape, move_view, outline_of
 from skills.perception.rectification.heights import LOFTY
 from skills.perception.registration.alignment import align
+from skills.plane import rotation
 from skills.state_estimate.hypothesis import Hypothesis
 from skills.state_estimate.observation import Observation
 from skills.vocabulary import PredictedShape
 
-__all__ = ["Fit", "MisfitSettings", "fit"]
+__all__ = ["Fit", "fit"]
 
 
-@dataclass(frozen=True)
-class MisfitSettings:
-    """Lengths [m]. cell: edge of a cell. coverage: standard deviation of the covered share of a cell on the
-    outline, which is the error of the outline divided by `cell`. height, height_share: standard deviation of the
-    height of a cell, and its part that is proportional to the predicted height (creases bulge more or less than
-    predicted). gain: largest ratio between observed and predicted heights that a fabric's thickness can cause.
-    shift: distance by which an edge of an upper layer may lie beside its predicted place. freedom: degrees of
-    freedom of Student's t. overlap: smallest share of a cell that must be cloth in both for its height to be
-    compared. bad: misfit above which a cell counts as unexplained.
-    """
-
-    cell: float = 0.024
-    coverage: float = 0.25
-    height: float = 0.002
-    gain: float = LOFTY
-    shift: float = 0.012
-    height_share: float = 0.35
-    freedom: float = 3.0
-    overlap: float = 0.3
-    bad: float = 2.0
+CELL = 0.024  # edge of a cell [m]
+# Standard deviation of the covered share of a cell on the outline: the error of the outline divided by CELL
+COVERAGE = 0.25
+# Standard deviation of the height of a cell [m], and its part that is proportional to the predicted height
+# (creases bulge more or less than predicted)
+HEIGHT, HEIGHT_SHARE = 0.002, 0.35
+SHIFT = 0.012  # distance by which an edge of an upper layer may lie beside its predicted place [m]
+FREEDOM = 3.0  # degrees of freedom of Student's t
+OVERLAP = 0.3  # smallest share of a cell that must be cloth in both for its height to be compared
+BAD = 2.0  # A cell with a larger misfit counts as unexplained
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +68,12 @@ class Fit:
 
     def placed(self, vertices: Array) -> Array:
         """Displace vertices (n, 3) [m] as the fit displaces the hypothesis."""
-        moved = (vertices[:, :2] - self.about) @ _rotation(self.drift_rad).T + self.about + self.drift
+        moved = (vertices[:, :2] - self.about) @ rotation(self.drift_rad).T + self.about + self.drift
         return frozen(np.column_stack([moved, vertices[:, 2]]))
 
     def taken_back(self, vertices: Array) -> Array:
         """Return the vertices (n, 3) [m] that `placed` displaces to these."""
-        back = (vertices[:, :2] - self.about - self.drift) @ _rotation(self.drift_rad) + self.about
+        back = (vertices[:, :2] - self.about - self.drift) @ rotation(self.drift_rad) + self.about
         return frozen(np.column_stack([back, vertices[:, 2]]))
 
 
@@ -91,17 +82,15 @@ def fit(
     hypothesis: Hypothesis,
     lift: float = 0.0,
     turns: tuple[float, ...] = (0.0,),
-    settings: MisfitSettings | None = None,
 ) -> Fit:
     """Fit a hypothesis to the picture. lift: height by which the camera sees the flat garment above its mesh [m].
     turns: angles from which the alignment begins [rad]; the best result counts.
 
     Raises ValueError if the shape lies outside the view.
     """
-    settings = settings or MisfitSettings()
     expected = draw_shape(seen.view, hypothesis.shape) + np.float32(lift)
     outline = outline_of(seen.view, np.isfinite(expected))
-    fits = [_fit_from(seen, hypothesis, expected, outline, turn, settings) for turn in turns]
+    fits = [_fit_from(seen, hypothesis, expected, outline, turn) for turn in turns]
     return min(fits, key=lambda f: f.misfit)
 
 
@@ -111,16 +100,15 @@ def _fit_from(
     expected: NDArray[np.float32],
     outline: Array,
     turn: float,
-    settings: MisfitSettings,
 ) -> Fit:
     about = outline.mean(axis=0)
-    first = _rotation(turn)
+    first = rotation(turn)
     turned = (outline - about) @ first.T + about
     R, t = align(turned, seen.contour)
     t = R @ (about - first @ about) + t
     R = R @ first
     moved = move_view(seen.view, expected, R, t)
-    misfit, cells, bad = _misfit(seen, moved, settings)
+    misfit, cells, bad = _misfit(seen, moved)
     return Fit(
         hypothesis,
         frozen(about),
@@ -129,48 +117,43 @@ def _fit_from(
         frozen(outline @ R.T + t),
         misfit,
         cells,
-        bad * settings.cell**2,
+        bad * CELL**2,
     )
 
 
-def _rotation(angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
-def _misfit(seen: Observation, moved: NDArray[np.float32], settings: MisfitSettings) -> tuple[float, int, int]:
+def _misfit(seen: Observation, moved: NDArray[np.float32]) -> tuple[float, int, int]:
     """Return the misfit of a drawn hypothesis, the number of cells with cloth, and the number of unexplained
     cells."""
-    size = max(round(settings.cell / seen.view.pixel), 1)
+    size = max(round(CELL / seen.view.pixel), 1)
     drawn = np.isfinite(moved)
     covered, planned = (_cell_means(mask.astype(np.float32), size) for mask in (seen.mask, drawn))
-    each = _student((covered - planned) / settings.coverage, settings.freedom)
+    each = _student((covered - planned) / COVERAGE)
     both = seen.mask & drawn & np.isfinite(seen.height)
     share = _cell_means(both.astype(np.float32), size)
-    known = share > settings.overlap
+    known = share > OVERLAP
     if known.any():
         height, low, expected, high = (
             _cell_means(np.where(both, image, np.float32(0.0)), size)[known] / share[known]
-            for image in (seen.height, *_neighbourhood(moved, settings.shift, seen.view.pixel))
+            for image in (seen.height, *_neighbourhood(moved, seen.view.pixel))
         )
-        gain = _gain(height, expected, settings)
+        gain = _gain(height, expected)
         nearest = np.clip(height, gain * low, gain * high)
-        scale = np.hypot(settings.height, settings.height_share * gain * expected)
-        each[known] += _student((height - nearest) / scale, settings.freedom)
+        scale = np.hypot(HEIGHT, HEIGHT_SHARE * gain * expected)
+        each[known] += _student((height - nearest) / scale)
     cloth = (covered > 0.02) | (planned > 0.02)
     return (
         float(each[cloth].sum()),
         int(np.count_nonzero(cloth)),
-        int(np.count_nonzero(each[cloth] > settings.bad)),
+        int(np.count_nonzero(each[cloth] > BAD)),
     )
 
 
 def _neighbourhood(
-    moved: NDArray[np.float32], shift: float, pixel: float
+    moved: NDArray[np.float32], pixel: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the lowest, the own and the highest predicted height within `shift` [m] of each pixel; 0 without
+    """Return the lowest, the own and the highest predicted height within SHIFT of each pixel; 0 without
     cloth."""
-    size = 2 * round(shift / pixel) + 1
+    size = 2 * round(SHIFT / pixel) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     inside = np.isfinite(moved)
     low = cv2.erode(np.where(inside, moved, np.float32(np.inf)), kernel)
@@ -179,14 +162,14 @@ def _neighbourhood(
     return low.astype(np.float32), own.astype(np.float32), high.astype(np.float32)
 
 
-def _gain(height: Array, expected: Array, settings: MisfitSettings) -> float:
+def _gain(height: Array, expected: Array) -> float:
     """Estimate the ratio of the observed heights (n,) to the expected ones, as the median weighted by the expected
-    heights, within the spread of a fabric's thickness."""
+    heights, within the ratio that a fabric's thickness can cause (LOFTY)."""
     ratio = height / np.maximum(expected, 1e-4)
     order = np.argsort(ratio)
     weight = np.cumsum(expected[order])
     middle = ratio[order][int(np.searchsorted(weight, 0.5 * weight[-1]))]
-    return float(np.clip(middle, 1.0 / settings.gain, settings.gain))
+    return float(np.clip(middle, 1.0 / LOFTY, LOFTY))
 
 
 def _cell_means(image: NDArray[np.float32], size: int) -> Array:
@@ -196,6 +179,6 @@ def _cell_means(image: NDArray[np.float32], size: int) -> Array:
     return np.asarray(cv2.resize(cut, (columns, rows), interpolation=cv2.INTER_AREA), dtype=float)
 
 
-def _student(residual: Array, freedom: float) -> Array:
+def _student(residual: Array) -> Array:
     """Negative logarithm of Student's t density, without its constant."""
-    return np.asarray(0.5 * (freedom + 1.0) * np.log1p(residual**2 / freedom))
+    return np.asarray(0.5 * (FREEDOM + 1.0) * np.log1p(residual**2 / FREEDOM))

@@ -3,77 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robots.ports import Array
-from skills.state_estimate.comparison import Fit, MisfitSettings, fit
+from skills.state_estimate.comparison import Fit, fit
 from skills.state_estimate.hypothesis import FoldState, Hypothesis, Interruption
 from skills.state_estimate.observation import Observation
 from skills.vocabulary import GraspId, PredictedShape
 
-__all__ = ["COMPLETED", "EstimateSettings", "StateEstimate", "estimate_state", "interruptions_of"]
+__all__ = ["COMPLETED", "PRIORS", "StateEstimate", "estimate_state"]
 
 Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 """Simulates interrupted folds: returns the vertices (n, 3) after each of them."""
 
-ONE_HAND = 2
-"""The loss of the cloth by one hand is simulated at every second moment."""
-NEARLY_ALL = 0.98
-"""Share of the vertices that decides which state a simulated shape amounts to."""
+ONE_HAND = 2  # the loss of the cloth by one hand is simulated at every second moment
+NEARLY_ALL = 0.98  # share of the vertices that decides which state a simulated shape amounts to
 MEASURED = Interruption(measured=True)
-REACTION = 0.12
-"""Share of the way that the hands cover from the slip of one until the other opens, at first."""
+REACTION = 0.12  # share of the way that the hands cover from the slip of one until the other opens, at first
 
 
+# Priors of the states
+PRIORS: Mapping[FoldState, float] = {
+    FoldState.BEFORE: 0.30,
+    FoldState.AFTER: 0.25,
+    FoldState.HALF_WAY: 0.35,
+    FoldState.HEAP: 0.10,
+}
+# Priors of the states if the hands came to the targets and no loss of cloth was noticed (assumed)
 COMPLETED: Mapping[FoldState, float] = {
     FoldState.BEFORE: 0.02,
     FoldState.AFTER: 0.70,
     FoldState.HALF_WAY: 0.25,
     FoldState.HEAP: 0.03,
 }
-"""Priors of the states if the hands came to the targets and no loss of cloth was noticed (assumed)."""
-
-
-@dataclass(frozen=True)
-class EstimateSettings:
-    """temperature: misfit that changes the odds of a hypothesis by a factor of e; it makes the confidence agree
-    with the share of correct estimates (docs/results/state_estimate.md). heap: misfit for each cell with cloth
-    that a heap has. priors: of the states.
-
-    measured: misfit for each cell below which the measured course of the hands explains the picture; it is larger
-    than that of shapes before and after the fold, because a shape half way is less certain.
-
-    explained, explained_m2: if the misfit for each cell and the unexplained area [m2] of the shape before or after
-    the fold are smaller, nothing else is simulated. moments: shares of the hands' way at which interruptions are
-    simulated at first. refinements: how often the distance between these moments is halved at the best one. same:
-    if NEARLY_ALL vertices of an interrupted fold lie nearer than this to the shape before or after the fold, it
-    counts as that state [m]. drift, turn: standard deviation of the garment's displacement [m] and turn [rad].
-    turns: angles from which alignments of the shapes before and after the fold begin, if the first one explains
-    nothing [rad].
-    """
-
-    temperature: float = 12.0
-    heap: float = 0.8
-    priors: Mapping[FoldState, float] = field(
-        default_factory=lambda: {
-            FoldState.BEFORE: 0.30,
-            FoldState.AFTER: 0.25,
-            FoldState.HALF_WAY: 0.35,
-            FoldState.HEAP: 0.10,
-        }
-    )
-    measured: float = 0.4
-    explained: float = 0.15
-    explained_m2: float = 0.0030
-    moments: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)
-    refinements: int = 3
-    same: float = 0.030
-    drift: float = 0.060
-    turn: float = 0.25
-    turns: tuple[float, ...] = (-0.5, 0.5)
-    misfit: MisfitSettings = field(default_factory=MisfitSettings)
+# Misfit that changes the odds of a hypothesis by a factor of e. It makes the confidence agree with the share of
+# correct estimates (docs/results/state_estimate.md).
+TEMPERATURE = 12.0
+HEAP = 0.8  # misfit for each cell with cloth that a heap has
+# Misfit for each cell below which the measured course of the hands explains the picture. It is larger than that of
+# shapes before and after the fold, because a shape half way is less certain.
+AS_MEASURED = 0.4
+# If the misfit for each cell and the unexplained area [m2] of the shape before or after the fold are smaller,
+# nothing else is simulated
+EXPLAINED, EXPLAINED_M2 = 0.15, 0.0030
+MOMENTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of the hands' way at which interruptions are simulated at first
+REFINEMENTS = 3  # number of times that the distance between these moments is halved at the best one
+# If NEARLY_ALL vertices of an interrupted fold lie nearer than this to the shape before or after the fold, it
+# counts as that state [m]
+SAME = 0.030
+DRIFT, TURN = 0.060, 0.25  # standard deviations of the garment's displacement [m] and turn [rad]
+# Angles from which alignments of the shapes before and after the fold begin, if the first one explains nothing
+# [rad]
+TURNS = (-0.5, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +96,7 @@ def estimate_state(
     simulate: Simulate,
     lift: float = 0.0,
     several_layers: bool = False,
-    settings: EstimateSettings | None = None,
+    priors: Mapping[FoldState, float] = PRIORS,
     measured: bool = False,
 ) -> StateEstimate:
     """Estimate the state of a garment.
@@ -124,65 +107,60 @@ def estimate_state(
     more than one layer, so that one can be missed. measured: whether the course of the hands is known, so that it
     can be simulated; the other interruptions are simulated only if the result does not explain the picture.
     """
-    settings = settings or EstimateSettings()
 
     def fitted(hypothesis: Hypothesis) -> Fit:
         turned = hypothesis.state is not FoldState.HALF_WAY
-        found = fit(seen, hypothesis, lift, settings=settings.misfit)
-        if not turned or _explained(found, settings):
+        found = fit(seen, hypothesis, lift)
+        if not turned or _explained(found):
             return found
-        return min(
-            found, fit(seen, hypothesis, lift, settings.turns, settings.misfit), key=lambda f: _cost(f, settings)
-        )
+        return min(found, fit(seen, hypothesis, lift, TURNS), key=_cost)
 
     def simulated_fits(ways: Sequence[Interruption]) -> list[Fit]:
         shapes = [replace(before, vertices=vertices) for vertices in simulate(ways)]
         return [
-            fitted(Hypothesis(_state_of(shape, before, after, settings), shape, how))
+            fitted(Hypothesis(_state_of(shape, before, after), shape, how))
             for shape, how in zip(shapes, ways, strict=True)
         ]
 
     ends = [Hypothesis(FoldState.BEFORE, before), Hypothesis(FoldState.AFTER, after)]
     fits = [fitted(h) for h in ends]
-    if any(_explained(f, settings) for f in fits):
-        return _judge(seen, fits, 0, settings)
+    if any(map(_explained, fits)):
+        return _judge(seen, fits, 0, priors)
     simulated = 0
     if measured:
         fits += simulated_fits((MEASURED,))
         simulated = 1
-        if fits[-1].misfit < settings.measured * fits[-1].cells:
-            return _judge(seen, fits, simulated, settings)
-    chosen: Sequence[Interruption] = interruptions_of(grasps, settings.moments, several_layers)
-    for halvings in range(settings.refinements + 1):
+        if fits[-1].misfit < AS_MEASURED * fits[-1].cells:
+            return _judge(seen, fits, simulated, priors)
+    chosen: Sequence[Interruption] = _interruptions(grasps, several_layers)
+    for halvings in range(REFINEMENTS + 1):
         fits += simulated_fits(chosen)
         simulated += len(chosen)
-        best = min(fits, key=lambda f: _cost(f, settings)).hypothesis.interruption
+        best = min(fits, key=_cost).hypothesis.interruption
         if best is None or best.missed_layer or best.measured:
             break
-        chosen = _between(best, 0.5 ** (halvings + 1) * _spacing(best, settings.moments))
-    return _judge(seen, fits, simulated, settings)
+        chosen = _between(best, 0.5 ** (halvings + 1) * _spacing(best))
+    return _judge(seen, fits, simulated, priors)
 
 
-def interruptions_of(
-    grasps: Sequence[GraspId], moments: Sequence[float], several_layers: bool
-) -> tuple[Interruption, ...]:
-    """Return the ways in which a fold with these grasps can end early, at several moments of the hands' way."""
-    ways = [Interruption(end=share) for share in moments]
+def _interruptions(grasps: Sequence[GraspId], several_layers: bool) -> tuple[Interruption, ...]:
+    """Return the ways in which a fold with these grasps can end early, at MOMENTS of the hands' way."""
+    ways = [Interruption(end=share) for share in MOMENTS]
     if several_layers:
         ways.append(Interruption(missed_layer=True))
     if len(grasps) < 2:
         return tuple(ways)
-    middle = moments[len(moments) // 2]
+    middle = MOMENTS[len(MOMENTS) // 2]
     for grasp_id in grasps:
-        for share in moments[::ONE_HAND]:
+        for share in MOMENTS[::ONE_HAND]:
             ways += [Interruption({grasp_id: share}), Interruption({grasp_id: share}, share + REACTION)]
         ways.append(Interruption({grasp_id: middle}, end=middle, laid_back=True))
     return tuple(ways)
 
 
-def _spacing(how: Interruption, moments: Sequence[float]) -> float:
+def _spacing(how: Interruption) -> float:
     """Return the distance between the first moments at which interruptions of this kind are simulated."""
-    return float(np.diff(moments).mean()) * (ONE_HAND if how.lost else 1)
+    return float(np.diff(MOMENTS).mean()) * (ONE_HAND if how.lost else 1)
 
 
 def _between(best: Interruption, distance: float) -> tuple[Interruption, ...]:
@@ -196,27 +174,25 @@ def _between(best: Interruption, distance: float) -> tuple[Interruption, ...]:
     return tuple(replace(best, lost=dict.fromkeys(best.lost, share), end=end) for share, end in variants)
 
 
-def _state_of(
-    shape: PredictedShape, before: PredictedShape, after: PredictedShape, settings: EstimateSettings
-) -> FoldState:
+def _state_of(shape: PredictedShape, before: PredictedShape, after: PredictedShape) -> FoldState:
     """Return the state that a simulated shape amounts to. A hand that opens shortly before the target completes
     the fold; cloth that is released early falls back."""
     for state, end in ((FoldState.AFTER, after), (FoldState.BEFORE, before)):
         distance = np.linalg.norm(shape.vertices - end.vertices, axis=1)
-        if np.quantile(distance, NEARLY_ALL) < settings.same:
+        if np.quantile(distance, NEARLY_ALL) < SAME:
             return state
     return FoldState.HALF_WAY
 
 
-def _explained(found: Fit, settings: EstimateSettings) -> bool:
+def _explained(found: Fit) -> bool:
     """Whether a shape explains the picture as well as correct shapes do."""
-    return found.misfit < settings.explained * found.cells and found.unexplained_m2 < settings.explained_m2
+    return found.misfit < EXPLAINED * found.cells and found.unexplained_m2 < EXPLAINED_M2
 
 
-def _cost(found: Fit, settings: EstimateSettings) -> float:
+def _cost(found: Fit) -> float:
     """Negative log-likelihood of a fit, with the prior of its displacement."""
-    moved = (found.drift_m / settings.drift) ** 2 + (found.drift_rad / settings.turn) ** 2
-    return found.misfit / settings.temperature + 0.5 * moved
+    moved = (found.drift_m / DRIFT) ** 2 + (found.drift_rad / TURN) ** 2
+    return found.misfit / TEMPERATURE + 0.5 * moved
 
 
 def _share(found: Fit, fits: Sequence[Fit]) -> float:
@@ -231,18 +207,18 @@ def _measured(found: Fit) -> bool:
     return how is not None and how.measured
 
 
-def _judge(seen: Observation, fits: Sequence[Fit], simulations: int, settings: EstimateSettings) -> StateEstimate:
+def _judge(
+    seen: Observation, fits: Sequence[Fit], simulations: int, priors: Mapping[FoldState, float]
+) -> StateEstimate:
     """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, but the
     measured course of the hands has half of it: nothing is guessed in it."""
-    ordered = tuple(sorted(fits, key=lambda f: _cost(f, settings)))
+    ordered = tuple(sorted(fits, key=_cost))
     cells = min(f.cells for f in fits)
-    score = {
-        FoldState.HEAP: [np.log(settings.priors[FoldState.HEAP]) - settings.heap * cells / settings.temperature]
-    }
+    score = {FoldState.HEAP: [np.log(priors[FoldState.HEAP]) - HEAP * cells / TEMPERATURE]}
     for f in fits:
         state = f.hypothesis.state
-        prior = float(np.log(settings.priors[state] * _share(f, fits)))
-        score.setdefault(state, []).append(prior - _cost(f, settings))
+        prior = float(np.log(priors[state] * _share(f, fits)))
+        score.setdefault(state, []).append(prior - _cost(f))
     total = {state: float(np.logaddexp.reduce(values)) for state, values in score.items()}
     norm = float(np.logaddexp.reduce(list(total.values())))
     probabilities = {state: float(np.exp(total.get(state, -np.inf) - norm)) for state in FoldState}

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from skills.garments.garment import Garment
-from skills.trajectory.arcs.bezier import two_parameter_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import fold_duration, tool_paths
 from skills.trajectory.search.optimise import PLAIN_H
+from skills.trajectory.search.problem import MAX_HEIGHT
 from skills.vocabulary import FoldStep, GraspId, GraspTrajectory, ToolPath
 
 __all__ = ["plain_paths", "plain_trajectory"]
-
-MAX_HEIGHT = 0.40
-"""Maximum height of an arc above the table [m], as in the optimiser."""
 
 
 def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> GraspTrajectory:
@@ -20,7 +18,7 @@ def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> Gras
     [m/s]. Its dissimilarity is not known."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
-    controls = {i: two_parameter_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
+    controls = {i: arc_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}
     return GraspTrajectory(controls, fold_duration(controls, max_speed), "plain", 0.0, 0.0)
 
 

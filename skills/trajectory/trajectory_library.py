@@ -14,7 +14,7 @@ import numpy as np
 from skills.trajectory.arcs.bezier import arc_lengths
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import fold_duration
-from skills.trajectory.search.objective import ALPHA, cost
+from skills.trajectory.search.objective import cost
 from skills.vocabulary import Array, FoldStep, GraspId, GraspTrajectory, Material, frozen
 
 __all__ = [
@@ -131,18 +131,16 @@ def lookup(
     step: str,
     material: Material,
     size_m: tuple[float, float],
-    variant: str | None = None,
     arms: int | None = None,
 ) -> LibraryEntry | None:
     """Return the entry for this category and step that is nearest in size and fabric, or None if none is within
     the limits.
 
-    variant: if given, entries of other variants are skipped. arms: number of arms of the step; entries with
-    another number are skipped.
+    arms: number of arms of the step; entries with another number are skipped.
     """
     nearest: tuple[float, LibraryEntry] | None = None
     for entry in library.entries:
-        if (entry.category, entry.step) != (category, step) or variant not in (None, entry.variant):
+        if (entry.category, entry.step) != (category, step):
             continue
         if arms not in (None, len(entry.inner)):
             continue
@@ -172,7 +170,7 @@ def trajectory_from(
     controls = {grasp_id: frozen(frames[grasp_id].denormalise(points)) for grasp_id, points in inner.items()}
     duration = fold_duration(controls, max_tool_speed or entry.max_tool_speed)
     lengths = np.array([arc_lengths(c)[1][-1] for c in controls.values()])
-    c = cost(lengths, entry.dissimilarity, ALPHA)
+    c = cost(lengths, entry.dissimilarity)
     return GraspTrajectory(
         controls, duration, "library", c, entry.dissimilarity, dissimilarity_initial=entry.dissimilarity_initial
     )

@@ -25,7 +25,9 @@ from skills.fold_plan.ideal_fold import REST_MOTION, SETTLE_S, IdealFold, ideal_
 from skills.fold_plan.plan import ways_to_fold
 from skills.fold_plan.turned_fold import TURN_S
 from skills.garments.garment import Garment
-from skills.scoring.score import FinalGarment, IdealHeights, named_edge_pairs, score
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import named_edge_pairs, score
+from skills.scoring.verdict import IdealHeights
 from skills.vocabulary import Array, FoldLine
 
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]

@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from skills.fold_plan.corner import Corner
 from skills.perception.outline import counter_clockwise, resample_closed, rotation
-from skills.vocabulary import Array, frozen
+from skills.vocabulary import Array, Corner, frozen
 
 __all__ = ["Placement", "convex_corners", "place_outline"]
 

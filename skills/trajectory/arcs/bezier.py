@@ -8,9 +8,12 @@ import numpy as np
 
 from skills.vocabulary import Array
 
-__all__ = ["arc_lengths", "bernstein", "evaluate", "initial_controls", "length", "split", "two_parameter_controls"]
+__all__ = ["PAPER_H", "arc_controls", "arc_lengths", "bernstein", "evaluate"]
 
 UP = np.array([0.0, 0.0, 1.0])
+ORDER = 3  # of the arcs' curves
+PAPER_H = 1.0 / 3.0  # height of the inner control points of the paper's first guess, in units of |P0 - Pn|
+INTERVALS = 400  # intervals of the parameter in which lengths are measured
 
 
 def bernstein(order: int, u: Array) -> Array:
@@ -25,43 +28,12 @@ def evaluate(control: Array, u: Array) -> Array:
     return bernstein(len(control) - 1, u) @ control
 
 
-def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
-    """Split a curve at u by de Casteljau subdivision. Returns the control points (n + 1, d) of both pieces."""
-    first, last, points = [control[0]], [control[-1]], np.asarray(control, dtype=float)
-    while len(points) > 1:
-        points = (1.0 - u) * points[:-1] + u * points[1:]
-        first.append(points[0])
-        last.append(points[-1])
-    return np.array(first), np.array(last[::-1])
-
-
-def length(control: Array, tolerance: float = 1e-6) -> float:
-    """Compute the arc length [m] by recursive subdivision, until chord and control polygon of every piece agree.
-
-    tolerance: error of the whole length, relative to the length of the control polygon. Each subdivision halves
-    the tolerance of a piece.
-    """
-    total = float(np.linalg.norm(np.diff(control, axis=0), axis=1).sum())
-    if total == 0.0:
-        return 0.0
-    return _length(np.asarray(control, dtype=float), tolerance * total)
-
-
-def _length(control: Array, allowed: float) -> float:
-    chord = float(np.linalg.norm(control[-1] - control[0]))
-    polygon = float(np.linalg.norm(np.diff(control, axis=0), axis=1).sum())
-    if polygon - chord <= allowed:
-        return chord
-    left, right = split(control)
-    return _length(left, allowed / 2) + _length(right, allowed / 2)
-
-
-def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
+def arc_lengths(control: Array) -> tuple[Array, Array]:
     """Return parameters u (m,) and the length of the curve up to each (m,); interpolation then gives u for a
     length."""
-    u = np.linspace(0.0, 1.0, samples + 1)
+    u = np.linspace(0.0, 1.0, INTERVALS + 1)
     # Two-point Gauss on each interval: exact for the speed of a straight cubic, error of 1e-9 for other curves.
-    step, centre = 1.0 / samples, (u[1:] + u[:-1]) / 2
+    step, centre = 1.0 / INTERVALS, (u[1:] + u[:-1]) / 2
     derivative = (len(control) - 1) * np.diff(control, axis=0)
     speed = sum(
         np.linalg.norm(evaluate(derivative, centre + g * step / 2), axis=1) / 2 for g in (-(3**-0.5), 3**-0.5)
@@ -69,18 +41,13 @@ def arc_lengths(control: Array, samples: int = 400) -> tuple[Array, Array]:
     return u, np.concatenate([[0.0], np.cumsum(speed * step)])
 
 
-def initial_controls(start: Array, end: Array, h: float = 1.0 / 3.0, order: int = 3) -> Array:
-    """Return the control points of the paper's first guess: evenly spaced, the inner ones raised by h |P0 -
-    Pn|."""
-    return two_parameter_controls(start, end, h, 0.0, order)
-
-
-def two_parameter_controls(start: Array, end: Array, height: float, skew: float, order: int = 3) -> Array:
-    """Return the control points of an arc with `height` and `skew`, both in units of |P0 - Pn|: the inner points
-    are raised by `height` and shifted towards the end by `skew`."""
+def arc_controls(start: Array, end: Array, height: float = PAPER_H, skew: float = 0.0) -> Array:
+    """Return the control points (4, 3) of an arc with `height` and `skew`, both in units of |P0 - Pn|: the inner
+    points are evenly spaced, raised by `height` and shifted towards the end by `skew`. The default is the paper's
+    first guess."""
     start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     chord = end - start
     distance = float(np.linalg.norm(chord))
-    controls = start + np.linspace(0.0, 1.0, order + 1)[:, None] * chord
+    controls = start + np.linspace(0.0, 1.0, ORDER + 1)[:, None] * chord
     controls[1:-1] += skew * chord * (1.0, 1.0, 0.0) + height * distance * UP
     return controls

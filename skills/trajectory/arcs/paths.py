@@ -37,17 +37,18 @@ class SpeedLaw:
     ramp: float
 
     @classmethod
-    def fastest(cls, length: float, max_speed: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """Return the fastest law within both limits; on a short path, it does not reach `max_speed`."""
-        top = min(max_speed, float(np.sqrt(acceleration * length / 1.5)))
-        return cls(length, top, 1.5 * top / acceleration)
+    def fastest(cls, length: float, max_speed: float) -> SpeedLaw:
+        """Return the fastest law up to max_speed and TOOL_ACCELERATION; on a short path, it does not reach
+        `max_speed`."""
+        top = min(max_speed, float(np.sqrt(TOOL_ACCELERATION * length / 1.5)))
+        return cls(length, top, 1.5 * top / TOOL_ACCELERATION)
 
     @classmethod
-    def lasting(cls, length: float, duration: float, acceleration: float = TOOL_ACCELERATION) -> SpeedLaw:
-        """Return the law of a given duration with ramps at this acceleration (steeper if the duration requires
+    def lasting(cls, length: float, duration: float) -> SpeedLaw:
+        """Return the law of a given duration with ramps at TOOL_ACCELERATION (steeper if the duration requires
         it)."""
-        # duration = ramp + length / top, with ramp = 1.5 top / acceleration; the smaller root is the gentler speed
-        k = 1.5 / acceleration
+        # duration = ramp + length / top, with ramp = k top; the smaller root is the gentler speed
+        k = 1.5 / TOOL_ACCELERATION
         root = duration**2 - 4 * k * length
         top = (duration - np.sqrt(root)) / (2 * k) if root > 0 else 2 * length / duration
         return cls(length, float(top), duration - length / float(top))
@@ -79,43 +80,32 @@ def tool_paths(
     trajectory: GraspTrajectory,
     step: FoldStep,
     max_speed: float | None = None,
-    pitch: Mapping[GraspId, float | Array] | float = 0.0,
-    rate: float = RATE,
 ) -> dict[GraspId, ToolPath]:
     """Return the timed tool paths of a trajectory, parametrised by arc length, with common times.
 
     The motion takes trajectory.duration [s], or longer if `max_speed` [m/s] requires it. The tool keeps the
-    heading of its grasp. pitch: angle of the hand about the held line (the line of cloth between the pads) [rad]:
-    one value for all grasps, one value per grasp, or a profile (k,) evenly spaced in arc length. rate: samples per
-    second [Hz]. The path begins at the grasp and ends at the release.
+    heading of its grasp, and points straight down. The path begins at the grasp and ends at the release.
     """
     duration = trajectory.duration
     if max_speed is not None:
         duration = max(duration, fold_duration(trajectory.control_points, max_speed))
     headings = {grasp_id: grasp.heading for grasp_id, grasp in step.grasps.items()}
-    return fold_paths(trajectory.control_points, headings, duration, pitch, rate)
+    return fold_paths(trajectory.control_points, headings, duration)
 
 
 def fold_paths(
-    controls: Mapping[GraspId, Array],
-    headings: Mapping[GraspId, float],
-    duration: float,
-    pitch: Mapping[GraspId, float | Array] | float = 0.0,
-    rate: float = RATE,
+    controls: Mapping[GraspId, Array], headings: Mapping[GraspId, float], duration: float
 ) -> dict[GraspId, ToolPath]:
     """Return the same as `tool_paths`, from control points (n + 1, 3) and headings [rad]."""
-    t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * rate)) + 1))
+    t = np.linspace(0.0, duration, max(2, int(np.ceil(duration * RATE)) + 1))
     share = _share_travelled(controls, duration, t)
     paths = {}
     for grasp_id, control in controls.items():
         u, s = arc_lengths(control)
         position = evaluate(control, np.interp(share * s[-1], s, u))
         position[0], position[-1] = control[0], control[-1]
-        tilt = np.atleast_1d(pitch[grasp_id] if isinstance(pitch, Mapping) else pitch)
-        profile = np.interp(share, np.linspace(0.0, 1.0, len(tilt)), tilt)
-        heading = np.full(len(t), headings[grasp_id])
-        roll = np.zeros(len(t))
-        paths[grasp_id] = ToolPath(frozen(t), frozen(position), frozen(heading), frozen(profile), frozen(roll))
+        heading, level = frozen(np.full(len(t), headings[grasp_id])), frozen(np.zeros(len(t)))
+        paths[grasp_id] = ToolPath(frozen(t), frozen(position), heading, level, level)
     return paths
 
 

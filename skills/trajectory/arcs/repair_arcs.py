@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from skills.fold_plan.repair import RepairGoal, RepairPlan
-from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.vocabulary import Array, GraspId, ToolPath, frozen
 
@@ -30,7 +30,7 @@ def repair_arcs(
         arc = np.asarray(controls[grasp_id])[:: -1 if plan.goal is RepairGoal.UNDO else 1]
         scaled = FoldFrame(start, frame.end).denormalise(FoldFrame(arc[0], arc[-1]).normalise(arc))
         like_the_fold[grasp_id] = frozen(scaled)
-        plain[grasp_id] = frozen(initial_controls(start, frame.end))
+        plain[grasp_id] = frozen(arc_controls(start, frame.end))
     return like_the_fold, plain
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.crease_mesh import mesh_near_creases
 from skills.fold_plan.folding import crease_segments
-from skills.trajectory.search.problem import FoldProblem, TrajectoryMesh
+from skills.plane import barycentric
+from skills.trajectory.search.problem import FoldProblem
 from skills.vocabulary import Array
 
 __all__ = ["carried", "refined"]
@@ -37,7 +39,7 @@ def refined(problem: FoldProblem, share: float) -> FoldProblem:
     return replace(problem, mesh=finer, positions=carried(mesh, problem.positions, finer.rest, finer.layer))
 
 
-def carried(mesh: TrajectoryMesh, positions: Array, rest: Array, layer: NDArray) -> Array:
+def carried(mesh: ClothMesh, positions: Array, rest: Array, layer: NDArray) -> Array:
     """Return (m, 3): the positions of material points on a mesh whose vertices are at `positions` (n, 3). The
     points are given by rest (m, 2) and layer (m,).
 
@@ -49,11 +51,6 @@ def carried(mesh: TrajectoryMesh, positions: Array, rest: Array, layer: NDArray)
         triangles = mesh.triangles[mesh.triangle_layer == sheet]
         corners = mesh.rest[triangles]
         nearest = shapely.STRtree(shapely.polygons(corners)).nearest(shapely.points(rest[own]))
-        a, b, c = np.moveaxis(corners[nearest], 1, 0)
-        u, v, w = b - a, c - a, rest[own] - a
-        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        s = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
-        t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
-        weights = np.column_stack([1.0 - s - t, s, t])
+        weights = barycentric(corners[nearest], rest[own])
         out[own] = np.einsum("ik,ikd->id", weights, positions[triangles[nearest]])
     return out

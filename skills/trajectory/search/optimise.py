@@ -6,17 +6,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
-from skills.trajectory.arcs.bezier import initial_controls, two_parameter_controls
+from skills.trajectory.arcs.bezier import PAPER_H, arc_controls
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, tool_paths
 from skills.trajectory.search.acceptance import NEARLY, acceptance_limit, gains_as_promised, judge_prediction
 from skills.trajectory.search.levenberg_marquardt import SecantOptions, secant_levenberg_marquardt
-from skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Predictor, TrajectoryMesh
+from skills.trajectory.search.problem import MAX_HEIGHT, Candidate, Controls, Evaluator, FoldProblem, Predictor
 from skills.trajectory.search.robust import MARGIN, most_robust, simulations
 from skills.vocabulary import (
     Array,
@@ -38,7 +38,6 @@ Progress = Callable[[int, int, float], None]
 Watch = Callable[[int, Candidate, Candidate], None]
 """Function called after each candidate with: simulations done, the candidate, the best candidate so far."""
 
-PAPER_H = 1.0 / 3.0
 HEIGHTS = (PAPER_H, 0.5, 0.7)
 SKEWS = (0.0, 0.15, -0.15)
 """Heights and skews of the two-parameter method's grid, in units of the fold's distance. The first point of the
@@ -111,7 +110,7 @@ Any value from 0.33 to 0.5 gave the same results within the noise, in 8 to 10 ra
 
 def optimise_fold(
     step: FoldStep,
-    mesh: TrajectoryMesh,
+    mesh: ClothMesh,
     positions: Array,
     material: Material,
     method: str = "default",
@@ -121,7 +120,6 @@ def optimise_fold(
     progress: Progress | None = None,
     predict: Predictor | None = None,
     max_tool_speed: float = 0.35,
-    max_height: float = 0.40,
     start: Controls | None = None,
     promised: float | None = None,
     promised_initial: float | None = None,
@@ -135,9 +133,9 @@ def optimise_fold(
     points, secant Levenberg-Marquardt), 'default' (arcs of several heights, skews and steepnesses, a polish of
     variables that the arcs share, and the most robust of the best few). budget: number of simulations (default 1,
     25, 120, 25 in this order; where the choice of the arc does not matter, 'default' takes 2 to 4). predict: the
-    simulation, default `ClothPredictor()`. max_height: largest height of an arc above the table [m]; lift_height:
-    height of the straight lift before the arc [m]; bending_factors: smallest and largest bending length for which
-    'default' judges its best arcs, relative to the material's.
+    simulation, default `ClothPredictor()`. lift_height: height of the straight lift before the arc [m];
+    bending_factors: smallest and largest bending length for which 'default' judges its best arcs, relative to the
+    material's.
 
     start: additional initial arcs (warm start) or, if `promised` is given, arcs from the library. promised: the D
     [m] that the library states for these arcs. Library arcs are simulated first, outside the budget. If their D is
@@ -162,7 +160,6 @@ def optimise_fold(
         material,
         predict or ClothPredictor(),
         max_tool_speed,
-        max_height,
         lift_height,
         bending_factors,
     )
@@ -211,7 +208,7 @@ class ClothPredictor:
     pads: PadGeometry | None = None
 
     def __call__(
-        self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
+        self, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array:
         prediction = predict_fold(
             mesh, positions, material, paths, release_s=self.release_s, settle_s=self.settle_s, pads=self.pads
@@ -257,19 +254,19 @@ def _outcome(problem: FoldProblem, evaluator: Evaluator, method: str) -> Outcome
 
 
 def _initial(problem: FoldProblem) -> Controls:
-    return {s: initial_controls(f.start, f.end, _capped(problem, PAPER_H)) for s, f in problem.frames.items()}
+    return {s: arc_controls(f.start, f.end, _capped(problem, PAPER_H)) for s, f in problem.frames.items()}
 
 
 def _capped(problem: FoldProblem, height: float) -> float:
-    """Return `height` of both inner points, reduced so that the arc's top (3/4 of it) stays within max_height."""
+    """Return `height` of both inner points, reduced so that the arc's top (3/4 of it) stays within MAX_HEIGHT."""
     distance = max(f.distance for f in problem.frames.values())
-    return min(height, problem.max_height / (0.75 * distance))
+    return min(height, MAX_HEIGHT / (0.75 * distance))
 
 
 def _two_parameter(problem: FoldProblem, height: float, skew: float) -> Controls:
     height = _capped(problem, float(np.clip(height, LOWEST, HIGHEST)))
     skew = float(np.clip(skew, -0.4, 0.4))
-    return {s: two_parameter_controls(f.start, f.end, height, skew) for s, f in problem.frames.items()}
+    return {s: arc_controls(f.start, f.end, height, skew) for s, f in problem.frames.items()}
 
 
 def _search_initial(problem: FoldProblem, evaluator: Evaluator) -> None:
@@ -387,7 +384,7 @@ def _search_paper(problem: FoldProblem, evaluator: Evaluator) -> None:
         out: Controls = {}
         for grasp_id, points in zip(grasp_ids, inner, strict=True):
             frame = problem.frames[grasp_id]
-            z = np.clip(points[:, 2], 0.0, problem.max_height / 0.75)
+            z = np.clip(points[:, 2], 0.0, MAX_HEIGHT / 0.75)
             out[grasp_id] = np.vstack([frame.start, np.column_stack([points[:, :2], z]), frame.end])
         return out
 

@@ -7,41 +7,29 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robots.errors import CellError
+from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.folding import target_vertices
 from skills.trajectory.arcs.bezier import arc_lengths
 from skills.trajectory.arcs.frame import FoldFrame, frames_of
 from skills.trajectory.arcs.paths import LIFT_HEIGHT, fold_duration, fold_paths, lifted
-from skills.trajectory.search.objective import ALPHA, cost, dissimilarity
+from skills.trajectory.search.objective import cost, dissimilarity
 from skills.vocabulary import Array, FoldStep, GraspId, Material, ToolPath
 
-__all__ = ["Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor", "TrajectoryMesh"]
+__all__ = ["MAX_HEIGHT", "Candidate", "Controls", "Evaluator", "FoldProblem", "Mishap", "Predictor"]
 
 Controls = dict[GraspId, Array]
 """Control points (n + 1, 3) of each grasp's arc, table frame."""
 
+MAX_HEIGHT = 0.40
+"""Largest height of an arc above the table [m]."""
+
 FAILED = 1.0
 """D of a candidate whose simulation failed [m]: finite, and worse than any fold."""
-
-
-class TrajectoryMesh(Protocol):
-    """The part of a cloth mesh that this package uses (skills.cloth.mesh.ClothMesh has it)."""
-
-    @property
-    def rest(self) -> Array: ...
-    @property
-    def layer(self) -> NDArray: ...
-    @property
-    def triangles(self) -> NDArray: ...
-    @property
-    def triangle_layer(self) -> NDArray: ...
-    @property
-    def area(self) -> Array: ...
 
 
 class Predictor(Protocol):
@@ -49,7 +37,7 @@ class Predictor(Protocol):
     threads."""
 
     def __call__(
-        self, mesh: Any, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
+        self, mesh: ClothMesh, positions: Array, material: Material, paths: Mapping[GraspId, ToolPath], /
     ) -> Array: ...
 
 
@@ -88,18 +76,16 @@ class FoldProblem:
     """The inputs that stay the same while one fold is optimised. positions: (n, 3) vertices of the mesh before the
     fold [m].
 
-    max_tool_speed [m/s]; max_height: largest height of the arcs above the table [m]; lift_height: height of the
-    straight lift before the arc [m]; bending_factors: range of the bending length, relative to the material's, for
-    which the arcs have to be good.
+    max_tool_speed [m/s]; lift_height: height of the straight lift before the arc [m]; bending_factors: range of
+    the bending length, relative to the material's, for which the arcs have to be good.
     """
 
     step: FoldStep
-    mesh: TrajectoryMesh
+    mesh: ClothMesh
     positions: Array
     material: Material
     predict: Predictor
     max_tool_speed: float
-    max_height: float
     lift_height: float = LIFT_HEIGHT
     bending_factors: tuple[float, float] = (0.85, 1.15)
 
@@ -139,7 +125,7 @@ class FoldProblem:
             d = float("nan")
         failed = not np.isfinite(d)
         d = FAILED if failed else d
-        return Candidate(controls, d, cost(lengths, d, ALPHA), duration, failed)
+        return Candidate(controls, d, cost(lengths, d), duration, failed)
 
     def _astray(self, grasp_id: GraspId, path: ToolPath, mishap: Mishap) -> ToolPath:
         line = self.step.line

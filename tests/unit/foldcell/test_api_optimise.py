@@ -10,7 +10,7 @@ import pytest
 import foldcell
 from cell.config.garments.garment_file import load_garment
 from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.vocabulary import GraspId
 
 
@@ -31,7 +31,7 @@ def test_optimise_returns_the_initial_arcs_of_one_fold() -> None:
         assert points.ndim == 2 and points.shape[1] == 3
         assert np.allclose(points[0, :2], step.grasps[GraspId(hand)].point)
         assert np.allclose(points[-1], step.targets[GraspId(hand)])
-        assert np.allclose(points, initial_controls(points[0], points[-1], 1 / 3))
+        assert np.allclose(points, arc_controls(points[0], points[-1], 1 / 3))
 
 
 @pytest.mark.parametrize(

@@ -22,14 +22,9 @@ from skills.fold_figures.table_raster import PIXEL, rasterise
 from skills.fold_plan.folding import fold_xy, target_vertices
 from skills.fold_plan.plan import ways_to_fold
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
-from skills.scoring.score import (
-    FinalGarment,
-    IdealHeights,
-    diagonal,
-    named_edge_pairs,
-    score,
-    score_plan,
-)
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import diagonal, named_edge_pairs, score, score_plan
+from skills.scoring.verdict import IdealHeights
 from skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002
@@ -111,7 +106,7 @@ def test_the_exact_isometry_scores_perfectly(lines: tuple[FoldLine, ...]) -> Non
     result = score(garment(rest, cut.triangles, folded(rest, lines), lines))
     assert result.passed and result.layers == 2 ** len(lines)
     assert result.iou == 1.0
-    assert max(result.correspondence_m, result.edges_m, result.drift_m, result.drift_rad) < 1e-9
+    assert max(result.figures[f].value for f in ("correspondence_m", "edges_m", "drift_m", "drift_rad")) < 1e-9
     assert result.height_m == pytest.approx((2 ** len(lines) - 1) * THICKNESS, abs=1e-12)
 
 
@@ -121,7 +116,7 @@ def test_a_coarse_mesh_that_cannot_crease_on_the_line_passes(lines: tuple[FoldLi
     flat, triangles = towel(edge)
     result = score(garment(flat, triangles, folded(flat, lines), lines))
     assert result.passed, result.to_json()
-    assert result.iou > 0.93 and result.edges_m < 1e-9
+    assert result.iou > 0.93 and result.figures["edges_m"].value < 1e-9
 
 
 def test_creases_bulge_without_failing_the_height() -> None:
@@ -145,7 +140,7 @@ def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tu
     final = FinalGarment(simulation.positions, mesh.triangles, mesh.rest, lines, material.thickness, pairs)
     result = score(final)
     assert result.passed, result.to_json()
-    assert result.iou > 0.92 and result.correspondence_m < 0.010
+    assert result.iou > 0.92 and result.figures["correspondence_m"].value < 0.010
     assert result.height_m > len(lines) * material.thickness, "the cloth has settled and is not perfectly flat"
 
 
@@ -456,7 +451,7 @@ def test_key_points_just_off_a_rounded_corner_count_as_the_nearest_cloth() -> No
     result = score(
         FinalGarment(whole.vertices, triangles, whole.material, whole.lines, THICKNESS, out)  # type: ignore[arg-type]
     )
-    assert result.edges_m < 1e-6
+    assert result.figures["edges_m"].value < 1e-6
 
 
 def test_the_layers_of_a_two_layer_garment_are_counted_and_allowed() -> None:

@@ -18,7 +18,7 @@ from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import Array, CameraFrame, Side
 from skills.motion.kinematics.ik import tool_pose
 from skills.state_estimate.drawing import draw_estimate
-from skills.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate, estimate_state
+from skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate, estimate_state
 from skills.state_estimate.hand_course import HandCourse, held_until, without_gaps
 from skills.state_estimate.hypothesis import FoldState, Interruption
 from skills.state_estimate.interrupted_fold import simulate_interruptions
@@ -87,7 +87,7 @@ def _estimated(
     lift = max(top - float(plan.vertices[:, 2].min()), 0.0)
     several_layers = any(grasp.layers > 1 for grasp in attempt.step.grasps.values())
     course = _hand_course(cell, {arm: p.path for arm, p in attempt.motion.postures.items()})
-    settings = EstimateSettings(priors=COMPLETED) if _uneventful(context) else EstimateSettings()
+    priors = COMPLETED if _uneventful(context) else PRIORS
 
     def proceed() -> None:
         failure = stopped(cell.ports)
@@ -112,7 +112,7 @@ def _estimated(
             simulate,
             lift,
             several_layers,
-            settings,
+            priors,
             measured=course is not None,
         )
         return Outcome((seen.unwrap(), found))

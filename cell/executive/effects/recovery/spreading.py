@@ -15,7 +15,6 @@ from cell.states.stages import FirstLook, Plan, Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, CameraFrame, frozen
-from skills.fold_plan.corner import Corner
 from skills.fold_plan.spreading import AWAY, Pull, plan_pulls, pulls_home, spread_arcs, spread_step
 from skills.perception.monitoring.flat_placement import Placement, convex_corners, place_outline
 from skills.perception.outline import polygon_area
@@ -25,7 +24,7 @@ from skills.perception.registration.alignment import align
 from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.state_estimate.observation import Observation, observe
 from skills.trajectory.arcs.paths import fold_duration
-from skills.vocabulary import GraspTrajectory, Outcome
+from skills.vocabulary import Corner, GraspTrajectory, Outcome
 
 __all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
 

@@ -16,13 +16,9 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PinchReport
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import plan_folds
-from skills.scoring.score import (
-    FinalGarment,
-    IdealHeights,
-    keypoint_offsets,
-    named_edge_pairs,
-    score,
-)
+from skills.scoring.alignment import FinalGarment
+from skills.scoring.score import keypoint_offsets, named_edge_pairs, score
+from skills.scoring.verdict import IdealHeights
 from skills.vocabulary import GraspId
 
 TOWEL = load_garment("small_towel")

@@ -140,14 +140,6 @@ def test_a_moved_plan_equals_the_plan_of_the_moved_garment(
             assert np.sin(a.grasps[i].heading - b.grasps[i].heading) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_remaining_steps_are_those_of_the_whole_plan() -> None:
-    garment = GARMENTS["small_towel"]
-    whole = plan_folds(garment.flat_state(0.58, 0.0), garment).unwrap()
-    (rest,) = plan_folds(garment.flat_state(0.58, 0.0), garment, done=1).unwrap()
-    assert rest.index == 1 and rest.name == whole[1].name
-    assert np.allclose(rest.grasps[GraspId.LEFT].point, whole[1].grasps[GraspId.LEFT].point)
-
-
 def test_a_garment_that_does_not_fit_its_plan_is_a_failure_with_a_reason() -> None:
     garment = GARMENTS["small_towel"]
     state = garment.flat_state(0.58, 0.0)

@@ -54,7 +54,7 @@ def test_distances_are_kept_within_pieces_and_never_grow(folds: list[FoldLine], 
 
 def test_a_later_fold_folds_the_creases_of_earlier_ones() -> None:
     """A rectangle folded in half and in half again: the first crease is now half as long."""
-    points = folded_creases([HALF, QUARTER], RECT, 0.005)
+    points = folded_creases([HALF, QUARTER], RECT)
     on_first, on_second = (np.abs(points[:, k]) < 1e-9 for k in (0, 1))
     assert (on_first | on_second).all()
     assert (points[on_first, 1].min(), points[on_first, 1].max()) == pytest.approx((-0.3, 0.0), abs=0.005)

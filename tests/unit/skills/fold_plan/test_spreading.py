@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from robots.errors import FailureKind
 from robots.ports import Array
-from skills.fold_plan.corner import Corner
 from skills.fold_plan.spreading import (
     HEIGHT,
     INSET,
@@ -22,7 +21,7 @@ from skills.fold_plan.spreading import (
     spread_step,
 )
 from skills.perception.monitoring.flat_placement import convex_corners
-from skills.vocabulary import GraspId, Table
+from skills.vocabulary import Corner, GraspId, Table
 
 TABLE = Table(-0.1, (0.20, 1.10), (-0.75, 0.75))
 FLAT = np.array([[0.40, -0.30], [0.80, -0.30], [0.80, 0.30], [0.40, 0.30]])

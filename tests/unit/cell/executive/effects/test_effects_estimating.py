@@ -15,7 +15,7 @@ from cell.states.run_context import Result
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Side
-from skills.state_estimate.estimate import COMPLETED, EstimateSettings, StateEstimate
+from skills.state_estimate.estimate import COMPLETED, PRIORS, StateEstimate
 from skills.state_estimate.hypothesis import FoldState
 from skills.vocabulary import GraspId, Outcome, PredictedShape
 from tests.builders.contexts import context_with
@@ -124,14 +124,14 @@ def test_a_look_ends_a_repair_and_the_state_is_estimated_again() -> None:
     [
         (True, (), COMPLETED),
         (True, (FailureKind.OFF_TARGET,), COMPLETED),
-        (True, (FailureKind.SLIPPED,), EstimateSettings().priors),
-        (False, (), EstimateSettings().priors),
+        (True, (FailureKind.SLIPPED,), PRIORS),
+        (False, (), PRIORS),
     ],
 )
 def test_a_fold_in_which_no_loss_was_noticed_is_probably_made(
     monkeypatch: pytest.MonkeyPatch, carried: bool, failed: tuple[FailureKind, ...], priors: Any
 ) -> None:
-    used: list[EstimateSettings] = []
+    used: list[Any] = []
     found = StateEstimate(FoldState.AFTER, 1.0, None, dict.fromkeys(FoldState, 0.0), (), 0, FLAT[:, :2])
     cell = FakeCell()
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None})
@@ -142,5 +142,5 @@ def test_a_fold_in_which_no_loss_was_noticed_is_probably_made(
     for kind in failed:
         context = context.with_failure(Failure(kind, "it failed"))
     EFFECTS[Effect.ESTIMATE](fake_workcell(cell), context)
-    assert [settings.priors for settings in used] == [priors]
+    assert used == [priors]
     assert sum(priors.values()) == pytest.approx(1.0) and set(priors) == set(FoldState)

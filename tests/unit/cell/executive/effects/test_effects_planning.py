@@ -23,7 +23,7 @@ from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import two_parameter_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK
 from skills.trajectory.trajectory_library import Library, entry_from
@@ -46,7 +46,7 @@ DIAGONAL = float(np.linalg.norm(np.ptp(MESH.rest, axis=0)))
 
 def library(height: float = LIBRARY_HEIGHT) -> Library:
     frames = frames_of(HALF, TOWEL.material.thickness)
-    controls = {s: two_parameter_controls(f.start, f.end, height, 0.0) for s, f in frames.items()}
+    controls = {s: arc_controls(f.start, f.end, height, 0.0) for s, f in frames.items()}
     return Library((
         entry_from(
             GraspTrajectory(controls, 2.0, "optimised", 5.0, PROMISED, 25), HALF, category="towel",
@@ -304,6 +304,6 @@ def test_changing_the_variant_keeps_the_folds_already_made() -> None:
 
 def test_a_saved_trajectory_belongs_to_the_executed_variant() -> None:
     turned = plan_folds(STATE, TOWEL, {"half": "right_onto_left"}).unwrap()[0]
-    controls = {s: two_parameter_controls(f.start, f.end, 0.6, 0.0) for s, f in frames_of(turned, 0.002).items()}
+    controls = {s: arc_controls(f.start, f.end, 0.6, 0.0) for s, f in frames_of(turned, 0.002).items()}
     entry = entry_of(TOWEL, turned, GraspTrajectory(controls, 2.0, "optimised", 5.0, 0.004, 25), "default", 0.01)
     assert entry.variant == "right_onto_left"

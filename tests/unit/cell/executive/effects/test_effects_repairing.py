@@ -25,7 +25,7 @@ from skills.fold_plan.repair import RepairGoal
 from skills.state_estimate.comparison import Fit
 from skills.state_estimate.estimate import StateEstimate
 from skills.state_estimate.hypothesis import FoldState, Hypothesis
-from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.search.acceptance import PROMISE_SLACK
 from skills.vocabulary import Grasp, GraspTrajectory, PredictedShape
@@ -66,7 +66,7 @@ def failed_fold(shape: Array | None) -> RunContext:
         best = Fit(hypothesis, FLAT[:, :2].mean(axis=0), DRIFT, 0.0, np.zeros((3, 2)), 1.0, 9, 0.0)
     likely = dict.fromkeys(FoldState, 0.0) | {FoldState.HALF_WAY: 0.95}
     found = StateEstimate(FoldState.HALF_WAY, 0.95, best, likely, (), 12, np.zeros((3, 2)))
-    arcs = {i: initial_controls(f.start, f.end) for i, f in frames_of(HALF, THICKNESS).items()}
+    arcs = {i: arc_controls(f.start, f.end) for i, f in frames_of(HALF, THICKNESS).items()}
     return context_with(
         garment=TOWEL, steps=(HALF,), mesh=MESH, vertices=FLAT, step=HALF, estimate=found,
         trajectory=GraspTrajectory(arcs, 2.0, "optimised", 1.0, PLANNED), touched=True,

@@ -23,7 +23,6 @@ from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
-from skills.fold_plan.folding import SheetMesh
 from skills.fold_plan.plan import plan_folds
 from skills.perception.inspection.height_expectation import CameraBias
 from skills.perception.rectification.table_view import TableView
@@ -37,7 +36,7 @@ K = FailureKind
 TOWEL = load_garment("medium_towel")
 STATE = TOWEL.flat_state(*TOWEL.poses.middle)
 HALF = plan_folds(STATE, TOWEL).unwrap()[0]
-MESH: SheetMesh = mesh_from_contour(STATE.contour, 0.05, TOWEL.layers)
+MESH = mesh_from_contour(STATE.contour, 0.05, TOWEL.layers)
 FLAT = MESH.lay_flat(TOWEL.material.thickness)
 FIRST = FirstLook(STATE.contour, CameraBias(0.002, 0.001, measured=True))
 DRAWN_IN = 0.10

@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import BPoly
 
-from skills.trajectory.arcs.bezier import (
-    arc_lengths,
-    bernstein,
-    evaluate,
-    initial_controls,
-    length,
-    split,
-    two_parameter_controls,
-)
+from skills.trajectory.arcs.bezier import arc_controls, arc_lengths, bernstein, evaluate
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -34,41 +26,25 @@ def test_evaluate_agrees_with_scipys_bernstein_polynomial(seed: int, order: int)
     assert np.allclose(bernstein(order, u).sum(axis=1), 1.0)
 
 
-@given(seeds, st.floats(0.05, 0.95))
-@settings(max_examples=30)
-def test_split_returns_two_parts_of_the_same_curve(seed: int, at: float) -> None:
-    control, u = controls(seed), np.linspace(0, 1, 9)
-    left, right = split(control, at)
-    assert np.allclose(evaluate(left, u), evaluate(control, at * u), atol=1e-13)
-    assert np.allclose(evaluate(right, u), evaluate(control, at + (1 - at) * u), atol=1e-13)
-
-
 @given(seeds)
 @settings(max_examples=8)
 def test_the_length_is_the_integral_of_the_speed(seed: int) -> None:
     control = controls(seed)
     derivative = 3 * np.diff(control, axis=0)
     exact, _ = quad(lambda u: float(np.linalg.norm(evaluate(derivative, u)[0])), 0, 1, epsabs=1e-12, limit=500)
-    assert length(control, 1e-7) == pytest.approx(exact, rel=1e-6)
     assert arc_lengths(control)[1][-1] == pytest.approx(exact, rel=1e-6)
-
-
-def test_the_length_of_a_line_and_of_a_point_is_exact() -> None:
-    assert length(np.linspace([0, 0, 0], [0.3, 0.4, 0], 4)) == pytest.approx(0.5, abs=1e-15)
-    assert length(np.zeros((4, 3))) == 0.0
 
 
 def test_the_initial_controls_are_those_of_the_paper() -> None:
     start, end = np.array([0.7, 0.2, 0.0]), np.array([0.4, 0.2, 0.0])
     expected = [start, [0.6, 0.2, 0.1], [0.5, 0.2, 0.1], end]
-    assert np.allclose(initial_controls(start, end), expected)
-    assert initial_controls(start, end, order=5).shape == (6, 3)
+    assert np.allclose(arc_controls(start, end), expected)
 
 
 def test_skew_moves_the_arc_towards_its_end_and_height_raises_it() -> None:
     start, end = np.array([0.7, 0.2, 0.0]), np.array([0.4, 0.2, 0.01])
-    low, high = (two_parameter_controls(start, end, h, 0.0) for h in (0.3, 0.6))
-    skewed = two_parameter_controls(start, end, 0.3, 0.2)
+    low, high = (arc_controls(start, end, h, 0.0) for h in (0.3, 0.6))
+    skewed = arc_controls(start, end, 0.3, 0.2)
     assert (high[1:3, 2] > low[1:3, 2]).all()
     assert np.allclose(skewed[1:3] - low[1:3], [[-0.06, 0, 0]] * 2, atol=1e-12)
     assert np.allclose(skewed[[0, 3]], [start, end])

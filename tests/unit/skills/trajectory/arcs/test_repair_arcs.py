@@ -12,7 +12,7 @@ from skills.fold_plan.plan import plan_folds
 from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
 from skills.state_estimate.hypothesis import Interruption
 from skills.state_estimate.interrupted_fold import simulate_interruptions
-from skills.trajectory.arcs.bezier import initial_controls
+from skills.trajectory.arcs.bezier import arc_controls
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.arcs.paths import fold_paths, lifted
 from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
@@ -34,7 +34,7 @@ def way_back(
 
 
 def test_the_arcs_begin_in_the_grasped_layer_and_end_where_the_cloth_lay() -> None:
-    fold = {GRASP: initial_controls(np.array([0.74, 0.1, 0.0]), np.array([0.46, 0.1, 0.007]))}
+    fold = {GRASP: arc_controls(np.array([0.74, 0.1, 0.0]), np.array([0.46, 0.1, 0.007]))}
     for arcs in repair_arcs(fold, way_back((0.6, 0.08), (0.74, 0.1)), THICKNESS):
         assert arcs[GRASP][0] == pytest.approx([0.6, 0.08, 1.5 * THICKNESS]), "the middle of the upper layer"
         assert arcs[GRASP][-1] == pytest.approx([0.74, 0.1, 0.005])
@@ -50,7 +50,7 @@ def test_the_way_back_from_the_target_is_the_arc_of_the_fold_reversed() -> None:
 
 
 def test_the_hand_turns_smoothly_from_the_heading_of_the_grasp_to_that_of_the_release() -> None:
-    controls = {GRASP: initial_controls(np.array([0.5, 0.0, 0.0]), np.array([0.7, 0.0, 0.0]))}
+    controls = {GRASP: arc_controls(np.array([0.5, 0.0, 0.0]), np.array([0.7, 0.0, 0.0]))}
     paths = fold_paths(controls, {GRASP: 0.2}, 2.0)
     heading = turned_paths(paths, {GRASP: (0.2, 1.0)})[GRASP].heading
     assert heading[[0, -1]] == pytest.approx([0.2, 1.0]) and (np.diff(heading) >= 0.0).all()
@@ -82,7 +82,7 @@ def test_a_simulated_fold_that_ends_early_is_repaired_by_the_upper_layer_alone(
     mesh, material = predictor_mesh(state, garment), garment.material
     flat = mesh.lay_flat(material.thickness)
     ends = frames_of(step, material.thickness)
-    controls = {grasp_id: initial_controls(f.start, f.end) for grasp_id, f in ends.items()}
+    controls = {grasp_id: arc_controls(f.start, f.end) for grasp_id, f in ends.items()}
     headings = {grasp_id: grasp.heading for grasp_id, grasp in step.grasps.items()}
     fold = {i: lifted(p, 0.03) for i, p in fold_paths(controls, headings, 3.0).items()}
     (now,) = simulate_interruptions(mesh, flat, material, fold, [Interruption(end=end)])
@@ -114,7 +114,7 @@ def test_a_second_fold_whose_layers_are_lofty_is_undone_by_the_upper_two() -> No
     shapes, controls = [mesh.lay_flat(material.thickness)], {}
     for step in (steps := plan_folds(state, garment).unwrap()):
         ends = frames_of(step, material.thickness)
-        controls = {grasp_id: initial_controls(f.start, f.end) for grasp_id, f in ends.items()}
+        controls = {grasp_id: arc_controls(f.start, f.end) for grasp_id, f in ends.items()}
         headings = {grasp_id: grasp.heading for grasp_id, grasp in step.grasps.items()}
         fold = {i: lifted(p, 0.03) for i, p in fold_paths(controls, headings, 3.0).items()}
         shapes.append(predict_fold(mesh, shapes[-1], material, fold).vertices)

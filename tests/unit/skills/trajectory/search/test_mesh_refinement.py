@@ -26,7 +26,7 @@ def test_a_finer_mesh_has_the_place_of_the_coarse_one(name: str) -> None:
         return np.column_stack([0.8 * x - 0.6 * y, 0.6 * x + 0.8 * y, 0.3 * x - 0.1 * y + 0.01 * layer])
 
     where = place(mesh.rest, mesh.layer)
-    problem = FoldProblem(step, mesh, where, garment.material, None, 0.35, 0.4)  # type: ignore[arg-type]
+    problem = FoldProblem(step, mesh, where, garment.material, None, 0.35)  # type: ignore[arg-type]
     finer = refined(problem, 0.85)
     assert 1.2 < len(finer.mesh.rest) / len(mesh.rest) < 1.7
     assert finer.mesh.area.sum() == pytest.approx(mesh.area.sum(), rel=1e-3)

@@ -16,13 +16,13 @@ from scipy.spatial.distance import cdist
 
 from cell.config.garments.garment_file import load_garment
 from robots.errors import CellError, FailureKind
+from skills.fold_figures.folded_mesh import doubled_area
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import plan_folds
-from skills.trajectory.arcs.bezier import evaluate, two_parameter_controls
+from skills.trajectory.arcs.bezier import arc_controls, evaluate
 from skills.trajectory.arcs.frame import frames_of
 from skills.trajectory.search import optimise
 from skills.trajectory.search.acceptance import POOR_SHARE, PROMISE_SLACK, acceptance_limit, judge_prediction
-from skills.trajectory.search.objective import triangle_areas
 from skills.trajectory.search.optimise import METHODS, optimise_fold
 from skills.trajectory.search.problem import Candidate, Controls, Evaluator, FoldProblem, Mishap
 from skills.trajectory.search.robust import MARGIN, MISHAPS, most_robust, simulations
@@ -49,7 +49,7 @@ def _sheet() -> Sheet:
     rest = np.column_stack([x.ravel(), y.ravel()])
     triangles = Delaunay(rest).simplices
     layers = np.zeros(len(rest), int), np.zeros(len(triangles), int)
-    return Sheet(rest, layers[0], triangles, layers[1], triangle_areas(rest, triangles))
+    return Sheet(rest, layers[0], triangles, layers[1], 0.5 * np.abs(doubled_area(rest, triangles)))
 
 
 MESH = _sheet()
@@ -129,19 +129,19 @@ def test_the_result_does_not_depend_on_which_simulation_ends_first() -> None:
         assert np.array_equal(plain.control_points[i], raced.control_points[i])
 
 
-def test_arcs_stay_between_the_table_and_the_ceiling() -> None:
+def test_arcs_stay_between_the_table_and_the_ceiling(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(optimise, "MAX_HEIGHT", 0.15)
     high = Bowl(best=np.array([0.0, 1.5, 1.0, 1.5]), scale=0.002)
     for method in METHODS:
         tops = [
-            evaluate(c, np.linspace(0, 1, 200))[:, 2]
-            for c in run(method, high, max_height=0.15).unwrap().control_points.values()
+            evaluate(c, np.linspace(0, 1, 200))[:, 2] for c in run(method, high).unwrap().control_points.values()
         ]
         assert max(z.max() for z in tops) <= 0.15 + 0.01
         assert min(z.min() for z in tops) >= 0.0
 
 
 def heights(problem: FoldProblem, *h: float) -> list[Controls]:
-    return [{s: two_parameter_controls(f.start, f.end, x, 0.0) for s, f in problem.frames.items()} for x in h]
+    return [{s: arc_controls(f.start, f.end, x, 0.0) for s, f in problem.frames.items()} for x in h]
 
 
 def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
@@ -152,7 +152,7 @@ def test_the_more_robust_of_two_equally_good_arcs_is_taken() -> None:
         slippery = material.friction_static < 0.9 * TOWEL.material.friction_static
         return target + np.array([0, 0, 0.02 if slippery and top < 0.2 else 0.004 + 0.001 * (top >= 0.2)])
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, drags, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, drags, 0.35)
     low, high = heights(problem, 0.33, 0.6)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
@@ -172,7 +172,7 @@ def test_the_plain_arc_is_kept_if_the_gain_is_within_noise() -> None:
         top = max(p.position[:, 2].max() for p in paths.values())
         return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.02 - gain * top])
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, slope, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, slope, 0.35)
     arcs = heights(problem, 0.4, 0.6)
     rise = 0.75 * 0.2 * next(iter(problem.frames.values())).distance
     for gained, expected in ((0.5 * MARGIN, 0), (3.0 * MARGIN, 1)):
@@ -191,7 +191,7 @@ def test_mishaps_are_simulated_only_for_arcs_that_can_still_be_chosen() -> None:
         again.append(top)
         return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, 0.003 if top < 0.2 else 0.02])
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, level, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, level, 0.35)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         low, high = evaluator.many(heights(problem, 0.33, 0.6))
@@ -218,7 +218,7 @@ def test_the_plain_arc_is_not_kept_if_it_is_much_worse_without_mishaps(
             missed += -better_with_mishaps if mishap else 0.0003 + better_with_mishaps
         return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, missed])
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, fold, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, fold, 0.35)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         plain, high = evaluator.many(heights(problem, 0.33, 0.6))
@@ -232,7 +232,7 @@ def test_an_arc_that_is_good_on_only_one_mesh_is_rejected() -> None:
         missed = (0.002 if mesh is MESH else 0.02) if low else 0.004
         return target_vertices(mesh, HALF.lines, TOWEL.material) + np.array([0, 0, missed])
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, lucky, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, lucky, 0.35)
     with ThreadPoolExecutor(2) as pool:
         evaluator = Evaluator(problem, 20, pool, None)
         plain, high, _ = evaluator.many(heights(problem, 0.33, 0.6, 0.8))
@@ -268,7 +268,7 @@ def test_a_mishap_changes_tools_friction_and_bending_as_stated() -> None:
         met.append((material, paths))
         return FLAT
 
-    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, keep, 0.35, 0.4)
+    problem = FoldProblem(HALF, MESH, FLAT, TOWEL.material, keep, 0.35)
     (arcs,) = heights(problem, 0.4)
     mishap = Mishap({GraspId.LEFT: 0.1, GraspId.RIGHT: -0.2}, 0.05, 0.004, -0.003, 0.8, 0.9)
     problem.evaluate(arcs)
@@ -339,7 +339,7 @@ def test_a_look_up_is_an_optimisation_without_iterations() -> None:
     for i, control in trajectory.control_points.items():
         assert np.array_equal(control, bowl.wanted[i])
 
-    low = {s: two_parameter_controls(f.start, f.end, 0.3, -0.3) for s, f in frames_of(HALF, 0.0025).items()}
+    low = {s: arc_controls(f.start, f.end, 0.3, -0.3) for s, f in frames_of(HALF, 0.0025).items()}
     seen: list[tuple[int, int, float]] = []
     broken = run(
         "default", Bowl(scale=0.5), start=low, promised=0.001, budget=20, progress=lambda *a: seen.append(a)
