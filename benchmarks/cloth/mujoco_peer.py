@@ -27,13 +27,13 @@ from benchmarks.cloth.physics import (
     slide_expected,
     slope,
 )
-from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, hand_motion, optimised_fold, plain_fold
+from benchmarks.cloth.scenes import MATERIAL, RELEASE, SETTLE, SharedFold, optimised_fold, plain_fold
 from calibration.bending import peirce
 from cell.simulation.garment.mujoco_cloth import MujocoCloth, MujocoSettings
 from robots.ports import Array
 from skills.cloth.elasticity import GRAVITY
 from skills.cloth.mesh import mesh_from_contour
-from skills.cloth.predict import predict_fold
+from skills.cloth.predict import predict_fold, sample_paths
 
 Figures = dict[str, Any]
 LAB = MujocoSettings(steps=8, solref=0.005, iterations=50, rest=False, selfcollide=False)
@@ -110,7 +110,7 @@ def folded(fold: SharedFold, settings: MujocoSettings) -> tuple[Array, float]:
     cloth = MujocoCloth(fold.mesh, fold.material, fold.start, settings)
     start = time.thread_time()
     frames = round((fold.seconds - RELEASE - SETTLE) * settings.frame_rate)
-    position, rotation = hand_motion(fold.paths, frames, 1.0 / settings.frame_rate)
+    position, rotation = sample_paths(fold.paths, frames, 1.0 / settings.frame_rate)
     for hand in range(2):
         cloth.grip(hand, position[0, hand], rotation[0, hand])
     cloth.advance_along(position, rotation)

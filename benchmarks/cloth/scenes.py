@@ -11,11 +11,12 @@ import numpy as np
 from cell.config.garments.garment_file import load_garment
 from robots.ports import Array
 from skills.cloth.mesh import ClothMesh, mesh_from_contour
-from skills.cloth.predict import FoldPrediction, predict_fold
+from skills.cloth.predict import FoldPrediction, predict_fold, sample_paths
 from skills.cloth.solver import ClothSimulation
 from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
-from skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath, tool_rotation
+from skills.plane import lengths_along
+from skills.vocabulary import GraspId, GraspTrajectory, Material, ToolPath
 
 MATERIAL = Material(0.4, 0.03, 0.02, 0.003, 0.6, 0.55, 0.5)
 TOWEL = np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]])
@@ -49,7 +50,7 @@ def arc(
     def at(u: Array) -> Array:
         return np.stack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3], axis=1) @ p
 
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at(fine), axis=0), axis=1))])
+    s = lengths_along(at(fine))
     q = t / duration
     zero = np.zeros(len(t))
     return ToolPath(
@@ -184,25 +185,12 @@ def seconds_of(paths: Paths, settle: float = SETTLE) -> float:
     return max(float(path.t[-1]) for path in paths.values()) + RELEASE + settle
 
 
-def hand_motion(paths: Paths, frames: int, frame: float) -> tuple[Array, Array]:
-    """Sample the poses of hands 0 (left) and 1 (right) at the start and end of each frame: positions
-    (frames + 1, 2, 3), rotations (frames + 1, 2, 3, 3)."""
-    t = np.arange(frames + 1) * frame
-    p, r = np.zeros((frames + 1, 2, 3)), np.tile(np.diag([1.0, -1.0, -1.0]), (frames + 1, 2, 1, 1))
-    for i, path in paths.items():
-        hand = HANDS[i]
-        p[:, hand] = np.column_stack([np.interp(t, path.t, path.position[:, k]) for k in range(3)])
-        heading = np.interp(t, path.t, np.unwrap(path.heading))
-        r[:, hand] = tool_rotation(heading, np.interp(t, path.t, path.pitch), np.interp(t, path.t, path.roll))
-    return p, r
-
-
 def frames_of(mesh: ClothMesh, x: Array, material: Material, paths: Paths) -> Iterator[Array]:
     """Yield the vertices (n, 3) of a fold after each frame. They are bit-identical to those in `predict_fold`."""
     simulation = ClothSimulation(mesh, material, x, at_rest=True)
     frame = simulation.settings.frame
     frames = round(max(float(path.t[-1]) for path in paths.values()) / frame)
-    p, r = hand_motion(paths, frames, frame)
+    p, r = sample_paths(paths, frames, frame)
     for i in paths:
         simulation.grip(HANDS[i], p[0, HANDS[i]], r[0, HANDS[i]])
     for k in range(frames):

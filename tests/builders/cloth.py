@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from robots.ports import Array
 from skills.cloth.elasticity import shuffled
+from skills.cloth.mesh import ClothMesh
 from skills.cloth.solver import ClothSimulation
+from skills.plane import rotation
+from skills.vocabulary import Material
 
-__all__ = ["EVERY_EDGE", "crease_angles", "straight"]
+__all__ = ["COTTON", "EVERY_EDGE", "crease_angles", "straight", "turned"]
 
 EVERY_EDGE = np.float32(2.0)  # cosine from which an edge is a ridge, so that every edge is one
+COTTON = Material(
+    areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
+    friction_dynamic=0.55, friction_layers=0.5,
+)  # fmt: skip
+
+
+def turned(mesh: ClothMesh, angle: float) -> ClothMesh:
+    """The mesh, turned by `angle` [rad]."""
+    return replace(mesh, rest=mesh.rest @ rotation(-angle))
 
 
 def straight(frames: int, start: Sequence[Array], end: Sequence[Array], rotation: Array) -> tuple[Array, Array]:

@@ -3,68 +3,45 @@
 import numpy as np
 import pytest
 
+from benchmarks.cloth.scenes import IN, MATERIAL, TOWEL, arc
 from skills.cloth.intersections.crossings import count_crossings
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.pinch import PadGeometry
 from skills.cloth.predict import predict_fold
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import GraspId, Material, ToolPath
+from skills.vocabulary import GraspId
 from tests.builders.cloth import straight
 
-MATERIAL = Material(
-    areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
-    friction_dynamic=0.55, friction_layers=0.5,
-)  # fmt: skip
-TOWEL = mesh_from_contour(np.array([[-0.3, -0.2], [0.3, -0.2], [0.3, 0.2], [-0.3, 0.2]]), 0.0262)
+MESH = mesh_from_contour(TOWEL, 0.0262)
 DOWN = np.diag([1.0, -1.0, -1.0])
-IN = 0.012  # distance of the grasps from the corner [m]
 
 
-def arc(start, end, heading, lift=0.4, duration=3.0):
-    """A cubic Bezier curve above the table, smooth in time."""
-    a, b = np.array(start), np.array(end)
-    up = np.array([0.0, 0.0, lift * np.linalg.norm((b - a)[:2])])
-    p = np.array([a, a + 0.25 * (b - a) + up, a + 0.75 * (b - a) + up, b])
-    t = np.linspace(0.0, duration, 181)
-    fine = np.linspace(0.0, 1.0, 500)
-
-    def at(u):
-        u = u[:, None]
-        return (1 - u) ** 3 * p[0] + 3 * u * (1 - u) ** 2 * p[1] + 3 * u**2 * (1 - u) * p[2] + u**3 * p[3]
-
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at(fine), axis=0), axis=1))])
-    q = t / duration
-    u = np.interp(q**3 * (10 - 15 * q + 6 * q * q), s / s[-1], fine)
-    n = np.zeros(len(t))
-    return ToolPath(t, at(u), n + heading, n, n)
-
-
-def both(start, end, mirror, heading, **kw):
+def both(start, end, mirror, heading):
     """The same arc for both hands, mirrored in x (0) or y (1)."""
     flip = np.ones(3)
     flip[mirror] = -1.0
     return {
-        GraspId.LEFT: arc(start, end, heading, **kw),
-        GraspId.RIGHT: arc(start * flip, end * flip, heading, **kw),
+        GraspId.LEFT: arc(start, end, heading),
+        GraspId.RIGHT: arc(start * flip, end * flip, heading),
     }
 
 
 @pytest.fixture(scope="module")
 def folded():
     paths = both(np.array([0.3 - IN, 0.2 - IN, 0.001]), np.array([-0.3 + IN, 0.2 - IN, 0.012]), 1, np.pi / 2)
-    return predict_fold(TOWEL, TOWEL.lay_flat(0.003), MATERIAL, paths, keyframes=7)
+    return predict_fold(MESH, MESH.lay_flat(0.003), MATERIAL, paths, keyframes=7)
 
 
 def test_a_towel_folds_in_half(folded):
     x = folded.vertices
-    flat = TOWEL.lay_flat(0.003)
+    flat = MESH.lay_flat(0.003)
     target = flat.copy()
     moving = flat[:, 0] > 0
     target[moving, 0] *= -1
     target[moving, 2] += 0.003
-    assert count_crossings(x, TOWEL.triangles) == 0
-    assert [count_crossings(k, TOWEL.triangles) for k in folded.keyframes] == [0] * 7
+    assert count_crossings(x, MESH.triangles) == 0
+    assert [count_crossings(k, MESH.triangles) for k in folded.keyframes] == [0] * 7
     assert folded.residual_motion < 5e-4
     assert np.linalg.norm(x - target, axis=1).mean() < 0.006
     assert np.linalg.norm((x - flat)[flat[:, 0] < -0.05], axis=1).max() < 0.005
@@ -76,9 +53,9 @@ def test_a_towel_folds_in_half(folded):
 def test_a_towel_folds_in_quarters(folded):
     left = arc([-0.28 + IN, 0.2 - IN, 0.0005], [-0.28 + IN, -0.2 + IN, 0.02], 0.0)
     right = arc([-0.06, 0.2 - IN, 0.0005], [-0.06, -0.2 + IN, 0.02], 0.0)
-    r = predict_fold(TOWEL, folded.vertices, MATERIAL, {GraspId.LEFT: left, GraspId.RIGHT: right})
+    r = predict_fold(MESH, folded.vertices, MATERIAL, {GraspId.LEFT: left, GraspId.RIGHT: right})
     assert {p.layers for p in r.pinches.values()} == {2}
-    assert count_crossings(r.vertices, TOWEL.triangles) == 0
+    assert count_crossings(r.vertices, MESH.triangles) == 0
     assert r.residual_motion < 1e-3
     assert r.vertices[:, 2].max() < 0.07
     # four layers cover a quarter of the towel, and no cloth lies outside by more than the crease's bulge
@@ -86,7 +63,7 @@ def test_a_towel_folds_in_quarters(folded):
 
 
 def test_a_pinch_grasps_the_layers_within_its_height(folded):
-    s = ClothSimulation(TOWEL, MATERIAL, folded.vertices)
+    s = ClothSimulation(MESH, MATERIAL, folded.vertices)
     at = np.array([-0.2, 0.15])
     near = np.linalg.norm(s.positions[:, :2] - at, axis=1) < 0.03
     top = s.positions[near, 2].max()
@@ -97,7 +74,7 @@ def test_a_pinch_grasps_the_layers_within_its_height(folded):
 
 
 def test_held_cloth_hangs_from_the_held_line_with_its_weight():
-    s = ClothSimulation(TOWEL, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
+    s = ClothSimulation(MESH, MATERIAL, settings=SolverSettings(drag=3.0, sleep_frames=0))
     p = np.array([0.3 - IN, 0.0, 0.001])
     s.grip(0, p, np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]))
     up = p + np.array([0.0, 0.0, 0.9])
@@ -108,7 +85,7 @@ def test_held_cloth_hangs_from_the_held_line_with_its_weight():
     force = s.pinch_force(0)
     assert force[2] == pytest.approx(-0.4 * 0.24 * 9.81, rel=0.01)
     assert np.abs(force[:2]).max() < 0.05
-    held = np.argmin(np.linalg.norm(TOWEL.rest - [0.3 - IN, 0.0], axis=1))
+    held = np.argmin(np.linalg.norm(MESH.rest - [0.3 - IN, 0.0], axis=1))
     assert np.linalg.norm(s.positions[held] - up) < 0.03
     s.release(0)
     s.advance(60)
@@ -122,7 +99,7 @@ def test_a_pinch_releases_cloth_above_its_holding_force():
     pads = PadGeometry(friction=0.8)
     held = []
     for force in (0.8 * weight / 1.6, 1.5 * weight / 1.6):
-        s = ClothSimulation(TOWEL, MATERIAL, pads=pads)
+        s = ClothSimulation(MESH, MATERIAL, pads=pads)
         p = np.array([0.0, 0.0, 0.001])
         s.grip(1, p, DOWN, force=force)
         s.advance_along(*straight(120, [p, p], [[0.0, 0.0, 0.801]] * 2, DOWN))

@@ -7,26 +7,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from benchmarks.cloth.scenes import MATERIAL, stacked
 from robots.errors import ConfigurationError, InternalError
 from skills.cloth.elasticity import GRAVITY, colour_batches, damp_edges, shuffled, solve_edges
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.simd.vec3 import rows
 from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
-from tests.builders.cloth import straight
+from tests.builders.cloth import straight, turned
 
-MATERIAL = Material(
-    areal_mass=0.4, stretch_fraction=0.03, bending_length=0.02, thickness=0.003, friction_static=0.6,
-    friction_dynamic=0.55, friction_layers=0.5,
-)  # fmt: skip
 PATCH = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
 FREE = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
-
-
-def turn(angle):
-    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
 
 
 def hung_strip(stretch, edge, substeps, length=0.6, width=0.15):
@@ -187,13 +179,8 @@ def test_a_sheet_falls_freely_and_lands_on_the_table():
 
 def test_a_sheet_dropped_on_another_does_not_pass_through():
     """Two separate layers: the upper one comes to rest one thickness above the lower one."""
-    two = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
-    n = len(two.rest)
-    both = ClothMesh(
-        np.vstack([two.rest, two.rest @ turn(0.4)[np.ix_([0, 2], [0, 2])]]), np.repeat([0, 1], n).astype(np.int32),
-        np.vstack([two.triangles, two.triangles + n]).astype(np.int32),
-        np.repeat([0, 1], len(two.triangles)).astype(np.int32), np.zeros((0, 2), np.int32),
-    )  # fmt: skip
+    n = len(PATCH.rest)
+    both = stacked([PATCH, turned(PATCH, 0.4)])
     x = both.lay_flat(0.003)
     x[n:, 2] += 0.15
     s = ClothSimulation(both, MATERIAL, x)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.cloth.scenes import stacked
 from skills.cloth import kernel, solver
 from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
 from skills.cloth.broad_phase.cluster_search import search_pairs
@@ -11,7 +12,7 @@ from skills.cloth.broad_phase.pairs import _expire
 from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PHASE, RELEASE, edge_distance
 from skills.cloth.elasticity import turns
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
@@ -29,14 +30,9 @@ MATERIAL = Material(
 def two_sheets():
     """Two waved sheets that pass through each other."""
     square = np.array([[-0.09, -0.08], [0.09, -0.08], [0.09, 0.08], [-0.09, 0.08]])
-    sheets = [mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(2)]
-    n = len(sheets[0].rest)
-    of_vertex = np.repeat([0, 1], [n, len(sheets[1].rest)]).astype(np.int32)
-    triangles = np.vstack([sheets[0].triangles, sheets[1].triangles + n]).astype(np.int32)
-    of_triangle = np.repeat([0, 1], [len(s.triangles) for s in sheets]).astype(np.int32)
-    rest = np.vstack([s.rest for s in sheets])
-    mesh = ClothMesh(rest, of_vertex, triangles, of_triangle, np.zeros((0, 2), np.int32))
-    height = np.where(of_vertex == 0, 0.01 * np.sin(20 * rest[:, 0]), 0.01 * np.cos(25 * rest[:, 1]))
+    mesh = stacked([mesh_from_contour(square, 0.026, rotate=0.3 * k) for k in range(2)])
+    rest = mesh.rest
+    height = np.where(mesh.layer == 0, 0.01 * np.sin(20 * rest[:, 0]), 0.01 * np.cos(25 * rest[:, 1]))
     return mesh, np.column_stack([rest, height])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.cloth.scenes import stacked
 from robots.errors import InternalError
 from skills.cloth import state
 from skills.cloth.intersections.crossings import count_crossings
@@ -15,11 +16,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import GraspId, Material, ToolPath
-
-MATERIAL = Material(
-    areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
-    friction_dynamic=0.55, friction_layers=0.5,
-)  # fmt: skip
+from tests.builders.cloth import COTTON as MATERIAL
 
 
 def rectangle(width, height):
@@ -98,14 +95,7 @@ def test_sheets_that_meet_edge_on_do_not_pass_into_each_other():
     """Two sheets side by side slide towards each other on a smooth table."""
     one = mesh_from_contour(rectangle(0.2, 0.2), 0.025)
     n = len(one.rest)
-    apart = np.array([0.21, 0.01])
-    mesh = ClothMesh(
-        np.vstack([one.rest, one.rest + apart]),
-        np.repeat([0, 1], n).astype(np.int32),
-        np.vstack([one.triangles, one.triangles + n]).astype(np.int32),
-        np.repeat([0, 1], len(one.triangles)).astype(np.int32),
-        np.zeros((0, 2), np.int32),
-    )
+    mesh = stacked([one, replace(one, rest=one.rest + np.array([0.21, 0.01]))])
     slippery = replace(MATERIAL, friction_static=0.02, friction_dynamic=0.02)
     x = np.column_stack([mesh.rest, np.full(2 * n, MATERIAL.thickness / 2)])
     v = np.zeros_like(x)

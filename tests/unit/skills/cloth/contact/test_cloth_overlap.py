@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from benchmarks.cloth.scenes import stacked
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
-from skills.vocabulary import Material
+from tests.builders.cloth import COTTON as MATERIAL
+from tests.builders.cloth import turned as rotated
 
-MATERIAL = Material(
-    areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
-    friction_dynamic=0.55, friction_layers=0.5,
-)  # fmt: skip
 SHEET = mesh_from_contour(np.array([[-0.15, -0.15], [0.15, -0.15], [0.15, 0.15], [-0.15, 0.15]]), 0.025)
 N = len(SHEET.rest)
 OVERLAP = 0.001
@@ -21,12 +19,7 @@ VOID = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
 def two_sheets_that_overlap(turned):
     """Two sheets at rest without gravity, one above the other and OVERLAP [m] too near. The upper mesh is
     turned."""
-    c, s = np.cos(turned), np.sin(turned)
-    mesh = ClothMesh(
-        np.vstack([SHEET.rest, SHEET.rest @ np.array([[c, s], [-s, c]])]), np.repeat([0, 1], N).astype(np.int32),
-        np.vstack([SHEET.triangles, SHEET.triangles + N]).astype(np.int32),
-        np.repeat([0, 1], len(SHEET.triangles)).astype(np.int32), np.zeros((0, 2), np.int32),
-    )  # fmt: skip
+    mesh = stacked([SHEET, rotated(SHEET, turned)])
     x = mesh.lay_flat(MATERIAL.thickness)
     x[N:, 2] -= OVERLAP
     return ClothSimulation(mesh, MATERIAL, x, VOID, table=False)

@@ -6,12 +6,14 @@ from itertools import product
 import numpy as np
 import pytest
 
+from benchmarks.cloth.scenes import stacked
 from skills.cloth.intersections.crossings import count_crossings, crosses, find_crossings
 from skills.cloth.intersections.resolve import FAINT, GLANCE, PATIENCE, shorten
-from skills.cloth.mesh import ClothMesh, mesh_from_contour
+from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
+from tests.builders.cloth import turned as rotated
 
 MATERIAL = Material(
     areal_mass=0.3, stretch_fraction=0.012, bending_length=0.016, thickness=0.002, friction_static=0.6,
@@ -23,17 +25,10 @@ SQUARE = np.array([[-0.15, -0.15], [0.15, -0.15], [0.15, 0.15], [-0.15, 0.15]])
 def two_sheets(turned=0.3):
     """Two sheets on the table, one above the other, with meshes turned against each other."""
     one = mesh_from_contour(SQUARE, 0.025)
-    c, s = np.cos(turned), np.sin(turned)
-    upper = one.rest @ np.array([[c, s], [-s, c]])
-    n = len(one.rest)
-    mesh = ClothMesh(
-        np.vstack([one.rest, upper]), np.repeat([0, 1], n).astype(np.int32),
-        np.vstack([one.triangles, one.triangles + n]).astype(np.int32),
-        np.repeat([0, 1], len(one.triangles)).astype(np.int32), np.zeros((0, 2), np.int32),
-    )  # fmt: skip
+    mesh = stacked([one, rotated(one, turned)])
     x = mesh.lay_flat(MATERIAL.thickness)
     x[:, 2] += 0.01
-    return mesh, x, n
+    return mesh, x, len(one.rest)
 
 
 def poked(reach, turned=0.3):
