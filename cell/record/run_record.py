@@ -25,7 +25,7 @@ from cell.support.json_values import to_json
 from cell.support.process.terminations import BY_SIGNAL
 from robots.errors import FailureKind, StorageError
 from skills.perception.inspection.claim import Claim
-from skills.scoring.score import Figure, Score
+from skills.scoring.verdict import Figure, Score
 
 __all__ = [
     "EXIT_CODES",

@@ -25,7 +25,7 @@ from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.stages import FoldNote
 from cell.states.transition_table import Effect, Event, State
-from skills.scoring.score import Score
+from skills.scoring.verdict import Score
 
 __all__ = ["RunRecordBuilder"]
 

@@ -42,7 +42,7 @@ from cell.states.transition_table import Event, State
 from cell.support.process.interrupts import Interrupts
 from robots.errors import FailureKind, StorageError
 from robots.ports import Ports, Stop
-from skills.scoring.score import Score
+from skills.scoring.verdict import Score
 
 __all__ = ["FoldRequest", "fold_once"]
 

@@ -31,7 +31,7 @@ from robots.errors import CellError, StorageError
 from robots.ports import Ports, Stop
 from robots.registry import find_robot
 from robots.robot import RobotVisual
-from skills.scoring.score import Score
+from skills.scoring.verdict import Score
 
 if TYPE_CHECKING:
     from cell.operator.console.supervision import Supervision

@@ -14,7 +14,8 @@ from cell.states.fold_request import FoldRequest
 from cell.view import Recorder
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
-from skills.scoring.score import Score, score_plan
+from skills.scoring.score import score_plan
+from skills.scoring.verdict import Score
 
 __all__ = ["GroundTruthRecorder"]
 
