@@ -15,7 +15,7 @@ from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS
 from cell.runs.run_difference import RunDifference, run_difference
 from cell.support.files.paths import journal_path
 from robots.errors import CellError
-from skills.scoring.score import Figure
+from skills.scoring.verdict import Figure
 
 __all__ = ["Comparison", "PicturePair", "Row", "Value", "compare_runs"]
 
