@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.board import BOARD, DICTIONARY, Board
+from calibration.board import BOARD, DICTIONARY
 
 __all__ = ["PAGE", "PIXELS_PER_MM", "RULER_MM", "draw_sheet"]
 
@@ -23,25 +23,20 @@ _PEN = 3
 """Stroke width of letters and lines [px]. It is odd, so that a line has a middle pixel."""
 
 
-def draw_sheet(board: Board = BOARD) -> NDArray[np.uint8]:
+def draw_sheet() -> NDArray[np.uint8]:
     """Return an image (h, w) of the page, black 0 and white 255, with PIXELS_PER_MM and the board in the middle.
 
     The page also shows the cutting line, the ruler, the middle of the lower edge and the board's description.
-    Raises ValueError for a board that does not fit the page.
     """
-    card = 1e3 * np.array(board.size)
-    if (card > PAGE).any():
-        size = f"{card[0]:.0f} x {card[1]:.0f} mm"
-        raise ValueError(f"a card of {size} does not fit a page of {PAGE[0]} x {PAGE[1]} mm")
     sheet = np.full((PAGE[1] * PIXELS_PER_MM, PAGE[0] * PIXELS_PER_MM), 255, dtype=np.uint8)
-    picture = board.image(1e3 * PIXELS_PER_MM)
+    picture = BOARD.image(1e3 * PIXELS_PER_MM)
     left, top = ((np.array(sheet.shape) - picture.shape) // 2)[::-1]
     bottom, right = top + picture.shape[0], left + picture.shape[1]
     sheet[top:bottom, left:right] = picture
     cv2.rectangle(sheet, (left - 1, top - 1), (right, bottom), 0, 1)
 
-    margin = round(1e3 * board.margin * PIXELS_PER_MM)
-    _write(sheet, _description(board), left + margin, top + round(0.65 * margin))
+    margin = round(1e3 * BOARD.margin * PIXELS_PER_MM)
+    _write(sheet, _description(), left + margin, top + round(0.65 * margin))
     line = bottom - round(0.5 * margin)
     end = _ruler(sheet, left + margin, line)
     _write(sheet, f"{RULER_MM} mm", end + _px(3), line + _px(0.5 * _CAPITALS))
@@ -51,11 +46,11 @@ def draw_sheet(board: Board = BOARD) -> NDArray[np.uint8]:
     return np.where(sheet > 127, 255, 0).astype(np.uint8)  # OpenCV anti-aliases letters
 
 
-def _description(board: Board) -> str:
-    wide, high = 1e3 * board.square * board.columns, 1e3 * board.square * board.rows
+def _description() -> str:
+    wide, high = 1e3 * BOARD.square * BOARD.columns, 1e3 * BOARD.square * BOARD.rows
     return (
-        f"foldcell calibration board: ChArUco {board.columns} x {board.rows}, {DICTIONARY}, squares"
-        f" {1e3 * board.square:g} mm, markers {1e3 * board.marker:g} mm, pattern {wide:g} x {high:g} mm."
+        f"foldcell calibration board: ChArUco {BOARD.columns} x {BOARD.rows}, {DICTIONARY}, squares"
+        f" {1e3 * BOARD.square:g} mm, markers {1e3 * BOARD.marker:g} mm, pattern {wide:g} x {high:g} mm."
         " A4, scale 1:1: print at 100 %."
     )
 

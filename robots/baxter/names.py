@@ -1,4 +1,4 @@
-"""Names and full speeds of Baxter's arm joints."""
+"""Names and ranges of Baxter's joints that the driver, the emulator and the description share."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import numpy as np
 
 from robots.ports import Side
 
-__all__ = ["ARM_JOINTS", "FULL_SPEED", "JOINT_NAMES"]
+__all__ = ["ARM_JOINTS", "FULL_SPEED", "HEAD_RANGE", "JOINT_NAMES"]
 
 ARM_JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")
 JOINT_NAMES = tuple(f"{side}_{joint}" for side in Side for joint in ARM_JOINTS)
 FULL_SPEED = np.array([1.5, 1.5, 1.5, 1.5, 4.0, 4.0, 4.0])
 """Largest speed of one arm's joints (7,) [rad/s], as in the URDF."""
+HEAD_RANGE = 1.39
+"""Largest angle of the head to either side [rad]."""

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robots.baxter.camera_mount import MOUNT
-from robots.baxter.names import ARM_JOINTS
+from robots.baxter.names import ARM_JOINTS, HEAD_RANGE
+from robots.baxter.ros.electric_gripper import FULL_OPENING
 from robots.example_data import package_root, read_description
 from robots.gripper_geometry import GripperGeometry
 from robots.ports import Attendant, Ports, Side, Stop
@@ -42,7 +43,7 @@ about the link axes change sign."""
 PARK_RIGHT = tuple(angle * factor for angle, factor in zip(PARK_LEFT, MIRROR, strict=True))
 
 GRIPPER = GripperGeometry(
-    max_opening=0.0416,  # twice the stroke of one finger
+    max_opening=FULL_OPENING,
     pad_thickness=0.008,  # the pads fill the gap of 16 mm between the URDF's closed bare fingertips
     finger_radius=0.008,
     finger_length=0.085,
@@ -152,7 +153,7 @@ DESCRIPTION = RobotDescription(
     drop_joint=1,  # S1
     drop_sign={Side.LEFT: 1.0, Side.RIGHT: 1.0},
     disabled_pairs=lambda: srdf_disabled_pairs(_urdf_path().parents[1] / "srdf/baxter_manipulation.srdf"),
-    head_range=1.39,
+    head_range=HEAD_RANGE,
     part_colour=_part_colour,
     rendered_colour=_rendered_colour,
     rendered_grid=dict.fromkeys(BODY, 0.020),

@@ -160,10 +160,8 @@ class BulletBody:
         """Return T_base_tool as position (3,) [m] and rotation (3, 3). robots.ports defines the tool's axes."""
         return base_pose(self._body, self._tool[side], self._client)
 
-    def touches(self, other: int | None = None) -> tuple[tuple[str, str], ...]:
-        """Return the pairs of names of links in contact with each other, or with body `other` (the second name is
-        '')."""
-        target = self._body if other is None else other
-        found = pb.getContactPoints(self._body, target, physicsClientId=self._client) or ()
+    def touches(self) -> tuple[tuple[str, str], ...]:
+        """Return the pairs of names of links in contact with each other."""
+        found = pb.getContactPoints(self._body, self._body, physicsClientId=self._client) or ()
         name = {index: name for name, index in self._links.items()}
-        return tuple(sorted({(name[c[3]], name[c[4]] if other is None else "") for c in found}))
+        return tuple(sorted({(name[c[3]], name[c[4]]) for c in found}))

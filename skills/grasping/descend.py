@@ -19,7 +19,7 @@ from skills.vocabulary import Array, Failure, FailureKind, Outcome
 __all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent", "yielding"]
 
 ARM_STIFFNESS = 1500.0
-"""Stiffness of an arm at the hand, along z [N/m]. What it gives way, the hand's own height does not show."""
+"""Stiffness of an arm at the hand, along z [N/m]. The height from the joints does not show this deflection."""
 TIP_STIFFNESS = 2500.0
 """Stiffness of a tip's rubber [N/m]."""
 CONTACT_READINGS = 3
@@ -27,8 +27,8 @@ CONTACT_READINGS = 3
 
 DESCENT_ACCELERATION = 0.15
 """Acceleration of the commanded height [m/s2]."""
-PRESS_STIFFNESS = 400.0
-"""Increase of the contact force per height of cloth that the tips have to press flat [N/m]. Terry is assumed
+PUSH_STIFFNESS = 400.0
+"""Increase of the contact force per height of cloth that the tips push flat [N/m]. Terry is assumed
 to need 250."""
 EFFORT_READINGS = 4
 """Number of successive readings that a contact in the joints needs."""
@@ -61,7 +61,7 @@ class DescentGoal:
 
     contact: where the tips are expected to touch cloth or table. bottom: lower bound; a descent that reaches it
     without a touch fails with NO_CONTACT. stop: where the descent succeeds without a touch (to grasp only the
-    upper layers), or None. through: height of cloth that the tips press flat before a touch counts as a contact,
+    upper layers), or None. through: height of cloth that the tips push flat before a touch counts as a contact,
     so that the pads reach under all layers; 0 stops at the first touch. Raises ValueError when through is
     negative, or when bottom is above contact or stop.
     """
@@ -160,7 +160,7 @@ def _update_contacts(reading: HandReading, state: DescentState, dt: float) -> De
     """Count the successive readings with a contact, and update the running mean of the efforts while they show no
     contact."""
     s = state.settings
-    tip_contact = _tip_force(reading, state) >= s.contact_force + PRESS_STIFFNESS * state.goal.through
+    tip_contact = _tip_force(reading, state) >= s.contact_force + PUSH_STIFFNESS * state.goal.through
     mean_effort = reading.effort if state.effort is None else state.effort
     effort_contact = bool(np.abs(reading.effort - mean_effort).max() >= s.contact_effort)
     guarded = state.speed <= 1.01 * s.guarded_speed
@@ -259,6 +259,6 @@ def _lower_target(reading: HandReading, state: DescentState, dt: float) -> Desce
 
 
 def yielding(force: float, tips: int) -> float:
-    """Return how far a hand reads too low while the table pushes on one or both of its tips [m]. force: on a tip
-    [N]."""
+    """Return the deflection of arm and tips while the table pushes on one or both tips [m]: the height from the
+    joints is too low by this. force: on a tip [N]."""
     return force * (tips / ARM_STIFFNESS + 1.0 / TIP_STIFFNESS)

@@ -38,9 +38,9 @@ class GraspSettings:
     """Difference of a joint's effort from its running mean that counts as a contact [Nm]: it depends on the
     robot."""
 
-    # press
+    # guarded push
     press_force: float
-    """Force on a tip, less its bias, at which a hand stops pressing the cloth flat [N]."""
+    """Force on a tip, less its bias, at which a hand ends its guarded push through the cloth [N]."""
 
     # close
     grip_force: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from robots.baxter.names import HEAD_RANGE
 from robots.baxter.ros.messages import load_messages
 from robots.baxter.ros.ports.clock import RosClock
 from robots.baxter.ros.topics import HEAD_COMMAND
@@ -14,8 +15,6 @@ from robots.ros.node import Node
 
 __all__ = ["RosHead"]
 
-LIMIT = 1.39
-"""Largest angle to either side [rad]."""
 SPEED = 0.5  # fraction of full speed
 REPEAT_S = 0.05
 GIVE_UP_S = 5.0
@@ -40,7 +39,7 @@ class RosHead:
             raise DriverError(FailureKind.STOPPED, "the head does not move: stopped", "reset the stop first")
         if not math.isfinite(angle):
             raise DriverError(FailureKind.HARDWARE_FAULT, f"invalid angle for the head: {angle}")
-        self._goal, self._asked = min(max(angle, -LIMIT), LIMIT), self._clock.now()
+        self._goal, self._asked = min(max(angle, -HEAD_RANGE), HEAD_RANGE), self._clock.now()
         self._tell()
 
     def watch(self, state: JointState) -> None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.board import BOARD, Board, find_board
+from calibration.board import BOARD, find_board
 from calibration.board_sheet import draw_sheet
 from cell.commands.main import main
 
@@ -115,8 +115,3 @@ def test_the_board_command_prints_instructions(tmp_path: Path, capsys) -> None:
     said = capsys.readouterr().out
     for word in ("DICT_4X4_50", "36", "304.8", "100 %", "100 mm", "276 x 204 mm", "tab"):
         assert word in said
-
-
-def test_a_board_too_large_for_the_page_is_refused() -> None:
-    with pytest.raises(ValueError, match="does not fit"):
-        draw_sheet(Board(columns=9))
