@@ -15,11 +15,12 @@ import numpy as np
 
 from benchmarks.perception.scenes import TABLE, LabelledScene
 from robots.ports import Array
-from skills.perception.outline import GarmentOutline, polygon_area, resample_closed, rotation, segment_lengths
+from skills.perception.outline import GarmentOutline, polygon_area, resample_closed, segment_lengths
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.energy import Boundary, EnergyWeights
 from skills.perception.registration.register import FitSettings, fit
 from skills.perception.segmentation.watershed import segment_watershed
+from skills.plane import rotation
 
 __all__ = ["paper_keypoints"]
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.classify import polygon_iou
-from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area, rotation
+from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area
 from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import best_starts
+from skills.plane import rotation
 
 __all__ = ["PosedOutline", "best_poses", "limb_tips", "posed_template"]
 

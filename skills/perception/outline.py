@@ -10,6 +10,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from robots.ports import Array
+from skills.plane import cross, lengths_along, rotation
 
 __all__ = [
     "GarmentOutline",
@@ -18,7 +19,6 @@ __all__ = [
     "outward_normals",
     "polygon_area",
     "resample_closed",
-    "rotation",
     "segment_lengths",
     "smooth_closed",
     "symmetries",
@@ -48,12 +48,6 @@ class GarmentOutline(Protocol):
     def template(self) -> Array: ...
 
 
-def rotation(angle: float) -> Array:
-    """Return the matrix (2, 2) of a rotation to the left by `angle` [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s], [s, c]])
-
-
 def polygon_area(polygon: Array) -> float:
     """Signed area of a closed polygon (k, 2), in the square of its unit: positive when it runs
     counter-clockwise."""
@@ -77,8 +71,7 @@ def interior_angles(X: Array) -> Array:
     """Interior angles (n,) in (0, 2 pi) of a counter-clockwise contour (n, 2)."""
     u = np.concatenate((X[1:], X[:1])) - X
     v = np.concatenate((X[-1:], X[:-1])) - X
-    cross = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    return np.mod(np.arctan2(cross, (u * v).sum(axis=1)), 2 * np.pi)
+    return np.mod(np.arctan2(cross(u, v), (u * v).sum(axis=1)), 2 * np.pi)
 
 
 def outward_normals(points: Array) -> Array:
@@ -92,7 +85,7 @@ def outward_normals(points: Array) -> Array:
 def resample_closed(points: Array, step: float) -> Array:
     """Resample a closed polygon (n, 2) evenly, with points about `step` apart, but at least eight."""
     closed = np.vstack([points, points[:1]])
-    arc = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))]
+    arc = lengths_along(closed)
     s = np.linspace(0.0, arc[-1], max(round(arc[-1] / step), 8), endpoint=False)
     return np.stack([np.interp(s, arc, closed[:, 0]), np.interp(s, arc, closed[:, 1])], axis=1)
 

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from skills.perception.outline import counter_clockwise, resample_closed, rotation
+from skills.perception.outline import counter_clockwise, resample_closed
+from skills.plane import rotation
 from skills.vocabulary import Array, Corner, frozen
 
 __all__ = ["Placement", "convex_corners", "place_outline"]

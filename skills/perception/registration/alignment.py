@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robots.ports import Array
-from skills.perception.outline import rotation
 from skills.perception.registration.energy import Boundary, closest_segments
+from skills.plane import rotation
 
 __all__ = ["align", "edge_deviation"]
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.outline import rotation, segment_lengths
+from skills.perception.outline import segment_lengths
 from skills.perception.registration.energy import Boundary, closest_segments
+from skills.plane import rotation
 
 __all__ = ["lay_body"]
 

@@ -23,7 +23,6 @@ from skills.perception.outline import (
     counter_clockwise,
     interior_angles,
     polygon_area,
-    rotation,
     segment_lengths,
     symmetries,
 )
@@ -35,6 +34,7 @@ from skills.perception.registration.energy import (
     contour_terms,
     solve_damped,
 )
+from skills.plane import rotation
 
 __all__ = ["FitSettings", "Registration", "Start", "best_starts", "fit", "register"]
 

@@ -36,51 +36,38 @@ from skills.cloth.simd.i32x16 import (
 )
 from skills.cloth.simd.vec3 import load, rows, store_singles
 
-
-@njit
-def bits_of(given, k):
-    a, b, limit = load_f32x16(given, 0, 0), load_f32x16(given, 0, 1), load_f32x16(given, 1, 0)
-    if k == 0:
-        made = a + b
-    elif k == 1:
-        made = a - b
-    elif k == 2:
-        made = a * b
-    elif k == 3:
-        made = a / b
-    elif k == 4:
-        made = vabs(a)
-    elif k == 5:
-        made = vmin(a, b)
-    elif k == 6:
-        made = vmax(a, b)
-    elif k == 7:
-        made = vsqrt(vabs(a))
-    else:
-        made = splat_f32x16(given[0, 0, 3])
-    return mask_less_equal(made, limit)
+OPERATIONS = {  # of two registers, and of two arrays
+    "add": (lambda a, b: a + b, np.add), "subtract": (lambda a, b: a - b, np.subtract),
+    "multiply": (lambda a, b: a * b, np.multiply), "divide": (lambda a, b: a / b, np.divide),
+    "absolute": (lambda a, b: vabs(a), lambda a, b: np.abs(a)), "least": (lambda a, b: vmin(a, b), np.minimum),
+    "largest": (lambda a, b: vmax(a, b), np.maximum),
+    "root": (lambda a, b: vsqrt(vabs(a)), lambda a, b: np.sqrt(np.abs(a))),
+    "splat": (lambda a, b: splat_f32x16(np.float32(0.7)), lambda a, b: np.full(LANES, 0.7)),
+}  # fmt: skip
 
 
-OPERATIONS = [
-    lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: a / b, lambda a, b: np.abs(a),
-    np.minimum, np.maximum, lambda a, b: np.sqrt(np.abs(a)), lambda a, b: np.full(LANES, a[3]),
-]  # fmt: skip
+def bits_of(given, operation):
+    """Bit k is set if the result of the operation on the first two rows is not above the third row in lane k."""
+    compiled = njit(operation)
+    return njit(
+        lambda x: mask_less_equal(compiled(load_f32x16(x, 0, 0), load_f32x16(x, 0, 1)), load_f32x16(x, 1, 0))
+    )(given)
 
 
-@pytest.mark.parametrize("k", range(len(OPERATIONS)))
-def test_operations_agree_with_numpy(k):
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_operations_agree_with_numpy(name):
     """Results are compared with limits just above and just below the expected values."""
-    given = np.zeros((2, 2, LANES), np.float32)
-    given[0] = np.random.default_rng(k).normal(size=(2, LANES))
-    expected = OPERATIONS[k](given[0, 0], given[0, 1]).astype(np.float32)
-    above = np.random.default_rng(10 + k).random(LANES) < 0.5
+    operation, of_arrays = OPERATIONS[name]
+    rng, given = np.random.default_rng(list(OPERATIONS).index(name)), np.zeros((2, 2, LANES), np.float32)
+    given[0] = rng.normal(size=(2, LANES))
+    expected = of_arrays(*given[0]).astype(np.float32)
+    above = rng.random(LANES) < 0.5
     given[1, 0] = expected + np.where(above, 1e-5, -1e-5) * (1.0 + np.abs(expected))
-    assert bits_of(given, k) == (above << np.arange(LANES)).sum()
+    assert bits_of(given, operation) == (above << np.arange(LANES)).sum()
 
 
 def test_equal_numbers_do_not_compare_as_greater():
-    given = np.ones((2, 2, LANES), np.float32)
-    assert bits_of(given, 5) == 2**LANES - 1
+    assert bits_of(np.ones((2, 2, LANES), np.float32), lambda a, b: vmin(a, b)) == 2**LANES - 1
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((2, 2, LANES)), np.zeros((2, LANES), np.float32)])

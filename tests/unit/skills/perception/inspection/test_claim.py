@@ -16,7 +16,7 @@ from skills.perception.inspection.claim import Claim, Displacement, claim_fold, 
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import StackHeights, TargetView
-from skills.perception.outline import rotation
+from skills.plane import rotation
 from skills.vocabulary import FailureKind
 from tests.inspections import inspection
 

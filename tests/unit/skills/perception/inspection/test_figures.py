@@ -16,8 +16,8 @@ from skills.perception.inspection.figures import (
     upper_height,
 )
 from skills.perception.inspection.result import InspectionSettings
-from skills.perception.outline import rotation
 from skills.perception.rectification.table_view import TableView
+from skills.plane import rotation
 from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
 from tests.inspections import on_table
 from tests.scenes import TABLE, camera

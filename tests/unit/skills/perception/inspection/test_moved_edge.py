@@ -10,8 +10,8 @@ from robots.errors import FailureKind
 from skills.perception.inspection.inspect import inspect
 from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
 from skills.perception.inspection.result import InspectionSettings
-from skills.perception.outline import rotation
 from skills.perception.rectification.table_view import TableView
+from skills.plane import rotation
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
 from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render
