@@ -95,7 +95,6 @@ def in_own_frame(world: WorldGarment) -> GarmentTruth:
     return GarmentTruth(
         name=world.name,
         vertices=world.mesh.lay_flat(world.material.thickness),
-        triangles=world.mesh.triangles,
         material=world.mesh.rest,
         keypoints={n: (p - (world.pose.x, world.pose.y)) @ back for n, p in world.keypoints.items()},
         pose=(0.0, 0.0, 0.0),

@@ -77,14 +77,14 @@ class _Gripper(_Sided):
     def calibrate(self) -> None:
         world = _world(self)
         world.port_faults.calibrated(self.side)
-        world.gripper(self.side).calibrate()
+        world.hands[self.side].gripper.calibrate()
 
     def command(self, opening: float, force: float) -> None:
-        _world(self).gripper(self.side).command(opening, force)
+        _world(self).hands[self.side].gripper.command(opening, force)
 
     def state(self) -> GripperState:
         world = _world(self)
-        return world.port_faults.gripper(world.gripper(self.side).state())
+        return world.port_faults.gripper(world.hands[self.side].gripper.state())
 
 
 class _Tactile(_Sided):
@@ -92,7 +92,7 @@ class _Tactile(_Sided):
 
     def reading(self) -> TactileReading:
         world = _world(self)
-        return world.port_faults.tactile(self.side, lambda side: world.tactile(side).reading(world.now()))
+        return world.port_faults.tactile(self.side, lambda side: world.hands[side].tactile.reading(world.now()))
 
 
 class _Camera(_Port):
@@ -137,9 +137,9 @@ def ports_of(world: World) -> Ports:
         driver="sim",
         simulated=True,
         clock=_Clock(),
-        arms=_Arms(world.command_timeout),
+        arms=_Arms(world.noise.robot.command_timeout),
         head=_Head(),
-        grippers={side: _Gripper(side, world.gripper(side).max_opening) for side in Side},
+        grippers={side: _Gripper(side, world.hands[side].gripper.max_opening) for side in Side},
         tactile={side: _Tactile(side) for side in Side},
         camera=_Camera(),
         stop=_Stop(),

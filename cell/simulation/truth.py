@@ -24,15 +24,14 @@ __all__ = ["GarmentTruth", "Truth"]
 class GarmentTruth:
     """The garment on the table. Lengths [m], table frame.
 
-    vertices: (n, 3) present positions. triangles: (m, 3). material: (n, 2) the flat rest shape in the pose in
-    which it was laid. keypoints: name -> (2,) true key points of that shape. pose: x, y [m], angle [rad]. fabric:
-    the true material. mesh: its rest shape is in the garment's own frame. traits: further properties of the
-    cloth; solver: 'xpbd' or 'mujoco'.
+    vertices: (n, 3) present positions. material: (n, 2) the flat rest shape in the pose in which it was laid.
+    keypoints: name -> (2,) true key points of that shape. pose: x, y [m], angle [rad]. fabric: the true material.
+    mesh: its rest shape is in the garment's own frame. traits: further properties of the cloth; solver: 'xpbd' or
+    'mujoco'.
     """
 
     name: str
     vertices: Array
-    triangles: NDArray[np.int32]
     material: Array
     keypoints: Mapping[str, Array]
     pose: tuple[float, float, float]
@@ -41,6 +40,11 @@ class GarmentTruth:
     mesh: ClothMesh
     traits: BodyTraits
     solver: str
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """The triangles (m, 3) of the mesh."""
+        return self.mesh.triangles
 
     @property
     def thickness(self) -> float:

@@ -12,11 +12,12 @@ __all__ = ["FaultBoard"]
 class FaultBoard:
     """The faults of one world: waiting faults, active faults, and past faults (for the ground truth).
 
-    Times are those of the world [s]. The cell's clock is ahead of them by `clock_offset` [s], and `Fault.at` is a
-    time of that clock.
+    now: the world's present time [s]; fold: number of the present fold, from 0. The world sets both. The cell's
+    clock is ahead of the world's time by `clock_offset` [s], and `Fault.at` is a time of that clock.
     """
 
     def __init__(self) -> None:
+        self.now, self.fold = 0.0, 0
         self._waiting: list[Fault] = []
         self._lasting: list[tuple[Fault, float, Side | None]] = []
         """Active faults, each with its end [s] and the side that met its conditions."""
@@ -34,8 +35,6 @@ class FaultBoard:
     def take(
         self,
         kind: FaultKind,
-        now: float,
-        fold: int,
         side: Side | None = None,
         grasp: int | None = None,
         lifted: float = 0.0,
@@ -44,29 +43,29 @@ class FaultBoard:
         for fault in self._waiting:
             if (
                 fault.kind is kind
-                and now + self.clock_offset >= fault.at
+                and self.now + self.clock_offset >= fault.at
                 and (fault.side is None or fault.side is side)
                 and (fault.grasp is None or fault.grasp == grasp)
-                and (fault.fold is None or fault.fold == fold)
+                and (fault.fold is None or fault.fold == self.fold)
                 and (kind is not FaultKind.DROPPED_CORNER or lifted >= fault.extent)
             ):
                 self._waiting.remove(fault)
-                self._lasting.append((fault, now + fault.lasts, side))
-                self.happened.append((now, fault))
+                self._lasting.append((fault, self.now + fault.lasts, side))
+                self.happened.append((self.now, fault))
                 return fault
         return None
 
-    def active(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> Fault | None:
+    def active(self, kind: FaultKind, side: Side | None = None) -> Fault | None:
         """Return the first active fault of this kind; None if there is none. Also triggers a waiting fault whose
         conditions hold."""
         if self.empty:
             return None
-        self.take(kind, now, fold, side)
+        self.take(kind, side)
         return next(
             (
                 fault
                 for fault, end, affected in self._lasting
-                if fault.kind is kind and now < end and (affected is None or affected is side)
+                if fault.kind is kind and self.now < end and (affected is None or affected is side)
             ),
             None,
         )
@@ -79,6 +78,6 @@ class FaultBoard:
             if fault.kind is not kind or affected not in (None, side)
         ]
 
-    def lasting(self, kind: FaultKind, now: float, fold: int, side: Side | None = None) -> bool:
+    def lasting(self, kind: FaultKind, side: Side | None = None) -> bool:
         """Whether a fault of this kind is active. Also triggers a waiting fault whose conditions hold."""
-        return self.active(kind, now, fold, side) is not None
+        return self.active(kind, side) is not None

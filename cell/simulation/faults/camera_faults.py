@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cell.simulation.camera.camera import SimulatedCamera
 from cell.simulation.camera.slabs import Slab
 from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.fault import Fault
 from cell.simulation.faults.kinds import FaultKind
 from robots.ports import CameraFrame, frozen
 
@@ -32,30 +31,28 @@ class CameraFaults:
         self._still: CameraFrame | None = None
         """The last still picture."""
 
-    def take(self, now: float, fold: int, exposures: int, slabs: Sequence[Slab] = ()) -> CameraFrame:
+    def take(self, exposures: int, slabs: Sequence[Slab] = ()) -> CameraFrame:
         """Take a picture of several exposures; one exposure is a glimpse, more are a still. slabs: objects that
         lie or are held before the camera. Raises DriverError like the camera."""
         camera, board = self._camera, self._board
-        camera.frozen = board.lasting(K.CAMERA_FREEZE, now, fold)
-        camera.black = board.lasting(K.CAMERA_BLACK, now, fold)
-        camera.silent = board.lasting(K.CAMERA_SILENT, now, fold)
-        old = board.active(K.CAMERA_OLD_PICTURE, now, fold)
+        camera.frozen = board.lasting(K.CAMERA_FREEZE)
+        camera.black = board.lasting(K.CAMERA_BLACK)
+        camera.silent = board.lasting(K.CAMERA_SILENT)
+        old = board.active(K.CAMERA_OLD_PICTURE)
         frame = camera.capture(exposures, slabs)
         if old is not None and self._still is not None:
             frame = replace(self._still, stamp=frame.stamp, sequence=frame.sequence)
         elif exposures > 1:
             self._still = frame
-        return frame if board.empty else self._altered(frame, now, fold)
+        return frame if board.empty else self._altered(frame)
 
-    def lateness(self, now: float, fold: int) -> float:
+    def lateness(self) -> float:
         """Return by how much a picture that was taken now arrives late [s]."""
-        late = self._board.active(K.CAMERA_LATE, now, fold)
+        late = self._board.active(K.CAMERA_LATE)
         return late.extent if late else 0.0
 
-    def _altered(self, frame: CameraFrame, now: float, fold: int) -> CameraFrame:
-        def active(kind: FaultKind) -> Fault | None:
-            return self._board.active(kind, now, fold)
-
+    def _altered(self, frame: CameraFrame) -> CameraFrame:
+        active = self._board.active
         missing = active(K.CAMERA_DEPTH_HOLES)
         if missing:
             depth = frame.depth.copy()

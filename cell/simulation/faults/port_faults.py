@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cell.simulation.faults.board import FaultBoard
-from cell.simulation.faults.fault import Fault
 from cell.simulation.faults.kinds import FaultKind
 from robots.ports import (
     Array,
@@ -37,31 +36,28 @@ Stamped = TypeVar("Stamped", JointState, JointSetpoint, TactileReading, GripperS
 
 
 class PortFaults:
-    """The faults at the ports of one world. now(): its time [s]; fold(): number of its present fold."""
+    """The faults at the ports of one world."""
 
-    def __init__(self, board: FaultBoard, now: Callable[[], float], fold: Callable[[], int]) -> None:
-        self._board, self._now, self._fold = board, now, fold
+    def __init__(self, board: FaultBoard) -> None:
+        self._board = board
         self._held: dict[tuple[FaultKind, Side | None], Any] = {}
         """Readings that an active fault repeats."""
         self._past: deque[JointState] = deque()
         """Joint states since readings began to arrive out of order."""
-
-    def _active(self, kind: FaultKind, side: Side | None = None) -> Fault | None:
-        return self._board.active(kind, self._now(), self._fold(), side)
 
     # clock
 
     def cell_time(self) -> float:
         """Return the time that the cell's clock shows [s]."""
         self._step_clock()
-        return self._now() + self._board.clock_offset
+        return self._board.now + self._board.clock_offset
 
     def wake_at(self, t: float) -> float:
         """Return the time of the world at which a sleep until the clock shows t [s] ends."""
         if self._board.empty:
             return t
         self._step_clock()
-        stalled = self._board.take(K.PROGRAM_STALLED, self._now(), self._fold())
+        stalled = self._board.take(K.PROGRAM_STALLED)
         return t - self._board.clock_offset + (stalled.extent if stalled else 0.0)
 
     def stamped(self, value: Stamped) -> Stamped:
@@ -71,7 +67,7 @@ class PortFaults:
 
     def _step_clock(self) -> None:
         if not self._board.empty:
-            step = self._board.take(K.CLOCK_STEP, self._now(), self._fold())
+            step = self._board.take(K.CLOCK_STEP)
             if step:
                 self._board.clock_offset += step.extent
 
@@ -79,7 +75,7 @@ class PortFaults:
 
     def delivers(self) -> bool:
         """Whether set-points reach the robot."""
-        return self._active(K.SETPOINTS_STARVED) is None
+        return self._board.active(K.SETPOINTS_STARVED) is None
 
     def joint_state(self, state: JointState) -> JointState:
         if self._board.empty:
@@ -89,12 +85,12 @@ class PortFaults:
         stale = self._repeated(K.JOINT_STATE_STALE, None, state)
         kept = self._repeated(K.JOINT_STATE_FROZEN, None, stale)
         state = kept if kept is stale else replace(kept, stamp=stale.stamp)
-        if self._active(K.JOINT_STATE_NAN):
+        if self._board.active(K.JOINT_STATE_NAN):
             state = replace(state, q=frozen(nan), qd=frozen(nan), effort=frozen(nan))
         return self.stamped(state)
 
     def _duplicated(self, state: JointState) -> JointState:
-        fault, key = self._active(K.JOINT_STATE_DUPLICATED), (K.JOINT_STATE_DUPLICATED, None)
+        fault, key = self._board.active(K.JOINT_STATE_DUPLICATED), (K.JOINT_STATE_DUPLICATED, None)
         if fault is None:
             return state
         last: JointState | None = self._held.get(key)
@@ -103,7 +99,7 @@ class PortFaults:
         return last
 
     def _out_of_order(self, state: JointState) -> JointState:
-        fault = self._active(K.JOINT_STATE_OUT_OF_ORDER)
+        fault = self._board.active(K.JOINT_STATE_OUT_OF_ORDER)
         if fault is None:
             self._past.clear()
             return state
@@ -120,25 +116,25 @@ class PortFaults:
         if self._board.empty:
             return read(side)
         reading = read(side)
-        if self._active(K.TACTILE_SWAPPED):
+        if self._board.active(K.TACTILE_SWAPPED):
             reading = replace(read(side.other), side=side)
         reading = self._repeated(K.TACTILE_STALE, side, reading)
         kept = self._repeated(K.TACTILE_CONSTANT, side, reading)
         reading = kept if kept is reading else replace(kept, stamp=reading.stamp)
-        saturated = self._active(K.TACTILE_SATURATED, side)
+        saturated = self._board.active(K.TACTILE_SATURATED, side)
         if saturated:
             reading = _filled(reading, saturated.extent)
-        if self._active(K.TACTILE_DEAD, side):
+        if self._board.active(K.TACTILE_DEAD, side):
             reading = _filled(reading, 0.0)
-        if self._active(K.TACTILE_NAN, side):
+        if self._board.active(K.TACTILE_NAN, side):
             reading = _filled(reading, np.nan)
         return self.stamped(reading)
 
     def gripper(self, state: GripperState) -> GripperState:
         if self._board.empty:
             return state
-        scale = self._active(K.GRIPPER_SCALE, state.side)
-        offset = self._active(K.GRIPPER_OFFSET, state.side)
+        scale = self._board.active(K.GRIPPER_SCALE, state.side)
+        offset = self._board.active(K.GRIPPER_OFFSET, state.side)
         if scale or offset:
             opening = state.opening * (scale.extent if scale else 1.0) + (offset.extent if offset else 0.0)
             state = replace(state, opening=opening)
@@ -154,7 +150,7 @@ class PortFaults:
     def _repeated(self, kind: FaultKind, side: Side | None, reading: Stamped) -> Stamped:
         """Return the first reading since a fault of this kind began, or `reading` if there is none."""
         key = kind, side
-        if self._active(kind, side) is None:
+        if self._board.active(kind, side) is None:
             self._held.pop(key, None)
             return reading
         first: Stamped = self._held.setdefault(key, reading)

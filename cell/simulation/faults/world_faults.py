@@ -45,14 +45,8 @@ class WorldFaults:
     """The faults in one world. `before_step` is called before each physics step, `before_frame` before each cloth
     frame; both do nothing while no fault was injected."""
 
-    def __init__(
-        self,
-        board: FaultBoard,
-        robot: SimulatedRobot,
-        grippers: Mapping[Side, SimulatedGripper],
-        garment: WorldGarment,
-    ) -> None:
-        self._board, self._robot, self._grippers, self._garment = board, robot, grippers, garment
+    def __init__(self, board: FaultBoard, robot: SimulatedRobot, garment: WorldGarment) -> None:
+        self._board, self._robot, self._garment = board, robot, garment
         self._flapping: _Flapping | None = None
         self._taken: tuple[Fault, float] | None = None
         """Fault that took the garment away, and the time of its return [s]."""
@@ -61,43 +55,43 @@ class WorldFaults:
 
     # robot
 
-    def before_step(self, t: float, fold: int) -> None:
-        """Let faults of arms, stop circuit and grippers begin or end at time t [s]."""
+    def before_step(self, grippers: Mapping[Side, SimulatedGripper]) -> None:
+        """Let faults of arms, stop circuit and grippers begin or end."""
         board, robot = self._board, self._robot
         if board.empty:
             return
-        for side, gripper in self._grippers.items():
-            gripper.stuck = board.lasting(K.GRIPPER_STUCK, t, fold, side)
-            weak = board.active(K.GRIPPER_WEAK, t, fold, side)
+        for side, gripper in grippers.items():
+            gripper.stuck = board.lasting(K.GRIPPER_STUCK, side)
+            weak = board.active(K.GRIPPER_WEAK, side)
             gripper.strength = weak.extent if weak else 1.0
-            gripper.broken = board.lasting(K.GRIPPER_ERROR, t, fold, side)
-            if board.take(K.GRIPPER_UNCALIBRATED, t, fold, side):
+            gripper.broken = board.lasting(K.GRIPPER_ERROR, side)
+            if board.take(K.GRIPPER_UNCALIBRATED, side):
                 gripper.lose_calibration()
-            robot.hang(side, board.lasting(K.ARM_HANGS, t, fold, side))
-            drop = board.take(K.SUDDEN_DROP, t, fold, side)
+            robot.hang(side, board.lasting(K.ARM_HANGS, side))
+            drop = board.take(K.SUDDEN_DROP, side)
             if drop is not None:
                 robot.drop(side, drop.extent, drop.lasts)
-        both = board.take(K.SUDDEN_DROP_BOTH, t, fold)
+        both = board.take(K.SUDDEN_DROP_BOTH)
         if both is not None:
             for side in Side:
                 robot.drop(side, both.extent, both.lasts)
-        self._flap(t, fold)
+        self._flap()
 
-    def _flap(self, t: float, fold: int) -> None:
-        fault = self._board.take(K.STOP_FLAPPING, t, fold)
+    def _flap(self) -> None:
+        fault = self._board.take(K.STOP_FLAPPING)
         if fault is not None:
-            self._flapping = _Flapping(t, t + fault.lasts, fault.extent)
+            self._flapping = _Flapping(self._board.now, self._board.now + fault.lasts, fault.extent)
         if self._flapping is not None:
-            f = self._flapping
+            f, t = self._flapping, self._board.now
             self._robot.open_circuit(t < f.end and int((t - f.start) / f.each) % 2 == 0)
 
     # cloth
 
-    def before_frame(self, t: float, fold: int) -> None:
-        """Let faults of the cloth begin or end at time t [s]."""
+    def before_frame(self) -> None:
+        """Let faults of the cloth begin or end."""
         if self._board.empty:
             return
-        garment = self._garment
+        garment, t = self._garment, self._board.now
         for side, end in list(self._caught.items()):
             if t >= end:
                 self.freed(side)
@@ -108,10 +102,10 @@ class WorldFaults:
             self._shove(fault)
         if not garment.laid or any(garment.holds(hand) for hand in HANDS.values()):
             return
-        shoved = self._board.take(K.GARMENT_SHOVED, t, fold)
+        shoved = self._board.take(K.GARMENT_SHOVED)
         if shoved is not None:
             self._shove(shoved)
-        taken = self._board.take(K.GARMENT_TAKEN, t, fold)
+        taken = self._board.take(K.GARMENT_TAKEN)
         if taken is not None:
             self._taken, garment.away = (taken, t + taken.lasts), True
 
@@ -127,11 +121,11 @@ class WorldFaults:
         best = int(np.argmin(out))
         garment.shove(shifts[best], float(turns[best]))
 
-    def catches(self, side: Side, t: float, fold: int) -> bool:
+    def catches(self, side: Side) -> bool:
         """Whether the cloth stays on a finger while the hand opens."""
-        fault = self._board.take(K.CAUGHT_ON_FINGER, t, fold, side)
+        fault = self._board.take(K.CAUGHT_ON_FINGER, side)
         if fault is not None:
-            self._caught[side] = t + fault.lasts
+            self._caught[side] = self._board.now + fault.lasts
         return fault is not None
 
     def caught(self, side: Side) -> bool:
@@ -142,29 +136,29 @@ class WorldFaults:
         """The cloth is no longer caught on a finger of this side."""
         self._caught.pop(side, None)
 
-    def grip_force(self, side: Side, force: float, t: float, fold: int) -> float:
+    def grip_force(self, side: Side, force: float) -> float:
         """Return the force that holds the cloth in this hand [N], for pads that press with `force` [N]."""
         if self._board.empty:
             return force
         if side in self._caught:
             return SNAG
-        slip = self._board.active(K.SLIP, t, fold, side)
+        slip = self._board.active(K.SLIP, side)
         return force * slip.extent if slip else force
 
     # objects before the camera
 
-    def slabs(self, t: float, fold: int, table: Table, fabric: tuple[int, int, int]) -> tuple[Slab, ...]:
+    def slabs(self, table: Table, fabric: tuple[int, int, int]) -> tuple[Slab, ...]:
         """Return the objects that lie or are held before the camera. fabric: colour of the garment, RGB."""
         if self._board.empty:
             return ()
         found = []
         laid = self._garment.positions[:, :2] if self._garment.laid else np.array([[sum(table.x) / 2, 0.0]])
-        hand = self._board.active(K.HAND_IN_VIEW, t, fold)
+        hand = self._board.active(K.HAND_IN_VIEW)
         if hand is not None:
             rng = np.random.default_rng((hand.seed, 2))
             point = laid[int(rng.integers(len(laid)))] if len(laid) > 1 else laid[0]
             found.append(hand_over(point, table.height + hand.extent, float(rng.uniform(-np.pi / 2, np.pi / 2))))
-        second = self._board.active(K.SECOND_GARMENT, t, fold)
+        second = self._board.active(K.SECOND_GARMENT)
         if second is not None:
             rng = np.random.default_rng((second.seed, 3))
             point = _free_place(laid, rng)

@@ -12,6 +12,8 @@ from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody
 from cell.simulation.garment.outline import draw_outline
 from cell.simulation.garment.pressing import draw_crease, tip_pressure
 from cell.simulation.noise import GarmentNoise
+from cell.simulation.truth import GarmentTruth
+from robots.ports import frozen
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
 from skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
@@ -90,16 +92,6 @@ class WorldGarment:
         return self._body is not None and not self.away
 
     @property
-    def residual_curvature(self) -> float:
-        """Curvature that bending friction can hold [1/m]."""
-        return self.traits.residual_curvature
-
-    @property
-    def crease(self) -> tuple[float, float]:
-        """crease_set and crease_time [s] of the fabric, as in `SolverSettings`."""
-        return self.traits.crease_set, self.traits.crease_time
-
-    @property
     def flat(self) -> Array:
         """Vertices (n, 2) of the perfectly flat garment in the pose in which it is laid, table frame [m]."""
         return self.pose.place(self.mesh.rest)
@@ -162,6 +154,21 @@ class WorldGarment:
         x = self._cloth.positions
         x[:, 2] += self._relief
         return x
+
+    def truth(self) -> GarmentTruth:
+        """Return the ground truth of the garment as it lies."""
+        return GarmentTruth(
+            name=self.name,
+            vertices=frozen(self.positions),
+            material=frozen(self.flat),
+            keypoints={name: frozen(p) for name, p in self.keypoints.items()},
+            pose=(self.pose.x, self.pose.y, self.pose.angle),
+            fabric=self.material,
+            layers=self.layers,
+            mesh=self.mesh,
+            traits=self.traits,
+            solver=self.solver,
+        )
 
     # actions of the robot
 

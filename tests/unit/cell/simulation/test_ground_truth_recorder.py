@@ -32,7 +32,7 @@ def test_a_user_garment_is_scored_by_its_own_plan(tmp_path: Path, name: str) -> 
     mesh, (step,) = mesh_from_contour(state.contour, 0.03), plan_folds(state, garment).unwrap()
     folded = target_vertices(mesh, step.lines, garment.material)
     laid = GarmentTruth(
-        garment.name, folded, mesh.triangles, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1,
+        garment.name, folded, mesh.rest, state.keypoints, (0.6, 0.0, 0.0), garment.material, 1,
         mesh, BodyTraits(), "mujoco"
     )  # fmt: skip
     truth: Any = SimpleNamespace(watch=lambda tell: None, now=lambda: SimpleNamespace(garment=laid))

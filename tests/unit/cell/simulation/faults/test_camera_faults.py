@@ -35,7 +35,7 @@ class Watched:
     """A camera before the plane, and its faults. The grey of a picture tells its time."""
 
     def __init__(self, kind: FaultKind, **traits: float) -> None:
-        self.t, self.board = 0.0, FaultBoard()
+        self.board = FaultBoard()
         self.board.add(Fault(kind, at=1.0, **traits))  # type: ignore[arg-type]
         scene = SimpleNamespace(
             focal=(MOUNT.intrinsics.fx, MOUNT.intrinsics.fy), centre=(MOUNT.intrinsics.cx, MOUNT.intrinsics.cy)
@@ -43,17 +43,21 @@ class Watched:
         renderer = SimpleNamespace(scene=scene, picture=self._picture)
         camera = SimulatedCamera(
             renderer, MOUNT.intrinsics, load_noise().camera, 1, lambda: Shot({}, None, MOUNT.T_base_camera()),  # type: ignore[arg-type]
-            lambda: self.t, ideal=True,
+            lambda: self.board.now, ideal=True,
         )  # fmt: skip
         self.faults = CameraFaults(self.board, camera)
 
     def _picture(self, _: Shot) -> Picture:
         seen = plane()
-        return Picture(np.full_like(seen.rgb, round(10.0 * self.t)), seen.depth)
+        return Picture(np.full_like(seen.rgb, round(10.0 * self.board.now)), seen.depth)
 
     def take(self, t: float, exposures: int = STILL) -> CameraFrame:
-        self.t = t
-        return self.faults.take(t, 0, exposures)
+        self.board.now = t
+        return self.faults.take(exposures)
+
+    def lateness(self, t: float) -> float:
+        self.board.now = t
+        return self.faults.lateness()
 
 
 def test_an_old_picture_has_a_fresh_stamp_and_number() -> None:
@@ -106,7 +110,7 @@ def test_holes_cover_their_share_in_other_places_for_other_seeds(share: float) -
 
 def test_a_late_picture_is_as_late_as_stated() -> None:
     watched = Watched(K.CAMERA_LATE, size=2.0, duration=3.0)
-    assert [watched.faults.lateness(t, 0) for t in (0.5, 1.5, 5.0)] == [0.0, 2.0, 0.0]
+    assert [watched.lateness(t) for t in (0.5, 1.5, 5.0)] == [0.0, 2.0, 0.0]
 
 
 def test_a_second_garment_lies_where_it_is_and_is_as_high_as_stated() -> None:

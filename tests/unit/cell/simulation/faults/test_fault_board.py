@@ -13,7 +13,11 @@ def test_a_fault_waits_for_side_grasp_and_time_and_happens_once() -> None:
     board = FaultBoard()
     fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=2, at=5.0)
     board.add(fault)
-    take = lambda now, side, grasp: board.take(FaultKind.MISSED_GRASP, now, 0, side, grasp)  # noqa: E731
+
+    def take(now: float, side: Side, grasp: int) -> Fault | None:
+        board.now = now
+        return board.take(FaultKind.MISSED_GRASP, side, grasp)
+
     assert take(9.0, Side.RIGHT, 2) is None
     assert take(9.0, Side.LEFT, 1) is None
     assert take(4.0, Side.LEFT, 2) is None
@@ -25,33 +29,31 @@ def test_a_fault_waits_for_side_grasp_and_time_and_happens_once() -> None:
 def test_a_fault_waits_for_its_fold() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.SUDDEN_DROP, fold=1))
-    assert board.take(FaultKind.SUDDEN_DROP, 1.0, 0, Side.LEFT) is None
-    drop = board.take(FaultKind.SUDDEN_DROP, 1.0, 1, Side.LEFT)
+    assert board.take(FaultKind.SUDDEN_DROP, Side.LEFT) is None
+    board.fold = 1
+    drop = board.take(FaultKind.SUDDEN_DROP, Side.LEFT)
     assert drop is not None and drop.extent == pytest.approx(0.03) and drop.lasts == pytest.approx(0.4)
 
 
 def test_a_corner_is_dropped_at_the_given_height() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.DROPPED_CORNER, size=0.1))
-    assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.09) is None
-    assert board.take(FaultKind.DROPPED_CORNER, 1.0, 0, Side.LEFT, 1, lifted=0.11) is not None
+    assert board.take(FaultKind.DROPPED_CORNER, Side.LEFT, 1, lifted=0.09) is None
+    assert board.take(FaultKind.DROPPED_CORNER, Side.LEFT, 1, lifted=0.11) is not None
 
 
 def test_a_fault_lasts_for_its_duration() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.CAMERA_BLACK, at=2.0, duration=3.0))
-    lasting = [board.lasting(FaultKind.CAMERA_BLACK, t, 0) for t in (1.0, 2.5, 5.0, 5.6)]
-    assert lasting == [False, True, True, False]
+    for board.now, lasts in ((1.0, False), (2.5, True), (5.0, True), (5.6, False)):
+        assert board.lasting(FaultKind.CAMERA_BLACK) is lasts
 
 
 def test_a_fault_without_a_side_affects_only_the_first_matching_hand() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.GRIPPER_STUCK, at=2.0, duration=3.0))
-    seen = [
-        (t, side) for t in (1.0, 2.5, 4.0, 6.0) for side in Side
-        if board.lasting(FaultKind.GRIPPER_STUCK, t, 0, side)
-    ]  # fmt: skip
-    assert seen == [(2.5, Side.LEFT), (4.0, Side.LEFT)]
+    for board.now, stuck in ((1.0, []), (2.5, [Side.LEFT]), (4.0, [Side.LEFT]), (6.0, [])):
+        assert [side for side in Side if board.lasting(FaultKind.GRIPPER_STUCK, side)] == stuck
 
 
 @pytest.mark.parametrize(

@@ -23,10 +23,13 @@ class Cell:
     ends at 2 s."""
 
     def __init__(self, kind: FaultKind, side: Side | None = None, size: float | None = None) -> None:
-        self.t = 0.0
-        board = FaultBoard()
-        board.add(Fault(kind, side=side, at=1.0, size=size, duration=1.0))
-        self.board, self.faults = board, PortFaults(board, lambda: self.t, lambda: 0)
+        self.board = FaultBoard()
+        self.board.add(Fault(kind, side=side, at=1.0, size=size, duration=1.0))
+        self.faults = PortFaults(self.board)
+
+    @property
+    def t(self) -> float:
+        return self.board.now
 
     def joints(self) -> JointState:
         values = np.full(14, self.t)
@@ -45,12 +48,13 @@ class Cell:
     def over(self, read: Callable[[], T]) -> Iterator[tuple[float, T]]:
         """(time, reading) at 100 Hz, from 0 to 3 s."""
         for k in range(300):
-            self.t = round(k * DT, 9)
+            self.board.now = round(k * DT, 9)
             yield self.t, read()
 
 
 def test_without_faults_every_answer_is_the_sound_reading_itself() -> None:
-    faults = PortFaults(FaultBoard(), lambda: 1.0, lambda: 0)
+    board = FaultBoard()
+    board.now, faults = 1.0, PortFaults(board)
     state = JointState(1.0, np.zeros(14), np.zeros(14), np.zeros(14), 0.0)
     gripper = GripperState(1.0, Side.LEFT, 0.02, 5.0, False, True)
     reading = TactileReading(1.0, Side.LEFT, np.zeros((2, 3, 4)), np.zeros(2))
@@ -152,7 +156,7 @@ def test_a_gripper_reports_a_wrong_opening(kind: FaultKind, size: float, opening
 @pytest.mark.parametrize("kind", [K.GRIPPER_OFFSET, K.GRIPPER_SCALE])
 def test_a_calibration_of_that_gripper_ends_its_wrong_opening(kind: FaultKind) -> None:
     cell = Cell(kind, Side.RIGHT)
-    cell.t = 1.5
+    cell.board.now = 1.5
     assert cell.gripper(Side.RIGHT).opening > 0.02
     cell.faults.calibrated(Side.LEFT)
     assert cell.gripper(Side.RIGHT).opening > 0.02
@@ -163,7 +167,7 @@ def test_a_calibration_of_that_gripper_ends_its_wrong_opening(kind: FaultKind) -
 def clocked(fault: Fault) -> Cell:
     cell = Cell(K.JOINT_STATE_NAN)
     cell.board = FaultBoard()
-    cell.faults = PortFaults(cell.board, lambda: cell.t, lambda: 0)
+    cell.faults = PortFaults(cell.board)
     cell.board.add(fault)
     return cell
 
@@ -181,7 +185,7 @@ def test_a_stepped_clock_shows_in_every_later_time_and_stamp(step: float) -> Non
 def test_a_stepped_clock_does_not_delay_the_next_fault() -> None:
     """A script gives the times of its faults by the cell's clock."""
     cell = clocked(Fault(K.CLOCK_STEP, at=1.0, size=5.0))
-    cell.t = 1.0
+    cell.board.now = 1.0
     assert cell.faults.cell_time() == 6.0
     cell.board.add(Fault(K.TACTILE_DEAD, side=Side.LEFT, at=6.5, duration=1.0))
     dead = [t for t, reading in cell.over(cell.pads) if reading.tip[0] == 0.0]
@@ -190,8 +194,8 @@ def test_a_stepped_clock_does_not_delay_the_next_fault() -> None:
 
 def test_a_stalled_program_oversleeps_once() -> None:
     cell = clocked(Fault(K.PROGRAM_STALLED, at=1.0, size=0.6))
-    cell.t = 0.99
+    cell.board.now = 0.99
     assert cell.faults.wake_at(1.0) == 1.0
-    cell.t = 1.0
+    cell.board.now = 1.0
     assert cell.faults.wake_at(1.01) == pytest.approx(1.61)
     assert cell.faults.wake_at(1.62) == 1.62
