@@ -25,6 +25,7 @@ from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import Entry, Journal, JournalRun
 from cell.runs.resumable import RESUMED_FROM
+from cell.runs.run_difference import flattened
 from cell.runs.run_inputs import initial_checkpoint, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
@@ -319,14 +320,6 @@ def _figures(entry: Entry | None) -> dict[str, Any]:
     """Return the time and figures of a journal line as a flat mapping: nested keys are joined by dots."""
     if entry is None:
         return {}
-    flat = dict(_flattened("", _repeatable(entry.payload)))
+    flat = dict(flattened(_repeatable(entry.payload)))
     in_text = {"schema", "event", "kind", "what", "hint"}
     return {"cell time": entry.cell_time, **{k: v for k, v in flat.items() if k not in in_text}}
-
-
-def _flattened(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _flattened(f"{prefix}.{key}" if prefix else key, item)
-    else:
-        yield prefix, value

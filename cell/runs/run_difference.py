@@ -9,7 +9,7 @@ from typing import Any
 from cell.journal.journal import Entry, Intent, JournalRun, performed
 from cell.runs.request_file import SETTINGS
 
-__all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
+__all__ = ["Decision", "Difference", "RunDifference", "flattened", "run_difference"]
 
 TIMES = ("wall_time_s", "run_dir", "stage_times_s")
 """Figures that are not compared, because they differ between any two runs or are contained in other figures."""
@@ -82,23 +82,23 @@ def _settings(record: JournalRun) -> dict[str, Any]:
     from cell.config.yaml_file import read_yaml
 
     path = record.directory / SETTINGS
-    stated = dict(_flat(read_yaml(path, "cell settings file").data)) if path.is_file() else {}
+    stated = dict(flattened(read_yaml(path, "cell settings file").data)) if path.is_file() else {}
     return {"garment": record.garment, "seed": record.seed, "driver": record.driver, **stated}
 
 
 def _figures(record: JournalRun) -> dict[str, Any]:
     kept = {k: v for k, v in record.summary.items() if k not in TIMES}
-    return {"status": record.status, **dict(_flat(kept))}
+    return {"status": record.status, **dict(flattened(kept))}
 
 
-def _flat(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted keys and values. Items of a list are numbered from 0, or named if they have a name."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _flat(item, f"{prefix}.{key}" if prefix else str(key))
+            yield from flattened(item, f"{prefix}.{key}" if prefix else str(key))
     elif isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
         for n, item in enumerate(value):
-            yield from _flat(item, f"{prefix}.{item.get('name', n)}")
+            yield from flattened(item, f"{prefix}.{item.get('name', n)}")
     else:
         yield prefix, value
 

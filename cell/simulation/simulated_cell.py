@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol
 
 from cell.simulation.faults import Fault
 from cell.simulation.settings import SimulationSettings
@@ -27,21 +27,6 @@ __all__ = [
 ]
 
 
-class _World(Protocol):
-    """The world of a simulated cell, in this process or in another process."""
-
-    @property
-    def faults(self) -> Faults: ...
-
-    def truth(self) -> Truth: ...
-
-    def watch(self, tell: Callable[[Truth], None] | None) -> None: ...
-
-    def checkpoint(self) -> bytes: ...
-
-    def restore(self, saved: bytes) -> None: ...
-
-
 class Faults(Protocol):
     def add(self, fault: Fault) -> None:
         """Inject a fault. It happens when its conditions hold."""
@@ -49,33 +34,27 @@ class Faults(Protocol):
 
 @dataclass(frozen=True)
 class TruthSource:
-    """The ground truth, only for records. No decision of a run may depend on it."""
+    """The ground truth, only for records. No decision of a run may depend on it.
 
-    _world: _World
+    now: returns the truth. watch: calls a function with the truth twelve times a second of cell time; None: stops
+    calling. A cell in another process makes no calls.
+    """
 
-    def now(self) -> Truth:
-        return self._world.truth()
-
-    def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Call `tell` with the truth twelve times a second of cell time; None: stop calling. A cell in another
-        process makes no calls."""
-        self._world.watch(tell)
+    now: Callable[[], Truth]
+    watch: Callable[[Callable[[Truth], None] | None], None]
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Saves and restores the world, so that a run can be resumed."""
+    """Saves and restores the world, so that a run can be resumed.
 
-    _world: _World
+    save: returns the state of robot, hands, cloth, noise and time (1 to 12 MB). restore: restores the state in a
+    newly opened cell with the same settings and seed. The arms are then at rest with their motors off. Injected
+    faults are not restored.
+    """
 
-    def save(self) -> bytes:
-        """Return the state of robot, hands, cloth, noise and time (1 to 12 MB)."""
-        return self._world.checkpoint()
-
-    def restore(self, saved: bytes) -> None:
-        """Restore the state in a newly opened cell with the same settings and seed. The arms are at rest with
-        their motors off. Injected faults are not restored."""
-        self._world.restore(saved)
+    save: Callable[[], bytes]
+    restore: Callable[[bytes], None]
 
 
 @dataclass(frozen=True)
@@ -101,10 +80,6 @@ class SimulatedCell:
     faults: Faults
     checkpoint: Checkpoint
     display: Display
-
-    @classmethod
-    def of(cls, ports: Ports, world: _World, display: Display) -> Self:
-        return cls(ports, TruthSource(world), world.faults, Checkpoint(world), display)
 
 
 def check_settings(settings: SimulationSettings) -> None:
@@ -135,7 +110,13 @@ def open_simulated_cell(settings: SimulationSettings, seed: int) -> Iterator[Sim
 
     world = World(settings, seed)
     try:
-        yield SimulatedCell.of(ports_of(world), world, Display(world.display, world.steps, world.on_advance))
+        yield SimulatedCell(
+            ports_of(world),
+            TruthSource(world.truth, world.watch),
+            world.faults,
+            Checkpoint(world.checkpoint, world.restore),
+            Display(world.display, world.steps, world.on_advance),
+        )
     finally:
         unbind(world)
         world.close()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,83 +26,68 @@ from skills.vocabulary import Array
 
 __all__ = ["record_bending", "record_crease", "record_free_fold", "record_friction", "record_shear"]
 
-GARMENT = "test/garment"
 HALF_TABLE = 0.75
 
 
 def record_shear(path: Path, test: ShearCalibration) -> None:
     """Record the hanging garment, the line L1 on it, and the elongation of this line over time. Raises
     StorageError."""
-    stream = _begin(path, "hang test", "elongation")
-    stream.log("elongation/measured", rr.SeriesLines(colors=[style.TARGET], names=["measured"]), static=True)
-    for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):
-        stream.set_time(TIMELINE, duration=float(t))
-        _cloth(stream, x, test.shape.mesh.triangles, first=k == 0)
-        ends = [x[test.shape.clip].mean(axis=0), x[test.shape.lowest]]
-        stream.log("test/measured", rr.LineStrips3D([ends], radii=0.002, colors=[style.KEYPOINT]))
-        stream.log("elongation/measured", rr.Scalars(100.0 * test.stretch_fraction))
-        stream.log("elongation/simulated", rr.Scalars(100.0 * test.shape.elongation(x)))
-    _end(stream, path)
+    with _recording(path, "hang test", "elongation") as stream:
+        stream.log("elongation/measured", rr.SeriesLines(colors=[style.TARGET], names=["measured"]), static=True)
+        for _, x in _pictures(stream, test.times, test.pictures, test.shape.mesh.triangles):
+            ends = [x[test.shape.clip].mean(axis=0), x[test.shape.lowest]]
+            stream.log("test/measured", rr.LineStrips3D([ends], radii=0.002, colors=[style.KEYPOINT]))
+            stream.log("elongation/measured", rr.Scalars(100.0 * test.stretch_fraction))
+            stream.log("elongation/simulated", rr.Scalars(100.0 * test.shape.elongation(x)))
 
 
 def record_friction(path: Path, test: FrictionCalibration) -> None:
     """Record the garment on the tilted table, while friction decreases until the garment slides. Raises
     StorageError."""
-    stream = _begin(path, "tilt test", "friction")
     plate = HALF_TABLE * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-    for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):
-        stream.set_time(TIMELINE, duration=float(t))
-        lift = float(test.lifts[k])
-        _mesh(stream, "test/table", tilted(plate, lift), faces, style.TABLE, first=k == 0)
-        _cloth(stream, tilted(x, lift), test.mesh.triangles, first=k == 0)
-        stream.log("friction/of_table", rr.Scalars(float(test.frictions[k])))
-        stream.log("friction/tan_of_slope", rr.Scalars(math.tan(lift)))
-        stream.log("slid/downhill_mm", rr.Scalars(1e3 * float((x - test.pictures[0])[:, 0].mean())))
-    _end(stream, path)
+    lifts = [float(lift) for lift in test.lifts]
+    shown = [tilted(x, lift) for x, lift in zip(test.pictures, lifts, strict=True)]
+    with _recording(path, "tilt test", "friction") as stream:
+        for k, _ in _pictures(stream, test.times, shown, test.mesh.triangles):
+            _mesh(stream, "test/table", tilted(plate, lifts[k]), faces, style.TABLE, first=k == 0)
+            stream.log("friction/of_table", rr.Scalars(float(test.frictions[k])))
+            stream.log("friction/tan_of_slope", rr.Scalars(math.tan(lifts[k])))
+            slid = (test.pictures[k] - test.pictures[0])[:, 0].mean()
+            stream.log("slid/downhill_mm", rr.Scalars(1e3 * float(slid)))
 
 
 def record_bending(path: Path, test: BendingCalibration) -> None:
     """Record the strip that bends over the edge, and the plane of 41.5 degrees. Raises StorageError."""
-    stream = _begin(path, "cantilever test", "angle")
     near = np.array([-test.behind, 0.0, 0.0])
     far = near + test.overhang * np.array([math.cos(ANGLE), 0.0, -math.sin(ANGLE)])
     top = test.pictures[0][:, 2].mean()
-    stream.log(
-        "test/plane",
-        rr.LineStrips3D([[(near[0], y, top), (far[0], y, top + far[2])] for y in (-0.03, 0.03)], radii=0.001,
-                        colors=[style.TARGET]), static=True,
-    )  # fmt: skip
-    for k, (t, x) in enumerate(zip(test.times, test.pictures, strict=True)):
-        stream.set_time(TIMELINE, duration=float(t))
-        _cloth(stream, x, test.mesh.triangles, first=k == 0)
-        stream.log("angle/of_tip_deg", rr.Scalars(math.degrees(test.tip_angle(x))))
-    _end(stream, path)
+    plane = [[(near[0], y, top), (far[0], y, top + far[2])] for y in (-0.03, 0.03)]
+    with _recording(path, "cantilever test", "angle") as stream:
+        stream.log("test/plane", rr.LineStrips3D(plane, radii=0.001, colors=[style.TARGET]), static=True)
+        for _, x in _pictures(stream, test.times, test.pictures, test.mesh.triangles):
+            stream.log("angle/of_tip_deg", rr.Scalars(math.degrees(test.tip_angle(x))))
 
 
 def record_free_fold(path: Path, test: FreeFold) -> None:
     """Record the flat strip, the settled free fold, and the height of its crease. Raises StorageError."""
-    stream = _begin(path, "free fold", "height")
-    for k, x in enumerate(test.pictures):
-        stream.set_time(TIMELINE, duration=float(k))
-        _cloth(stream, x, test.mesh.triangles, first=k == 0)
-        stream.log("height/of_crease_mm", rr.Scalars(1e3 * float(x[:, 2].max())))
-    _end(stream, path)
+    with _recording(path, "free fold", "height") as stream:
+        for _, x in _pictures(stream, range(len(test.pictures)), test.pictures, test.mesh.triangles):
+            stream.log("height/of_crease_mm", rr.Scalars(1e3 * float(x[:, 2].max())))
 
 
 def record_crease(path: Path, test: CreaseCalibration) -> None:
     """Record the coupon under the weight and after it, and its kept angle. Raises StorageError."""
-    stream = _begin(path, "crease recovery test", "angle")
     coupon = test.coupon
-    for k, (t, x) in enumerate(zip(coupon.times, coupon.pictures, strict=True)):
-        stream.set_time(TIMELINE, duration=float(t))
-        _cloth(stream, x, coupon.mesh.triangles, first=k == 0)
-        stream.log("angle/kept_deg", rr.Scalars(math.degrees(coupon.kept_angle(x))))
-        stream.log("angle/measured_deg", rr.Scalars(math.degrees(test.kept)))
-    _end(stream, path)
+    with _recording(path, "crease recovery test", "angle") as stream:
+        for _, x in _pictures(stream, coupon.times, coupon.pictures, coupon.mesh.triangles):
+            stream.log("angle/kept_deg", rr.Scalars(math.degrees(coupon.kept_angle(x))))
+            stream.log("angle/measured_deg", rr.Scalars(math.degrees(test.kept)))
 
 
-def _begin(path: Path, name: str, series: str) -> rr.RecordingStream:
+@contextmanager
+def _recording(path: Path, name: str, series: str) -> Iterator[rr.RecordingStream]:
+    """Write a recording with a view of the test and a plot of `series`. Raises StorageError."""
     views = rrb.Vertical(
         rrb.Spatial3DView(origin="/", name=name), rrb.TimeSeriesView(origin=f"/{series}"), row_shares=[3, 1]
     )
@@ -112,17 +99,21 @@ def _begin(path: Path, name: str, series: str) -> rr.RecordingStream:
         raise StorageError(f"cannot write {path}: {e}", "choose another folder with --logs", path=str(path)) from e
     stream.send_recording_name(name)
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    return stream
-
-
-def _end(stream: rr.RecordingStream, path: Path) -> None:
+    yield stream
     stream.disconnect()
     if not path.is_file():
         raise StorageError(f"{path} was not written", "choose another folder with --logs", path=str(path))
 
 
-def _cloth(stream: rr.RecordingStream, x: Array, triangles: NDArray[np.int32], first: bool) -> None:
-    _mesh(stream, GARMENT, x, triangles, style.GARMENT, first)
+def _pictures(
+    stream: rr.RecordingStream, times: Iterable[float], pictures: Sequence[Array], triangles: NDArray[np.int32]
+) -> Iterator[tuple[int, Array]]:
+    """Record the cloth at each time [s]. Yields number and vertices (n, 3) of each picture, at whose time more can
+    be recorded."""
+    for k, (t, x) in enumerate(zip(times, pictures, strict=True)):
+        stream.set_time(TIMELINE, duration=float(t))
+        _mesh(stream, "test/garment", x, triangles, style.GARMENT, first=k == 0)
+        yield k, x
 
 
 def _mesh(

@@ -26,7 +26,7 @@ from cell.view.bounded_worker import BoundedWorker
 from cell.view.entries import scene
 from cell.view.entries.entry import Entry, Log
 from cell.view.entries.robot import RobotFigure
-from cell.view.entries.series import Series
+from cell.view.entries.series import Sample, Series
 from cell.view.live import LiveStream
 from cell.view.streams import begin_stream, drop_ended_streams
 from robots.ports import Array, CameraFrame, GripperState, JointState, Side, TactileReading, frozen
@@ -119,15 +119,15 @@ class Recorder:
         `garment_truth` is recorded. Does not raise: if the recording cannot be begun, `close` reports the error
         and the run continues without a recording.
         """
-        recorder = cls(table, robot, truth)
+        recorder, floor = cls(table, robot, truth), robot.floor if robot else 0.0
         try:
-            stream = begin_stream(APPLICATION, rr.FileSink(str(path)), layout(floor_of(robot)), run_id)
+            stream = begin_stream(APPLICATION, rr.FileSink(str(path)), layout(floor), run_id)
             stream.send_recording_name(run_id)
             recorder._file = stream
         except Exception as error:
             recorder._note_error(error)
         if live:
-            recorder._live = LiveStream(APPLICATION, run_id, live, floor_of(robot), recorder._note_live)
+            recorder._live = LiveStream(APPLICATION, run_id, live, floor, recorder._note_live)
         recorder._worker = BoundedWorker("recorder", recorder._work, recorder._note_error, FILE_QUEUE_BYTES)
         recorder._submit(recorder._begin, essential=True)
         return recorder
@@ -184,7 +184,8 @@ class Recorder:
     def perception(self, t: float, seen: RecognisedGarment, overlay: NDArray | None = None) -> None:
         """Record the recognised garment. overlay: (H, W, 3) uint8, the picture with the garment drawn on it; None:
         the recorder draws it."""
-        self._submit(partial(self._perception_entries, t, seen, overlay), seen_cost(seen, overlay))
+        cost = 1e5 + (0 if overlay is None else overlay.nbytes)
+        self._submit(partial(self._perception_entries, t, seen, overlay), cost)
 
     def plan(self, t: float, step: FoldStep) -> None:
         """Record the step that begins, and clear the drawings of the previous step."""
@@ -199,7 +200,7 @@ class Recorder:
 
     def observed(self, t: float, points: Array) -> None:
         """Record an observed contour (n, 2) or height points (n, 3) [m]."""
-        self._submit(partial(scene.observed_entries, t, _copy(points)), points.nbytes)
+        self._submit(partial(scene.observed_entries, t, frozen(points)), points.nbytes)
 
     def estimated(self, t: float, says: str, picture: NDArray, shape: PredictedShape | None) -> None:
         """Record the estimated state of the garment after a failure: in words, with the candidates drawn over the
@@ -225,18 +226,18 @@ class Recorder:
         self._submit(partial(scene.adapted_entries, t, friction, learned), essential=True)
 
     def joints(self, state: JointState) -> None:
-        self._submit(partial(self._series_entries, state.stamp, self._series_of("joints"), state), 400.0)
+        self._submit(partial(self._sample_entries, state), 400.0)
 
     def gripper(self, state: GripperState) -> None:
-        self._submit(partial(self._series_entries, state.stamp, self._series_of("gripper"), state), 200.0)
+        self._submit(partial(self._sample_entries, state), 200.0)
 
     def tactile(self, reading: TactileReading) -> None:
-        self._submit(partial(self._series_entries, reading.stamp, self._series_of("tactile"), reading), 600.0)
+        self._submit(partial(self._sample_entries, reading), 600.0)
 
     def garment_truth(self, t: float, vertices: Array, triangles: NDArray) -> None:
         """Record the simulated garment itself, labelled as truth. vertices (n, 3), triangles (m, 3)."""
         if self._truth_on:
-            self._submit(partial(self._truth_entries, t, _copy(vertices), triangles), vertices.nbytes)
+            self._submit(partial(self._truth_entries, t, frozen(vertices), triangles), vertices.nbytes)
 
     # on the recorder's own thread
 
@@ -270,15 +271,12 @@ class Recorder:
         self._latest = max(self._latest, t)
         yield from scene.state_entries(t, state)
 
-    def _series_of(self, name: str) -> Callable[[object], list[Entry]]:
-        return lambda value: getattr(self._series, name)(value)  # `_begin` may replace the series before this runs
-
-    def _series_entries(self, t: float, add: Callable[[object], list[Entry]], value: object) -> Iterable[Entry]:
-        yield from add(value)
-        self._latest = max(self._latest, t)
-        if self._state is not None and t - self._state[1] >= HEARTBEAT:
-            self._state = (self._state[0], t)
-            yield from scene.state_entries(t, self._state[0])
+    def _sample_entries(self, sample: Sample) -> Iterable[Entry]:
+        yield from self._series.add(sample)
+        self._latest = max(self._latest, sample.stamp)
+        if self._state is not None and sample.stamp - self._state[1] >= HEARTBEAT:
+            self._state = (self._state[0], sample.stamp)
+            yield from scene.state_entries(sample.stamp, self._state[0])
 
     def _picture_entries(self, t: float, frame: CameraFrame, calibration: CameraCalibration) -> Iterable[Entry]:
         self._calibration, self._picture = calibration, frame.rgb.shape[:2]
@@ -325,18 +323,6 @@ def _note(errors: list[str], error: BaseException) -> None:
         errors.append(text)
 
 
-def _copy(points: Array) -> Array:
-    """A read-only copy: the caller may change its own array."""
-    return frozen(points)
-
-
 def _copied_arcs(arcs: Mapping[K, Array]) -> dict[K, Array]:
-    return {key: _copy(arc) for key, arc in arcs.items()}
-
-
-def floor_of(robot: RobotVisual | None) -> float:
-    return robot.floor if robot else 0.0
-
-
-def seen_cost(seen: RecognisedGarment, overlay: NDArray | None) -> float:
-    return 1e5 + (0 if overlay is None else overlay.nbytes)
+    """Return read-only copies: the caller may change its own arrays."""
+    return {key: frozen(arc) for key, arc in arcs.items()}

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -21,6 +14,7 @@ from cell.simulation.camera.display_drawing import DisplayDrawing
 from cell.simulation.camera.render_server import Picture, Scene, Shot
 from cell.simulation.camera.slabs import Slab, with_slabs
 from cell.simulation.noise import CameraNoise
+from cell.simulation.server_process import ServerProcess
 from robots.depth_averaging import mean_depth
 from robots.errors import DriverError, FailureKind
 from robots.ports import CameraFrame, Intrinsics, frozen
@@ -42,25 +36,14 @@ class Renderer:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection | None = None
-        self._count = 0
         self._lock = threading.Lock()
-        self._start()
+        self._process: ServerProcess | None = self._start()
 
-    def _start(self) -> None:
-        ours, theirs = Pipe()
-        root = str(Path(__file__).resolve().parents[3])
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "cell.simulation.camera.render_server", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()], env=environment,
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            start_new_session=True,  # so that Ctrl-C does not reach it
-        )  # fmt: skip
-        theirs.close()
-        ours.send(self.scene)
-        self._connection, self._count = ours, 0
+    def _start(self) -> ServerProcess:
+        process = ServerProcess("cell.simulation.camera.render_server", silent=True)
+        process.send(self.scene)
+        self._count = 0
+        return process
 
     def picture(self, shot: Shot) -> Picture:
         """Render a shot, on any thread. Raises DriverError(CAMERA_FAULT) if two processes in a row fail."""
@@ -70,10 +53,10 @@ class Renderer:
     def _picture(self, shot: Shot) -> Picture:
         problem = ""
         for _ in range(ATTEMPTS):
-            if self._process is None or self._count >= PICTURES_A_PROCESS:
+            if self._count >= PICTURES_A_PROCESS:
                 self.close()
-                self._start()
-            answer = self._ask(shot)
+            self._process = self._process or self._start()
+            answer = _ask(self._process, shot)
             if isinstance(answer, Picture):
                 self._count += 1
                 return answer
@@ -85,30 +68,26 @@ class Renderer:
             "run `foldcell doctor`; PyBullet's TinyRenderer needs about 300 MB",
         )
 
-    def _ask(self, shot: Shot) -> Picture | str:
-        assert self._connection is not None
-        try:
-            self._connection.send(shot)
-            if not self._connection.poll(PICTURE_TIMEOUT_S):
-                return f"no answer in {PICTURE_TIMEOUT_S:.0f} s"
-            return self._connection.recv()
-        except (EOFError, OSError) as error:
-            return f"the process died ({error or type(error).__name__})"
-
     @property
     def pid(self) -> int | None:
         return self._process.pid if self._process else None
 
     def close(self) -> None:
-        if self._connection is not None:
-            self._connection.close()
         if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(timeout=1.0)
-            if self._process.poll() is None:
-                self._process.kill()
-                self._process.wait()
-        self._process = self._connection = None
+            self._process.close(patience_s=1.0)
+        self._process = None
+
+
+def _ask(process: ServerProcess, shot: Shot) -> Picture | str:
+    """Return the picture, or the reason why there is none."""
+    try:
+        process.send(shot)
+        answer: Picture | str = process.answer(PICTURE_TIMEOUT_S)
+        return answer
+    except TimeoutError as error:
+        return str(error)
+    except (EOFError, OSError) as error:
+        return f"the process died ({error or type(error).__name__})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +143,8 @@ class SimulatedCamera:
         """Draw noise of standard deviation 1 in which neighbouring pixels are correlated."""
         width = self._noise.depth_grain_px
         blurred = cv2.GaussianBlur(rng.standard_normal(shape), (0, 0), width)
-        return np.asarray(
-            blurred * (2.0 * np.sqrt(np.pi) * width)
-        )  # the factor makes the standard deviation 1 again after the blur
+        # the factor makes the standard deviation 1 again after the blur
+        return np.asarray(blurred * (2.0 * np.sqrt(np.pi) * width))
 
     def capture(self, exposures: int = 1, slabs: Sequence[Slab] = ()) -> CameraFrame:
         """Return a picture whose depth is the mean of `exposures` pictures. slabs: objects before the camera that
@@ -190,9 +168,7 @@ class SimulatedCamera:
 
         def draw() -> CameraFrame:
             self._drawing = self._drawing or DisplayDrawing(self._renderer.scene)
-            picture = self._drawing.picture(shot)
-            if slabs:
-                picture = self._with_slabs(picture, slabs, shot)
+            picture = self._with_slabs(self._drawing.picture(shot), slabs, shot)
             rgb = np.zeros_like(picture.rgb) if black else self._look.tint(picture.rgb)
             return CameraFrame(now, sequence, frozen(rgb), frozen(picture.depth), self._intrinsics)
 
@@ -200,7 +176,8 @@ class SimulatedCamera:
 
     def _exposed(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> CameraFrame:
         self._answers()
-        picture = self._rendered(self._shot(), slabs)
+        shot = self._shot()
+        picture = self._with_slabs(self._renderer.picture(shot), slabs, shot)
         rgb, depth = picture.rgb, picture.depth
         if not self._ideal:
             rgb = self._sense_colour(rgb, rng)
@@ -215,13 +192,9 @@ class SimulatedCamera:
                 FailureKind.CAMERA_FAULT, "the camera does not answer", "check its cable and its driver"
             )
 
-    def _rendered(self, shot: Shot, slabs: Sequence[Slab]) -> Picture:
-        picture = self._renderer.picture(shot)
-        return self._with_slabs(picture, slabs, shot) if slabs else picture
-
     def _with_slabs(self, picture: Picture, slabs: Sequence[Slab], shot: Shot) -> Picture:
         scene = self._renderer.scene
-        return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
+        return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre) if slabs else picture
 
     @property
     def sequence(self) -> int:

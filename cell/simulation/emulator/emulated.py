@@ -12,19 +12,17 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 from cell.simulation.faults import Fault
 from cell.simulation.port_worlds import bind, unbind, world_behind
+from cell.simulation.server_process import ServerProcess, program_environment
 from cell.simulation.settings import SimulationSettings
-from cell.simulation.simulated_cell import Display, SimulatedCell
-from cell.simulation.truth import Truth
+from cell.simulation.simulated_cell import Checkpoint, Display, SimulatedCell, TruthSource
 from robots.errors import ConfigurationError, DriverError, FailureKind
 from robots.model import JointLimits
 from robots.ports import BoardPlace, CameraFrame
@@ -36,7 +34,6 @@ START_S = 60.0
 ANSWER_S = 120.0
 """Longest wall time to wait for one answer [s]. Laying a garment takes longest, because the cloth must come to
 rest."""
-ROOT = Path(__file__).resolve().parents[3]
 
 _master: subprocess.Popen[bytes] | None = None
 _starting = threading.Lock()
@@ -66,7 +63,13 @@ def emulated_cell(
             frame = ports.camera.glimpse()
             return lambda: frame
 
-        yield SimulatedCell.of(ports, world, Display(display, lambda: None, lambda tell: None))
+        yield SimulatedCell(
+            ports,
+            TruthSource(partial(world.ask, "truth"), lambda tell: None),
+            _Faults(world),
+            Checkpoint(partial(world.ask, "checkpoint"), partial(world.ask, "restore")),
+            Display(display, lambda: None, lambda tell: None),
+        )
 
 
 class _Attendant:
@@ -83,71 +86,46 @@ class _World:
     """Access to the parts of the world that the executive does not see, over a pipe to its process."""
 
     def __init__(self, settings: SimulationSettings, seed: int, ros: RosSettings) -> None:
-        ours, theirs = Pipe()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "cell.simulation.emulator.emulator_process", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()], env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            start_new_session=True,  # so that Ctrl-C does not reach it
-        )  # fmt: skip
-        theirs.close()
-        self._connection: Connection = ours
+        self._process = ServerProcess("cell.simulation.emulator.emulator_process", silent=False)
         self._asking = threading.Lock()
-        self.faults = _Faults(self)
         try:
-            ours.send((settings, seed, ros.camera))
+            self._process.send((settings, seed, ros.camera))
             self._answer(START_S)
         except BaseException:
             self.close()
             raise
-
-    def truth(self) -> Truth:
-        return self.ask("truth")
-
-    def watch(self, tell: Callable[[Truth], None] | None) -> None:
-        """Do nothing: the truth of another process is only read at the end of a run."""
-
-    def checkpoint(self) -> bytes:
-        return self.ask("checkpoint")
-
-    def restore(self, saved: bytes) -> None:
-        self.ask("restore", saved)
 
     def ask(self, name: str, *arguments: Any) -> Any:
         """Return the answer of the world's process. Raises the exceptions that were raised in that process, and
         DriverError(HARDWARE_FAULT) if it has ended."""
         with self._asking:
             try:
-                self._connection.send((name, *arguments))
+                self._process.send((name, *arguments))
             except OSError as error:
-                raise self._gone(str(error)) from error
+                raise _gone(str(error)) from error
             return self._answer(ANSWER_S)
 
     def close(self) -> None:
-        self._connection.close()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout=3.0)
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
+        self._process.close(patience_s=3.0)
 
     def _answer(self, seconds: float) -> Any:
         try:
-            if not self._connection.poll(seconds):
-                self._connection.close()  # a late answer would be read as the next one
-                raise self._gone(f"no answer in {seconds:.0f} s")
-            answer = self._connection.recv()
+            answer = self._process.answer(seconds)
+        except TimeoutError as error:
+            raise _gone(str(error)) from None
         except (EOFError, OSError) as error:
-            raise self._gone("its process ended") from error
+            raise _gone("its process ended") from error
         if isinstance(answer, Exception):
             raise answer
         return answer
 
-    def _gone(self, why: str) -> DriverError:
-        return DriverError(
-            FailureKind.HARDWARE_FAULT,
-            f"the emulated robot does not respond: {why}",
-            "start the run again; see its output",
-        )
+
+def _gone(why: str) -> DriverError:
+    return DriverError(
+        FailureKind.HARDWARE_FAULT,
+        f"the emulated robot does not respond: {why}",
+        "start the run again; see its output",
+    )
 
 
 @dataclass(frozen=True)
@@ -171,7 +149,7 @@ def _start_master() -> None:
         os.environ.pop("ROS_HOSTNAME", None)
         _master = subprocess.Popen(
             [sys.executable, "-m", "cell.simulation.emulator.ros_master", str(port)],
-            env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            env=program_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
         assert _master.stdout is not None
@@ -179,7 +157,3 @@ def _start_master() -> None:
             _master = None
             raise ConfigurationError("the ROS master does not start", "`foldcell doctor` shows what is missing")
         atexit.register(_master.kill)
-
-
-def _environment() -> Mapping[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
