@@ -177,26 +177,16 @@ def test_the_bending_friction_of_a_garment_keeps_a_part_of_a_wave() -> None:
     assert heights[0] < 1e-4 and heights[1] > 3e-4
 
 
-def test_each_garment_has_its_own_bending_friction_and_an_ideal_one_has_none() -> None:
-    noise = load_noise().garment
-    drawn = []
-    for seed in range(6):
-        garment = WorldGarment(load_garment("small_towel"), noise, np.random.default_rng(seed), ideal=False)
-        drawn.append(garment.traits.residual_curvature)
-    assert len(set(drawn)) == 6
-    assert max(abs(r / noise.residual_curvature - 1.0) for r in drawn) <= noise.residual_curvature_spread
-    ideal = WorldGarment(load_garment("small_towel"), noise, np.random.default_rng(0), ideal=True)
-    assert ideal.traits.residual_curvature == 0.0
-
-
-def test_each_garment_takes_a_set_of_its_own_and_an_ideal_one_takes_none() -> None:
+def test_each_garment_has_its_own_bending_friction_and_set_and_an_ideal_one_has_none() -> None:
     noise, towel = load_noise().garment, load_garment("small_towel")
     drawn = [WorldGarment(towel, noise, np.random.default_rng(seed), ideal=False).traits for seed in range(20)]
-    sets, times = np.array([(traits.crease_set, traits.crease_time) for traits in drawn]).T
-    assert len(set(sets)) == len(set(times)) == 20
+    residual, sets, times = np.array([(t.residual_curvature, t.crease_set, t.crease_time) for t in drawn]).T
+    assert len(set(residual)) == len(set(sets)) == len(set(times)) == 20
+    assert np.abs(residual / noise.residual_curvature - 1.0).max() <= noise.residual_curvature_spread
     assert np.abs(sets / towel.material.crease_set - 1.0).max() <= noise.crease_set
     assert noise.crease_time.low <= times.min() < 1.0 < times.max() <= noise.crease_time.high
-    assert WorldGarment(towel, noise, np.random.default_rng(0), ideal=True).traits.crease_set == 0.0
+    ideal = WorldGarment(towel, noise, np.random.default_rng(0), ideal=True).traits
+    assert ideal.residual_curvature == ideal.crease_set == 0.0
 
 
 @pytest.mark.parametrize("edge", [0.008, 0.015, 0.022])

@@ -198,10 +198,6 @@ def test_a_missing_picture_is_reported(tmp_path: Path) -> None:
     assert isinstance(caught.value.trouble, StorageError) and "missing" in caught.value.trouble.what
 
 
-def test_a_halt_is_not_caught_as_a_failure(tmp_path: Path) -> None:
-    assert not issubclass(NoRecordedAnswer, Exception)
-
-
 # stops
 
 

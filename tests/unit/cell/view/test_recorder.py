@@ -25,10 +25,9 @@ import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
 from cell.config.cell_settings import load_settings
-from cell.states.transition_table import State
 from cell.view import Recorder, RecorderReport
 from cell.view.bounded_worker import BoundedWorker
-from cell.view.entries import scene, style
+from cell.view.entries import scene
 from cell.view.entries.entry import Columns, Log
 from cell.view.entries.robot import RobotFigure
 from robots.baxter.robot import ROBOT, load_model
@@ -385,10 +384,6 @@ def test_lines_of_one_plot_have_different_colours():
     entries = [e for e in scene.cell_entries(load_settings().table, None) if isinstance(e, Log)]
     looks = [e.parts[0].colors.as_arrow_array() for e in entries if e.path.startswith("grip/")]
     assert len(looks) == 6 == len({str(look) for look in looks})
-
-
-def test_every_state_has_a_colour():
-    assert set(style.STATE_COLOURS) == set(State)
 
 
 def test_the_normals_of_a_sphere_point_outwards():

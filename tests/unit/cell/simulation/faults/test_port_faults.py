@@ -64,16 +64,12 @@ def test_without_faults_every_answer_is_the_sound_reading_itself() -> None:
     assert faults.wake_at(7.25) == 7.25 and faults.cell_time() == 1.0 and faults.delivers()
 
 
-def test_stale_joint_states_keep_values_and_stamp() -> None:
-    cell = Cell(K.JOINT_STATE_STALE)
+@pytest.mark.parametrize(("kind", "fresh"), [(K.JOINT_STATE_STALE, False), (K.JOINT_STATE_FROZEN, True)])
+def test_stale_and_frozen_joint_states_keep_their_values(kind: FaultKind, fresh: bool) -> None:
+    cell = Cell(kind)
     for t, state in cell.over(cell.joints):
-        assert state.stamp == state.q[0] == (1.0 if 1.0 <= t < 2.0 else t)
-
-
-def test_frozen_joint_states_keep_their_values_under_fresh_stamps() -> None:
-    cell = Cell(K.JOINT_STATE_FROZEN)
-    for t, state in cell.over(cell.joints):
-        assert state.stamp == t and state.q[0] == (1.0 if 1.0 <= t < 2.0 else t)
+        kept = 1.0 if 1.0 <= t < 2.0 else t
+        assert state.q[0] == kept and state.stamp == (t if fresh else kept)
 
 
 def test_duplicated_joint_states_are_repeated_for_the_stated_time() -> None:

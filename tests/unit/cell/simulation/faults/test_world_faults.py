@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -19,16 +18,8 @@ SEEING = SimulationSettings(garment="small_towel", camera_noise=False)
 
 
 @pytest.fixture
-def opened() -> Iterator[Any]:
-    benches: list[Bench] = []
-
-    def build(settings: SimulationSettings = QUIET, seed: int = 2) -> Bench:
-        benches.append(Bench(settings, seed))
-        return benches[-1]
-
-    yield build
-    for bench in benches:
-        bench.close()
+def opened(open_bench: Any) -> Any:
+    return lambda settings=QUIET, seed=2: open_bench(settings, seed)
 
 
 def inject(bench: Bench, kind: FaultKind, **traits: Any) -> None:
@@ -86,16 +77,22 @@ def test_starved_set_points_leave_the_arms_at_rest_on_their_way(opened: Any) -> 
     assert bench.ports.arms.state().q[0] - start == pytest.approx(0.05, abs=0.01), "later set-points arrive"
 
 
-def test_both_arms_drop_and_return(opened: Any) -> None:
+@pytest.mark.parametrize(
+    ("kind", "size", "dropped"), [(K.SUDDEN_DROP, 0.03, (Side.LEFT,)), (K.SUDDEN_DROP_BOTH, 0.06, tuple(Side))]
+)
+def test_arms_drop_for_the_duration_and_return(
+    opened: Any, kind: FaultKind, size: float, dropped: tuple[Side, ...]
+) -> None:
     bench = opened().ready()
     before = {side: bench.truth().tools[side][2] for side in Side}
-    inject(bench, K.SUDDEN_DROP_BOTH, size=0.06, duration=0.4)
+    inject(bench, kind, size=size, duration=0.4)
     lowest = dict(before)
     for _ in range(25):
         bench.hold(0.02)
         lowest = {side: min(lowest[side], bench.truth().tools[side][2]) for side in Side}
     for side in Side:
-        assert 0.03 < before[side] - lowest[side] < 0.09
+        drop = before[side] - lowest[side]
+        assert 0.5 * size < drop < 1.5 * size if side in dropped else drop < 2e-3
         assert bench.truth().tools[side][2] == pytest.approx(before[side], abs=2e-3)
 
 
