@@ -37,7 +37,7 @@ def new_garment(
     import numpy as np
 
     from cell.config.garments.garment_file import load_garment
-    from cell.hardware.own_garment import write_own_garment
+    from cell.hardware.placement import write_own_garment
     from skills.garments.picture_measure import as_laid
 
     cell, path = cell_settings(settings), Path(file)

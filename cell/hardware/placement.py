@@ -1,22 +1,28 @@
 """Find out before anything moves whether a garment fits on the cell's table, in the camera's picture and in the
-reach of the arms, and which pose or size would."""
+reach of the arms, and which pose or size would. Write the file of a user's garment with poses that do."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
 from cell.config.cell_settings import CellSettings
+from cell.config.garments.garment_file import load_garment
+from cell.config.garments.new_garment import new_garment_text
 from cell.hardware.camera import camera_calibration
+from cell.hardware.robot_model import load_robot
 from cell.planning.fold_planning import motion_rng
+from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
 from robots.ports import Array
 from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment, PoseRange
+from skills.garments.picture_measure import fitted_template
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.rectification.table_view import TableView
@@ -25,6 +31,7 @@ from skills.trajectory.plain_arc import plain_paths
 
 __all__ = [
     "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",
+    "write_own_garment",
 ]  # fmt: skip
 
 Pose = tuple[float, float, float]
@@ -127,6 +134,34 @@ def fitting_poses(garment: Garment, settings: CellSettings, model: RobotModel) -
             return PoseRange(x, y, angle)
     x, y, angle = ((middle, middle) for middle in pose)
     return PoseRange(x, y, angle)
+
+
+def write_own_garment(
+    path: Path,
+    like: str,
+    title: str,
+    points: Array,
+    measured: tuple[int, int] | None,
+    length: float | None,
+    origin: str,
+    settings: CellSettings,
+) -> Array:
+    """Write the file of a garment with the folds and the fabric of the garment `like`, and with poses at which
+    this cell can fold it. Returns its template (k, 2) [m].
+
+    points: (k, 2) observed key points in the laid pose, in the order of `like`, in any unit. measured: indices of
+    the two key points that lie `length` [m] apart; None if the points are in metres. origin: of the outline.
+    Raises ConfigurationError if the folds cannot be planned on this outline, StorageError if the file cannot be
+    written.
+    """
+    model = load_robot(settings)
+    template = fitted_template(points, load_garment(like, settings.surface).template, measured, length)
+    text = new_garment_text(
+        like, path.stem, title, template, origin, settings.surface,
+        lambda garment: fitting_poses(garment, settings, model),
+    )  # fmt: skip
+    write_whole(path, text)
+    return template
 
 
 def _first_variants(garment: Garment) -> dict[str, str]:

@@ -21,6 +21,9 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.error_utils import catch_and_log_exceptions
 
+from cell.states.observers import FAILING, Step
+from cell.states.run_context import Result
+from cell.states.transition_table import Event
 from cell.view.blueprint import layout
 from cell.view.bounded_worker import BoundedWorker
 from cell.view.entries import scene
@@ -35,7 +38,7 @@ from skills.perception.drawing import draw_fitting, draw_on_view
 from skills.perception.perceive import Perception
 from skills.vocabulary import CameraCalibration, FoldStep, GarmentState, GraspId, PredictedShape, Table
 
-__all__ = ["APPLICATION", "RecognisedGarment", "Recorder", "RecorderReport"]
+__all__ = ["APPLICATION", "RecognisedGarment", "Recorder", "RecorderObserver", "RecorderReport"]
 
 K = TypeVar("K")
 
@@ -326,3 +329,20 @@ def _note(errors: list[str], error: BaseException) -> None:
 def _copied_arcs(arcs: Mapping[K, Array]) -> dict[K, Array]:
     """Return read-only copies: the caller may change its own arrays."""
     return {key: frozen(arc) for key, arc in arcs.items()}
+
+
+class RecorderObserver:
+    """An observer of the runner. It records states, transitions, and failures including their hints."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+
+    def entered(self, t: float, step: Step) -> None:
+        self._recorder.state(t, step.target.value)
+        self._recorder.event(t, f"{step.source.value} --{step.event.value}--> {step.target.value}")
+
+    def performed(self, t: float, step: Step, result: Result) -> None:
+        failure = result.context.failure
+        if result.event in FAILING and failure is not None:
+            level = "ERROR" if result.event in {Event.CRASH, Event.STOP, Event.UNRECORDED} else "WARN"
+            self._recorder.event(t, str(failure), level)

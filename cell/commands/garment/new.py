@@ -174,7 +174,7 @@ def _write(
 ) -> Array:
     """Write the garment's file. points: as laid; how: they were found. Returns its template."""
     # loaded only now, because kinematics take seconds to load, and a picture is refused sooner
-    from cell.hardware.own_garment import write_own_garment
+    from cell.hardware.placement import write_own_garment
 
     made = f"foldcell {version('foldcell')}, {time.strftime('%Y-%m-%d')}"
     return write_own_garment(

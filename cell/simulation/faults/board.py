@@ -77,7 +77,3 @@ class FaultBoard:
             for fault, end, affected in self._lasting
             if fault.kind is not kind or affected not in (None, side)
         ]
-
-    def lasting(self, kind: FaultKind, side: Side | None = None) -> bool:
-        """Whether a fault of this kind is active. Also triggers a waiting fault whose conditions hold."""
-        return self.active(kind, side) is not None

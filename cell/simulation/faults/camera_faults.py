@@ -35,9 +35,9 @@ class CameraFaults:
         """Take a picture of several exposures; one exposure is a glimpse, more are a still. slabs: objects that
         lie or are held before the camera. Raises DriverError like the camera."""
         camera, board = self._camera, self._board
-        camera.frozen = board.lasting(K.CAMERA_FREEZE)
-        camera.black = board.lasting(K.CAMERA_BLACK)
-        camera.silent = board.lasting(K.CAMERA_SILENT)
+        camera.frozen = board.active(K.CAMERA_FREEZE) is not None
+        camera.black = board.active(K.CAMERA_BLACK) is not None
+        camera.silent = board.active(K.CAMERA_SILENT) is not None
         old = board.active(K.CAMERA_OLD_PICTURE)
         frame = camera.capture(exposures, slabs)
         if old is not None and self._still is not None:

@@ -88,8 +88,5 @@ class Fault:
     @property
     def lasts(self) -> float:
         """Return `duration`, or the kind's default [s]; infinite for a fault that happens at once."""
-        return self.duration if self.duration is not None else _default_duration(self.traits)
-
-
-def _default_duration(traits: FaultTraits) -> float:
-    return math.inf if traits.duration is None else traits.duration
+        given = self.traits.duration if self.duration is None else self.duration
+        return math.inf if given is None else given

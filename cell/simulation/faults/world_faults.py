@@ -61,13 +61,13 @@ class WorldFaults:
         if board.empty:
             return
         for side, gripper in grippers.items():
-            gripper.stuck = board.lasting(K.GRIPPER_STUCK, side)
+            gripper.stuck = board.active(K.GRIPPER_STUCK, side) is not None
             weak = board.active(K.GRIPPER_WEAK, side)
             gripper.strength = weak.extent if weak else 1.0
-            gripper.broken = board.lasting(K.GRIPPER_ERROR, side)
+            gripper.broken = board.active(K.GRIPPER_ERROR, side) is not None
             if board.take(K.GRIPPER_UNCALIBRATED, side):
                 gripper.lose_calibration()
-            robot.hang(side, board.lasting(K.ARM_HANGS, side))
+            robot.hang(side, board.active(K.ARM_HANGS, side) is not None)
             drop = board.take(K.SUDDEN_DROP, side)
             if drop is not None:
                 robot.drop(side, drop.extent, drop.lasts)

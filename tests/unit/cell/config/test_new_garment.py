@@ -55,7 +55,7 @@ def test_a_new_shirt_is_made_from_a_photograph(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cell.hardware.own_garment.fitting_poses", lambda *_: None)  # planning a shirt takes long
+    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)  # planning a shirt takes long
     hem = ["--between", "hem_right,hem_left", "--length", "0.44"]
     line = ["garment", "new", str(shirt), "--like", "t_shirt", *hem]
     assert main([*line, "--json"]) == 0
@@ -139,7 +139,7 @@ def test_key_points_by_hand_make_a_garment_that_was_not_recognised(
     shirt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cell.hardware.own_garment.fitting_poses", lambda *_: None)
+    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)
     monkeypatch.setattr("cell.commands.garment.new.look_at", None)  # the picture is not interpreted
     Path("by_hand.yaml").write_text(json.dumps(pixels()), encoding="utf-8")
     assert main(["garment", "new", str(shirt), *BY_HAND, "--json"]) == 0
@@ -190,7 +190,7 @@ def person(monkeypatch: pytest.MonkeyPatch, act: Callable[..., bool]) -> list[Ke
         return act(keep, save)
 
     monkeypatch.setattr("cell.commands.garment.edit.edit_key_points", edit_key_points)
-    monkeypatch.setattr("cell.hardware.own_garment.fitting_poses", lambda *_: None)
+    monkeypatch.setattr("cell.hardware.placement.fitting_poses", lambda *_: None)
     return seen
 
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
-INNER = {"binding", "camera", "garment", "ports", "robot", "world"}
+INNER = {"camera", "garment", "hands", "port_worlds", "ports", "robot", "world"}
 
 
 @cache

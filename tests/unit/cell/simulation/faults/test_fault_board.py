@@ -46,14 +46,14 @@ def test_a_fault_lasts_for_its_duration() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.CAMERA_BLACK, at=2.0, duration=3.0))
     for board.now, lasts in ((1.0, False), (2.5, True), (5.0, True), (5.6, False)):
-        assert board.lasting(FaultKind.CAMERA_BLACK) is lasts
+        assert board.active(FaultKind.CAMERA_BLACK) is not None is lasts
 
 
 def test_a_fault_without_a_side_affects_only_the_first_matching_hand() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.GRIPPER_STUCK, at=2.0, duration=3.0))
     for board.now, stuck in ((1.0, []), (2.5, [Side.LEFT]), (4.0, [Side.LEFT]), (6.0, [])):
-        assert [side for side in Side if board.lasting(FaultKind.GRIPPER_STUCK, side)] == stuck
+        assert [side for side in Side if board.active(FaultKind.GRIPPER_STUCK, side) is not None] == stuck
 
 
 @pytest.mark.parametrize(
