@@ -17,7 +17,6 @@ import numpy as np
 
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.camera.board import built_table
-from cell.simulation.camera.world_camera import WorldCamera
 from cell.simulation.faults import FaultBoard, FaultKind
 from cell.simulation.faults.port_faults import PortFaults
 from cell.simulation.faults.world_faults import WorldFaults
@@ -27,7 +26,8 @@ from cell.simulation.hands import Hands
 from cell.simulation.noise import load_noise
 from cell.simulation.robot.arms import SimulatedRobot
 from cell.simulation.settings import SimulationSettings
-from cell.simulation.truth import Truth
+from cell.simulation.truth import GarmentTruth, Truth
+from cell.simulation.world_camera import WorldCamera
 from robots.bullet.body import pb
 from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import ConfigurationError, DriverError, FailureKind
@@ -226,7 +226,7 @@ class World:
         T_table_base = np.linalg.inv(self.settings.table.T_base_table)
         return Truth(
             stamp=self._time,
-            garment=self.garment.truth() if self.garment.laid else None,
+            garment=_garment_truth(self.garment) if self.garment.laid else None,
             tools={side: frozen(self.hands.touch(side)[0]) for side in Side},
             held={side: self.hands.holds(side) for side in Side},
             faults=tuple(self.faults.happened),
@@ -234,6 +234,21 @@ class World:
             table_height=self.settings.table.height,
             intrinsics=self._camera.lens,
         )
+
+
+def _garment_truth(garment: WorldGarment) -> GarmentTruth:
+    return GarmentTruth(
+        name=garment.name,
+        vertices=frozen(garment.positions),
+        material=frozen(garment.flat),
+        keypoints={name: frozen(p) for name, p in garment.keypoints.items()},
+        pose=(garment.pose.x, garment.pose.y, garment.pose.angle),
+        fabric=garment.material,
+        layers=garment.layers,
+        mesh=garment.mesh,
+        traits=garment.traits,
+        solver=garment.solver,
+    )
 
 
 def _open_physics() -> int:

@@ -106,7 +106,10 @@ def _recording(path: Path, name: str, series: str) -> Iterator[rr.RecordingStrea
 
 
 def _pictures(
-    stream: rr.RecordingStream, times: Iterable[float], pictures: Sequence[Array], triangles: NDArray[np.int32]
+    stream: rr.RecordingStream,
+    times: Iterable[float],
+    pictures: Sequence[Array] | Array,
+    triangles: NDArray[np.int32],
 ) -> Iterator[tuple[int, Array]]:
     """Record the cloth at each time [s]. Yields number and vertices (n, 3) of each picture, at whose time more can
     be recorded."""

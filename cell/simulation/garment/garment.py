@@ -12,8 +12,6 @@ from cell.simulation.garment.cloth_body import FRAME_RATE, BodyTraits, ClothBody
 from cell.simulation.garment.outline import draw_outline
 from cell.simulation.garment.pressing import draw_crease, tip_pressure
 from cell.simulation.noise import GarmentNoise
-from cell.simulation.truth import GarmentTruth
-from robots.ports import frozen
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.pinch import PadGeometry, PinchReport
 from skills.fold_plan.crease_mesh import creases_of, mesh_near_creases
@@ -154,21 +152,6 @@ class WorldGarment:
         x = self._cloth.positions
         x[:, 2] += self._relief
         return x
-
-    def truth(self) -> GarmentTruth:
-        """Return the ground truth of the garment as it lies."""
-        return GarmentTruth(
-            name=self.name,
-            vertices=frozen(self.positions),
-            material=frozen(self.flat),
-            keypoints={name: frozen(p) for name, p in self.keypoints.items()},
-            pose=(self.pose.x, self.pose.y, self.pose.angle),
-            fabric=self.material,
-            layers=self.layers,
-            mesh=self.mesh,
-            traits=self.traits,
-            solver=self.solver,
-        )
 
     # actions of the robot
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[4]
-INNER = {"camera", "garment", "hands", "port_worlds", "ports", "robot", "world"}
+INNER = {"camera", "garment", "hands", "port_worlds", "ports", "robot", "world", "world_camera"}
 
 
 @cache
