@@ -444,10 +444,19 @@ def _entry(row: sqlite3.Row) -> Entry:
 # files
 
 
+def _sqlite(path: Path, mode: str) -> sqlite3.Connection:
+    """Open the file. mode: parameters of SQLite's address of a file."""
+    connection = sqlite3.connect(
+        f"{path.absolute().as_uri()}?{mode}", uri=True, isolation_level=None, check_same_thread=False,
+        timeout=BUSY_S,
+    )  # fmt: skip
+    connection.row_factory = sqlite3.Row
+    return connection
+
+
 def _connect(path: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=BUSY_S)
+    connection = _sqlite(path, "mode=rwc")
     try:
-        connection.row_factory = sqlite3.Row
         version = _check_version(connection, path)  # before the file is changed
         _retry_busy(lambda: connection.execute("PRAGMA journal_mode=WAL"))
         connection.execute("PRAGMA synchronous=FULL")
@@ -485,26 +494,16 @@ def _connect_readonly(path: Path, traceless: bool) -> sqlite3.Connection:
         modes = [immutable]
     elif not wal.exists() or wal.stat().st_size == 0:
         modes.append(immutable)  # without a WAL the main file is complete
-    for i, mode in enumerate(modes):
-        connection = sqlite3.connect(
-            f"{path.absolute().as_uri()}?{mode}",
-            uri=True,
-            isolation_level=None,
-            check_same_thread=False,
-            timeout=BUSY_S,
-        )
+    for mode in modes:
+        connection = _sqlite(path, mode)
         try:
-            connection.row_factory = sqlite3.Row
             if _check_version(connection, path) == 0:
                 raise StorageError(f"{path} is empty: it is no journal", "move it aside", path=str(path))
             return connection
-        except sqlite3.OperationalError:
+        except BaseException as e:
             connection.close()
-            if i + 1 == len(modes):
+            if mode == modes[-1] or not isinstance(e, sqlite3.OperationalError):
                 raise
-        except BaseException:
-            connection.close()
-            raise
     raise AssertionError
 
 

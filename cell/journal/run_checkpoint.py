@@ -1,9 +1,9 @@
 """The checkpoint: a run's context, written after each effect so that an interrupted run can be resumed from it.
 
 A checkpoint is a folder with a file `context`, which is replaced as a whole. Its first line is JSON with version,
-schema and hash. The rest is a pickle of the context. Reading the pickle can create only arrays and values of this
-program's types. Each large array is stored in a separate file, named by the hash of its content. Pictures are
-stored in the run's frame store (cell/journal/frame_store.py).
+schema, the fields of all dataclasses that follow, and hash. The rest is a pickle of the context. Reading the
+pickle can create only arrays and values of this program's types. Each large array is stored in a separate file,
+named by the hash of its content. Pictures are stored in the run's frame store (cell/journal/frame_store.py).
 """
 
 from __future__ import annotations
@@ -25,20 +25,10 @@ from numpy.typing import NDArray
 
 from cell.journal.checkpoint_file import CONTEXT
 from cell.journal.frame_store import FrameStore
-from cell.states.fold_context import FoldContext
-from cell.states.plan_edit import PlanEdit
-from cell.states.run_context import RunContext, Sight
-from cell.states.stages import Attempt, FirstLook, FoldNote, Plan, PressPlan, Recognition, Repair, Spread
+from cell.states.run_context import RunContext
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, InternalError, StorageError
 from robots.ports import CameraFrame, frozen
-from skills.fold_plan.repair import RepairPlan
-from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.height_expectation import CameraBias
-from skills.perception.inspection.result import Inspection
-from skills.perception.inspection.target_view import StackHeights, TargetView
-from skills.state_estimate.comparison import Fit
-from skills.state_estimate.estimate import StateEstimate
 
 __all__ = ["read_checkpoint", "write_checkpoint"]
 
@@ -63,7 +53,8 @@ def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> N
     stream = io.BytesIO()
     try:
         folder.mkdir(exist_ok=True)
-        _Pickler(stream, folder, frames).dump(context)
+        pickler = _Pickler(stream, folder, frames)
+        pickler.dump(context)
     except OSError as e:
         raise StorageError(
             f"{folder} cannot be created: {e.strerror}", "free some disk space", path=str(folder)
@@ -71,7 +62,7 @@ def write_checkpoint(folder: Path, context: RunContext, frames: FrameStore) -> N
     except (pickle.PicklingError, TypeError, AttributeError) as e:
         raise InternalError(f"a value of the context cannot be written: {e}") from e
     body = stream.getvalue()
-    head = {"foldcell": _version(), "schema": _schema(), "sha256": _hash(body)}
+    head = {"foldcell": _version(), "schema": SCHEMA, "fields": pickler.fields, "sha256": _hash(body)}
     write_whole(folder / CONTEXT, json.dumps(head).encode() + b"\n" + body)
 
 
@@ -83,9 +74,10 @@ def read_checkpoint(folder: Path, frames: FrameStore) -> RunContext:
         head_line, _, body = path.read_bytes().partition(b"\n")
         head = json.loads(head_line)
         version, schema, digest = head["foldcell"], head["schema"], head["sha256"]
-    except (OSError, ValueError, KeyError, TypeError) as e:
+        same = (version, schema) == (_version(), SCHEMA) and _same_fields(head["fields"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as e:
         raise _damaged(path, e) from None
-    if (version, schema) != (_version(), _schema()):
+    if not same:
         raise ConfigurationError(
             f"{path} was written by another foldcell (version {version}, this is {_version()})",
             "resume with the version that began the run, or start a new run",
@@ -108,16 +100,17 @@ def _version() -> str:
     return metadata.version("foldcell")
 
 
-@lru_cache(maxsize=1)
-def _schema() -> str:
-    """Return the schema number with a hash of all field names. The hash is needed in a checkout of the source,
-    where the fields can change while the version stays the same."""
-    kinds = (
-        RunContext, Sight, Recognition, FirstLook, CameraBias, Plan, FoldContext, PlanEdit, Attempt, PressPlan,
-        Repair, RepairPlan, Spread, StateEstimate, Fit, FoldNote, Inspection, TargetView, StackHeights, Claim,
-    )  # fmt: skip
-    fields = [f.name for kind in kinds for f in dataclasses.fields(kind)]
-    return f"{SCHEMA}-{_hash(' '.join(fields).encode())[:12]}"
+def _same_fields(stored: dict[str, list[str]]) -> bool:
+    """Whether the dataclasses of a checkpoint still have the fields that they had when it was written. In a
+    checkout of the source they can change while the version stays the same."""
+    try:
+        return all(_fields(_our_type(*name.rsplit(".", 1))) == fields for name, fields in stored.items())
+    except (ImportError, AttributeError, TypeError, pickle.UnpicklingError):  # such a type is no longer there
+        return False
+
+
+def _fields(kind: Any) -> list[str]:
+    return [f.name for f in dataclasses.fields(kind)]
 
 
 def _hash(body: bytes) -> str:
@@ -132,6 +125,8 @@ class _Pickler(pickle.Pickler):
     def __init__(self, stream: io.BytesIO, folder: Path, frames: FrameStore) -> None:
         super().__init__(stream, protocol=5)
         self._folder, self._frames = folder, frames
+        self.fields: dict[str, list[str]] = {}
+        """The fields of each dataclass that was written, by module and name."""
 
     def persistent_id(self, obj: Any) -> tuple[str, str] | None:
         if isinstance(obj, CameraFrame):
@@ -141,6 +136,8 @@ class _Pickler(pickle.Pickler):
         return None
 
     def reducer_override(self, obj: Any) -> Any:
+        if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
+            self.fields[f"{type(obj).__module__}.{type(obj).__name__}"] = _fields(obj)
         # Python 3.11.0 to 3.11.3 pickle an Enum member as a call of getattr, which _Unpickler refuses
         return (type(obj), (obj.value,)) if isinstance(obj, Enum) else NotImplemented
 
@@ -164,6 +161,15 @@ def _is_value(kind: type) -> bool:
     return kind.__module__.startswith("skills.") or dataclasses.is_dataclass(kind) or issubclass(kind, Enum)
 
 
+def _our_type(module: str, name: str) -> type:
+    """Return a type of this program that a checkpoint may contain. Raises UnpicklingError for any other name."""
+    if module.startswith(_OURS) and "." not in name:
+        found = getattr(importlib.import_module(module), name)
+        if isinstance(found, type) and _is_value(found):
+            return found
+    raise pickle.UnpicklingError(f"it refers to {module}.{name}, which is not allowed")
+
+
 class _Unpickler(pickle.Unpickler):
     """An unpickler that creates only arrays and values of this program's types. A general pickle could call any
     function."""
@@ -184,8 +190,4 @@ class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _ARRAYS:
             return super().find_class(module, name)
-        if module.startswith(_OURS) and "." not in name:
-            found = getattr(importlib.import_module(module), name)
-            if isinstance(found, type) and _is_value(found):
-                return found
-        raise pickle.UnpicklingError(f"it refers to {module}.{name}, which is not allowed")
+        return _our_type(module, name)

@@ -26,7 +26,7 @@ from cell.states.run_context import RunEnd
 from cell.states.transition_table import State
 from cell.transcript.port_recorder import PortRecorder
 from cell.view import Recorder
-from cell.view.observer import RecorderObserver
+from cell.view.recorder import RecorderObserver
 from robots.errors import CellError, StorageError
 from robots.ports import Ports, Stop
 from robots.registry import find_robot

@@ -135,11 +135,18 @@ def test_a_damaged_array_or_picture_is_refused(kept: Path, pattern: str, damage:
         read(kept)
 
 
-def test_a_checkpoint_of_another_version_is_refused(kept: Path) -> None:
+OTHER_FIELDS = {"cell.states.run_context.RunContext": ["fold"]}
+
+
+@pytest.mark.parametrize(
+    "change", [{"foldcell": "0.0.1"}, {"schema": 1}, {"fields": OTHER_FIELDS}, {"fields": {"cell.gone.Kind": []}}]
+)
+def test_a_checkpoint_of_another_version_is_refused(kept: Path, change: dict[str, Any]) -> None:
     head, _, body = (kept / "context").read_bytes().partition(b"\n")
-    older = json.loads(head) | {"foldcell": "0.0.1"}
-    (kept / "context").write_bytes(json.dumps(older).encode() + b"\n" + body)
-    with pytest.raises(ConfigurationError, match=r"written by another foldcell \(version 0\.0\.1"):
+    assert "cell.states.run_context.RunContext" in json.loads(head)["fields"]
+    (kept / "context").write_bytes(json.dumps(json.loads(head) | change).encode() + b"\n" + body)
+    version = change.get("foldcell", r"\d")
+    with pytest.raises(ConfigurationError, match=rf"written by another foldcell \(version {version}"):
         read(kept)
 
 
