@@ -46,7 +46,7 @@ def test_a_fault_lasts_for_its_duration() -> None:
     board = FaultBoard()
     board.add(Fault(FaultKind.CAMERA_BLACK, at=2.0, duration=3.0))
     for board.now, lasts in ((1.0, False), (2.5, True), (5.0, True), (5.6, False)):
-        assert board.active(FaultKind.CAMERA_BLACK) is not None is lasts
+        assert (board.active(FaultKind.CAMERA_BLACK) is not None) is lasts
 
 
 def test_a_fault_without_a_side_affects_only_the_first_matching_hand() -> None:
