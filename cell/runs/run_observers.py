@@ -32,9 +32,10 @@ from robots.ports import Ports, Stop
 from robots.registry import find_robot
 from robots.robot import RobotVisual
 from skills.scoring.verdict import Score
+from skills.vocabulary import CameraCalibration
 
 if TYPE_CHECKING:
-    from cell.operator.console.supervision import Supervision
+    from cell.operator.console.live_view import LiveView
     from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 
 __all__ = ["RunObservers", "page_listener"]
@@ -77,13 +78,13 @@ class RunObservers:
         self.record = RunRecordBuilder(request, simulated, run.directory, began, resumed_from)
         self._run_status = RunStatus(self.record)
         self.commands = CommandQueue(self._run_status.note_command)
-        self._supervision = self._supervised(listener)
+        self._listener, self._live_view = listener, _live_view(calibration) if listener else None
         self.lines = ProgressLines(None if request.quiet else sys.stdout)
         self.notifier = Notifier(self.lines, self._run_status, request.quiet, request.terminal)
         self.stories = FailureStories(calibration)
         self.truth: GroundTruthRecorder | None = None
         pictures = (QuestionFiles(run.directory, calibration), self.stories) if request.record else ()
-        pictured = (self._supervision.live_view,) if self._supervision else ()
+        pictured = (self._live_view,) if self._live_view else ()
         # run_status comes before lines: an operator may answer as soon as the line with the question is shown
         self.all: tuple[Observer, ...] = (
             RecorderObserver(self.recorder), self.record, *pictures, *pictured, self._run_status, self.lines,
@@ -93,15 +94,25 @@ class RunObservers:
     @contextmanager
     def page(self, stop: Stop) -> Iterator[None]:
         """Serve the operator's page for the duration of the context, if it was requested."""
-        with self._supervision.page(stop, say) if self._supervision else nullcontext():
+        if self._live_view is None or self._listener is None:
+            yield
+            return
+        from cell.operator.console.server import operators_page
+        from cell.operator.console.viewer_routes import recorded_view
+
+        viewer = recorded_view(self._run.directory / RECORDING) if self._request.record else None
+        with operators_page(
+            self._run_status, self._live_view, self.commands, stop, viewer, self._listener
+        ) as address:
+            say(f"operator's page: {address}")
             yield
 
     def pictured(self, ports: Ports, opened: OpenCell) -> Ports:
         """Return ports that do the same, and give the operator's page its pictures."""
-        if self._supervision is None:
+        if self._live_view is None:
             return ports
         display = opened.simulated.display if opened.simulated else None
-        return self._supervision.live_view.between(ports, display)
+        return self._live_view.between(ports, display)
 
     def recorded(self, ports: Ports) -> tuple[Ports, CommandQueue]:
         """Return ports and commands whose answers are written to the transcript."""
@@ -125,7 +136,7 @@ class RunObservers:
     def run_ended(self, end: RunEnd) -> None:
         """End the transcript, and show the end on the operator's page."""
         self._port_recorder.end()
-        if self._supervision:
+        if self._live_view:
             self._run_status.finish(self.record.record(end))
 
     def score(self, end: RunEnd) -> Score | None:
@@ -145,15 +156,11 @@ class RunObservers:
         errors = (*(f"recording: {error}" for error in lost.errors), *filter(None, [transcript_error]))
         return RecordingLosses(lost.dropped, lost.live_dropped, errors, lost.live_errors)
 
-    def _supervised(self, listener: socket | None) -> Supervision | None:
-        if listener is None:
-            return None
-        from cell.operator.console.live_view import LiveView
-        from cell.operator.console.supervision import Supervision
 
-        live_view = LiveView(camera_calibration(self._request.settings))
-        recording = self._run.directory / RECORDING
-        return Supervision(self._request, self._run_status, live_view, self.commands, listener, recording)
+def _live_view(calibration: CameraCalibration) -> LiveView:
+    from cell.operator.console.live_view import LiveView
+
+    return LiveView(calibration)
 
 
 def _recorder(request: FoldRequest, run: RunJournal) -> Recorder:

@@ -10,9 +10,8 @@ from cell.commands.output import progress_stream
 from cell.commands.skill.perceive import Look
 from cell.config.garments.key_points_file import key_points_text, read_key_points
 from cell.hardware.photograph import Photograph
-from cell.operator.key_points.editing import KeyPointEdit
+from cell.operator.key_points.editing import KeyPointEdit, template_over
 from cell.operator.key_points.server import edit_key_points
-from cell.operator.key_points.start import template_over
 from cell.operator.local_server import open_listener
 from cell.support.files.whole_file import write_whole
 from robots.ports import Array

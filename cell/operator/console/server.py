@@ -62,7 +62,7 @@ def operators_page(
     viewer: tuple[Path, Path] | None,
     listener: socket.socket,
 ) -> Iterator[str]:
-    """Serve the page for the duration of the context. Yields its address.
+    """Serve the page for the duration of the context, then close the live view. Yields the page's address.
 
     viewer: folder with the program files of Rerun's web viewer, and the recording that it shows; None: no 3-D
     view. listener: from `open_listener`, closed at the end. Raises StorageError if the page cannot be served.
@@ -81,6 +81,7 @@ def operators_page(
             time.sleep(LAST_WORD_S)
         finally:
             ended.set()
+            live_view.close()
 
 
 class _Page:

@@ -16,8 +16,10 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from cell.operator.local_server import content_policy
+from cell.view.viewing.web_viewer import web_viewer_files
+from robots.errors import StorageError
 
-__all__ = ["ViewerSource", "viewer_routes"]
+__all__ = ["ViewerSource", "recorded_view", "viewer_routes"]
 
 PAGE = Path(__file__).with_name("viewer.html")
 HEADERS = content_policy(
@@ -39,6 +41,15 @@ class ViewerSource:
     program: Path
     recording: Path
     ended: Callable[[], bool]
+
+
+def recorded_view(recording: Path) -> tuple[Path, Path] | None:
+    """Return the folder of the web viewer's program and the recording that it is to show; None without the
+    program, which the page does not need."""
+    try:
+        return web_viewer_files(), recording
+    except StorageError:
+        return None
 
 
 def viewer_routes(prefix: str, source: ViewerSource) -> list[Route]:

@@ -18,9 +18,8 @@ import pytest
 
 from benchmarks.operator.chromium import Chromium, Tab
 from cell.config.garments.garment_file import load_garment
-from cell.operator.key_points.editing import KeyPointEdit
+from cell.operator.key_points.editing import KeyPointEdit, template_over
 from cell.operator.key_points.server import edit_key_points
-from cell.operator.key_points.start import template_over
 from cell.operator.local_server import open_listener
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
