@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cell.config.cell_settings import load_settings
-from cell.control.checks import ExecutionLimits
+from cell.hardware.assembly import execution_limits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
 from cell.states.commands import CommandQueue
@@ -50,7 +50,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "checker": SimpleNamespace(contact=lambda q: None),
         "execution_checker": None,
         "limits": None,
-        "execution": ExecutionLimits(),
+        "execution": execution_limits(settings.motion),
         "garments": (),
         "expected": None,
         "grasp": settings.grasp.settings(contact_effort=9.0, empty_opening=0.0),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.effects import Touch, TouchReadings
-from cell.control.checks import fresh_state
+from cell.control.checks import SETTLED, fresh_state
 from cell.control.motion import Motion
 from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.hands import each_hand
@@ -70,7 +70,7 @@ def park_other(cell: Workcell, side: Side) -> Failure | None:
     if state.failure:
         return state.failure
     q, other = state.unwrap().q, cell.robot.arm(side.other)
-    if np.abs(q[other] - cell.robot.q_park[other]).max() < cell.execution.settled:
+    if np.abs(q[other] - cell.robot.q_park[other]).max() < SETTLED:
         return None
     goal = np.array(q)
     goal[other] = cell.robot.q_park[other]

@@ -14,23 +14,25 @@ from skills.vocabulary import Outcome
 
 __all__ = ["ExecutionLimits", "come_to_rest", "followed", "fresh_state", "hold", "start_mismatch", "stopped"]
 
+SETTLED = 0.01
+"""Arms whose joints are all nearer than this to the goal have arrived [rad]."""
+SETTLE_S = 1.0
+"""Longest wait at the end of a motion until the arms have arrived [s]."""
+MAX_ALTERED = 0.002
+"""Largest change of a set-point by the driver [rad]."""
+
 
 @dataclass(frozen=True)
 class ExecutionLimits:
-    """Limits of a motion's execution.
+    """Limits of a motion's execution, from the group `motion` of the cell's settings.
 
     start [rad]: largest distance of a joint from the trajectory's first point; tracking [rad]: largest distance
-    from the set-point while moving; settled [rad]: largest distance from the goal at arrival; settle_s: longest
-    wait until the arms are that close [s]; stale_s: largest age of a joint state [s]; altered [rad]: largest
-    change of a set-point by the driver.
+    from the set-point while moving; stale_s: largest age of a joint state [s].
     """
 
-    start: float = np.deg2rad(1.0)
-    tracking: float = 0.12
-    settled: float = 0.01
-    settle_s: float = 1.0
-    stale_s: float = 0.1
-    altered: float = 0.002
+    start: float
+    tracking: float
+    stale_s: float
 
 
 def stopped(ports: Ports) -> Failure | None:
@@ -107,11 +109,11 @@ def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastComman
     Returns a failure if the stop is triggered or the state is stale. Returns None after settle_s even if the arms
     have not settled, because the next motion checks its start position.
     """
-    deadline = ports.clock.now() + limits.settle_s
+    deadline = ports.clock.now() + SETTLE_S
     while last_command.q is not None and ports.clock.now() < deadline:
         read = fresh_state(ports, limits)
         failure = stopped(ports) or read.failure
-        if failure or np.abs(read.unwrap().q - last_command.q).max() <= limits.settled:
+        if failure or np.abs(read.unwrap().q - last_command.q).max() <= SETTLED:
             return failure
         ports.clock.sleep_until(ports.clock.now() + TICK_S)
     return None
@@ -135,7 +137,7 @@ def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) ->
     checked path."""
     change = np.abs(sent.q - q)
     joint = int(change.argmax())
-    if change[joint] <= limits.altered:
+    if change[joint] <= MAX_ALTERED:
         return None
     return Failure(
         FailureKind.LIMIT_EXCEEDED,
@@ -144,7 +146,7 @@ def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) ->
         {
             "joint": joint,
             "off_rad": float(change[joint]),
-            "limit_rad": limits.altered,
+            "limit_rad": MAX_ALTERED,
             "clipped": sent.clipped,
         },
     )

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from cell.config.cell_settings import CellSettings
+from cell.config.cell_settings import MotionConfig
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.trajectory_library.ideal_heights_file import ideal_heights_of
 from cell.config.trajectory_library.library_file import add_entry, entry_of, load_library, user_library_path
@@ -26,7 +26,7 @@ from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TA
 from skills.trajectory.trajectory_library import Library
 from skills.vocabulary import FoldStep, GraspTrajectory
 
-__all__ = ["assemble"]
+__all__ = ["assemble", "execution_limits"]
 
 
 SLACK = 0.002
@@ -68,7 +68,7 @@ def assemble(
             fingertip_margin=FINGERTIP_MARGIN - SLACK,
         ),
         limits=robot.limits(settings.motion.accelerations, settings.motion.velocity_scale),
-        execution=_execution(settings),
+        execution=execution_limits(settings.motion),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
         grasp=settings.grasp.settings(robot.contact_effort, settings.gripper.closed_opening),
@@ -108,8 +108,7 @@ class _RunLibrary:
         add_entry(self._logs, entry)
 
 
-def _execution(settings: CellSettings) -> ExecutionLimits:
-    motion = settings.motion
+def execution_limits(motion: MotionConfig) -> ExecutionLimits:
     return ExecutionLimits(
         start=float(np.deg2rad(motion.start_tolerance_deg)),
         tracking=motion.tracking_tolerance,

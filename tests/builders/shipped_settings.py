@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from cell.config.cell_settings import load_settings
+from cell.hardware.assembly import execution_limits
+from skills.perception import perceive as perceiving
+from skills.perception.inspection import inspect as inspecting
 
-__all__ = ["GRASP"]
+__all__ = ["GRASP", "INSPECTION", "LIMITS", "PERCEPTION", "inspect", "perceive"]
 
-GRASP = load_settings().grasp.settings(contact_effort=9.0, empty_opening=0.0)
+_SHIPPED = load_settings()
+GRASP = _SHIPPED.grasp.settings(contact_effort=9.0, empty_opening=0.0)
+LIMITS = execution_limits(_SHIPPED.motion)
+PERCEPTION = _SHIPPED.perception.settings()
+INSPECTION = _SHIPPED.inspection.settings(_SHIPPED.perception)
+
+perceive = partial(perceiving.perceive, settings=PERCEPTION)
+inspect = partial(inspecting.inspect, settings=INSPECTION)

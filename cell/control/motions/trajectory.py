@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import start_mismatch
+from cell.control.checks import SETTLE_S, SETTLED, start_mismatch
 from cell.control.last_command import blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
@@ -71,6 +71,6 @@ def follow(
         failure = watch(Tick(path.t, feedback.state)) if watch else None  # also while the motion comes to rest
         settling += TICK_S if arrived and not failure else 0.0
         error = float(np.abs(feedback.state.q - trajectory.q[-1]).max())
-        settled = error < loop.limits.settled or settling >= loop.limits.settle_s
+        settled = error < SETTLED or settling >= SETTLE_S
         if arrived and settled and not failure:
             return Outcome(feedback.state)

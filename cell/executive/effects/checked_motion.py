@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import fresh_state
+from cell.control.checks import SETTLED, fresh_state
 from cell.control.motion import Watch
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
@@ -49,7 +49,7 @@ def move(
     if checked.failure:
         return checked.failure
     failure = stream(cell.loop, trajectory, cell.hands.recording(watch), control or pausable(cell)).failure
-    if failure is None and np.abs(trajectory.q[-1] - cell.robot.q_park).max() < cell.execution.settled:
+    if failure is None and np.abs(trajectory.q[-1] - cell.robot.q_park).max() < SETTLED:
         cell.path.forget()
     return failure
 

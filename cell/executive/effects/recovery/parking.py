@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from cell.control.checks import come_to_rest, fresh_state
+from cell.control.checks import SETTLED, come_to_rest, fresh_state
 from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
 from cell.control.rest import await_rest
@@ -150,7 +150,7 @@ def park(cell: Workcell, control: PathControl) -> Failure | None:
     along the path that the arms came. Each is planned, checked and executed once; between two of them the arms
     come to rest. Returns the last failure."""
     cell.hand_record.end()
-    if np.abs(cell.ports.arms.state().q - cell.robot.q_park).max() < cell.execution.settled:
+    if np.abs(cell.ports.arms.state().q - cell.robot.q_park).max() < SETTLED:
         return None
     failure: Failure | None = None
     for plan in (_direct_way, _way_up, _way_back):

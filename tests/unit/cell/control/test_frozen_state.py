@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits
 from cell.control.frozen_state import FROZEN_RAD, FROZEN_S, FrozenStateWatch
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
@@ -17,11 +16,11 @@ from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import JointState
 from skills.motion.timing.timing import free_motion
+from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 
 ONE = np.ones(14)
 JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
-LIMITS = ExecutionLimits()
 
 
 def found_at(speed: float, noise: float, lag: int, seconds: float = 1.0) -> tuple[int, Failure | None]:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
@@ -34,11 +33,11 @@ from skills.grasping.tare import TactileBias
 from skills.motion.moves.grasp import Descent
 from skills.motion.timing.jerk_limiter import JerkLimiter
 from skills.vocabulary import Outcome
-from tests.builders.shipped_settings import GRASP
+from tests.builders.shipped_settings import GRASP, LIMITS
 from tests.fakes import FakeCell
 
 K = FailureKind
-LIMITS, ONE = ExecutionLimits(), np.ones(14)
+ONE = np.ones(14)
 JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 KINDS = ("trajectory", "hold", "hands", "descent", "press")
 AT = 0.2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.trajectory import stream
@@ -16,9 +15,10 @@ from cell.control.ticks import TICK_S
 from robots.errors import FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory
+from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 
-LIMITS, ONE = ExecutionLimits(), np.ones(14)
+ONE = np.ones(14)
 JOINTS = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits, come_to_rest, hold
+from cell.control.checks import SETTLE_S, come_to_rest, hold
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motion import Tick
@@ -20,9 +20,9 @@ from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, JointSetpoint, Ports
+from tests.builders.shipped_settings import LIMITS
 from tests.fakes import FakeCell
 
-LIMITS = ExecutionLimits()
 ONE = np.ones(14)
 PLANNING = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.2 * ONE, 3.0 * ONE, 30.0 * ONE)
 PROTECTIVE = JointLimits(-3.0 * ONE, 3.0 * ONE, 1.5 * ONE, 6.0 * ONE, 120.0 * ONE)
@@ -135,7 +135,7 @@ def test_a_state_that_is_not_a_number_ends_a_motion() -> None:
     assert failure is not None and failure.kind is FailureKind.STALE_STATE and cell.now < 1.0
 
 
-@pytest.mark.parametrize(("sag", "seconds"), [(0.005, 1.0), (0.02, 1.0 + LIMITS.settle_s)])
+@pytest.mark.parametrize(("sag", "seconds"), [(0.005, 1.0), (0.02, 1.0 + SETTLE_S)])
 def test_a_motion_ends_when_the_arms_have_arrived_or_have_come_to_rest(sag: float, seconds: float) -> None:
     """Arms that sag a little below their last set-point have arrived as far as possible."""
     cell = FakeCell()
@@ -360,7 +360,7 @@ def test_dropped_arms_get_time_to_recover(place: float, off: float) -> None:
 def test_waiting_for_dropped_arms_has_a_time_limit() -> None:
     cell = displaced(1e9)
     assert come_to_rest(cell.ports(), LIMITS, LastCommand(np.zeros(14))) is None
-    assert cell.now == pytest.approx(LIMITS.settle_s, abs=2 * TICK_S)
+    assert cell.now == pytest.approx(SETTLE_S, abs=2 * TICK_S)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import robots.ports
-from cell.control.checks import ExecutionLimits
 from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hold_position import wait
@@ -33,6 +32,7 @@ from robots.errors import DriverError, FailureKind, StorageError
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Ports, Side
 from skills.vocabulary import Outcome
+from tests.builders.shipped_settings import LIMITS as EXECUTION_LIMITS
 from tests.builders.transcripts import write_transcript
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -63,7 +63,7 @@ def work(ports: Ports, commands: CommandQueue) -> list[Any]:
     frame = ports.camera.capture()
     told.append((frame.stamp, frame.rgb.tobytes()))
     control = PathControl(commands, LIMITS, LIMITS, note=lambda name, values: told.append((name, values)))
-    loop = ControlLoop(ports, ExecutionLimits(), LastCommand())
+    loop = ControlLoop(ports, EXECUTION_LIMITS, LastCommand())
     moved = stream(loop, sweep(), None, control)
     told.append(moved.failure or moved.unwrap().q.tobytes())
     told.append(wait(loop, 0.1))
@@ -133,7 +133,7 @@ def test_a_stop_is_replayed_at_the_same_tick(tmp_path: Path) -> None:
     cell.at(0.5, lambda: ports.stop.trigger("the button"))
 
     def act(ports: Ports, commands: CommandQueue) -> tuple[Any, float]:
-        loop = ControlLoop(ports, ExecutionLimits(), LastCommand())
+        loop = ControlLoop(ports, EXECUTION_LIMITS, LastCommand())
         return stream(loop, sweep(), None, PathControl(None, LIMITS, LIMITS)).failure, ports.clock.now()
 
     failure, t = taken_down(tmp_path, cell, act)
