@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
+from benchmarks.shipped_settings import PERCEPTION
 from cell.config.garments.garment_file import load_garment
 from cell.config.trajectory_library.library_file import load_library
 from cell.hardware.camera import nominal_calibration
@@ -206,7 +207,7 @@ def open_fold(name: str, seed: int, index: int = 0) -> Iterator[WorldFold]:
         reference, flat = studio.shoot(None), studio.shoot(world.seen)
         nominal = nominal_calibration(MOUNT, TABLE)
         calibration = refine_calibration(reference, nominal, TABLE).value or nominal
-        seen = perceive(flat, calibration, TABLE, reference, [garment], name).unwrap()
+        seen = perceive(flat, calibration, TABLE, reference, [garment], name, settings=PERCEPTION).unwrap()
         mesh, steps = predictor_mesh(seen.state, garment), plan_folds(seen.state, garment).unwrap()
         x = mesh.lay_flat(garment.material.thickness)
         for step in steps[: index + 1]:

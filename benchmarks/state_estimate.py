@@ -22,6 +22,7 @@ import numpy as np
 from benchmarks.interrupted_folds import WorldFold, open_fold, shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.results_page import table
+from benchmarks.shipped_settings import PERCEPTION
 from skills.state_estimate.estimate import StateEstimate, estimate_state
 from skills.state_estimate.hand_course import HandCourse
 from skills.state_estimate.hypothesis import FoldState, Interruption
@@ -93,7 +94,7 @@ def cases(fold: WorldFold, rng: np.random.Generator) -> Iterator[Case]:
 def estimate(fold: WorldFold, frame: CameraFrame, course: HandCourse | None = None) -> StateEstimate | None:
     """Estimate the state in one picture; None if no garment can be judged in it. course: of the hands, if it was
     measured."""
-    seen = observe(frame, fold.calibration, TABLE, fold.reference)
+    seen = observe(frame, fold.calibration, TABLE, fold.reference, settings=PERCEPTION)
     if seen.failure:
         return None
 

@@ -11,12 +11,12 @@ from typing import Any
 
 from benchmarks.claims.record import IDEAL, FoldRecord
 from benchmarks.claims.stage import StageError, judge_shown, open_executive
+from benchmarks.shipped_settings import INSPECTION
 from cell.executive.effects.inspecting import figures, next_step
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from robots.ports import Ports, StopState
 from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.claim_settings import ClaimSettings
 
 __all__ = ["Verdict", "caught_by", "verdicts"]
 
@@ -74,7 +74,7 @@ def caught_by(verdict: Verdict) -> tuple[str, ...]:
     claim = verdict.claim
     if claim is None:
         return ("not visible",)
-    limits = ClaimSettings()
+    limits = INSPECTION.claim
     found = {
         "overlap": claim.target_iou < limits.iou,
         "drift": claim.drift_m > limits.drift or claim.drift_rad > limits.drift_angle,

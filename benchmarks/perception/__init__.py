@@ -22,6 +22,7 @@ from benchmarks.perception.paper_method import paper_keypoints
 from benchmarks.perception.photograph_figures import measure_photographs
 from benchmarks.perception.scenes import TABLE, LabelledScene, draw_scene
 from benchmarks.perception.strangers import measure_strangers
+from benchmarks.shipped_settings import PERCEPTION
 from cell.config.garments.garment_file import list_garments, load_garment
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -88,7 +89,7 @@ def _held_out(figures: Mapping[str, Any]) -> dict[str, Any]:
 def _scenes(tell: Callable[[str], None], first: int, count: int) -> list[Judged]:
     garments = [load_garment(name) for name in list_garments()]
     warm = draw_scene(garments[0].name, 2**20)
-    perceive(warm.frame, warm.calibration, TABLE, warm.reference, garments)
+    perceive(warm.frame, warm.calibration, TABLE, warm.reference, garments, settings=PERCEPTION)
     judged = []
     for seed in range(first, first + count):
         judged.append(_judge(draw_scene(garments[seed % len(garments)].name, seed), garments))
@@ -100,7 +101,7 @@ def _scenes(tell: Callable[[str], None], first: int, count: int) -> list[Judged]
 
 def _judge(scene: LabelledScene, garments: Sequence[Garment]) -> Judged:
     start = time.thread_time()
-    seen = perceive(scene.frame, scene.calibration, TABLE, scene.reference, garments)
+    seen = perceive(scene.frame, scene.calibration, TABLE, scene.reference, garments, settings=PERCEPTION)
     spent = time.thread_time() - start
     garment = next(g for g in garments if g.name == scene.garment)
     errors = _errors(seen.value.state.keypoints if seen.value else {}, scene)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.figures_file import command, read_figures
 from benchmarks.perception.scenes import TABLE, draw_scene
+from benchmarks.shipped_settings import PERCEPTION
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
@@ -64,7 +65,7 @@ def draw_example() -> NDArray[np.uint8]:
     """Draw the registration of one of the benchmark's shirts, (H, W, 3) RGB."""
     garments = [load_garment(name) for name in list_garments()]
     scene = draw_scene(*EXAMPLE)
-    seen = perceive(scene.frame, scene.calibration, TABLE, scene.reference, garments)
+    seen = perceive(scene.frame, scene.calibration, TABLE, scene.reference, garments, settings=PERCEPTION)
     return draw_fitting(seen.unwrap())
 
 

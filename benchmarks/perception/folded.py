@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, Studio, open_studio
+from benchmarks.shipped_settings import INSPECTION, PERCEPTION
 from cell.config.garments.garment_file import load_garment
 from cell.hardware.camera import nominal_calibration
 from cell.simulation.garment.fabric import garment_uv
@@ -153,7 +154,7 @@ def judge(folded: Folded, frame: CameraFrame, before: CameraFrame | None = None)
     """
     seen = inspect(
         frame, folded.calibration, TABLE, folded.reference, folded.predicted, folded.step,
-        previous=before, flat_top=folded.flat_top,
+        settings=INSPECTION, previous=before, flat_top=folded.flat_top,
     )  # fmt: skip
     return str(seen.failure.kind) if seen.failure else seen.unwrap().diagnosis
 
@@ -187,7 +188,7 @@ def open_folded(name: str, seed: int, index: int) -> Iterator[Folded]:
         lower = wrinkles(np.random.default_rng([seed, 12]), WRINKLED)
         flat = target_vertices(mesh, (), garment.material)
         flat[:, 2] += lower(mesh.rest)
-        seen = perceive(studio.shoot(flat), held, TABLE, reference, [garment])
+        seen = perceive(studio.shoot(flat), held, TABLE, reference, [garment], settings=PERCEPTION)
         top = seen.value.top if seen.value else None
         yield Folded(garment, step, predicted, held, reference, top, mesh, studio, rng, lower)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
-from cell.config.cell_settings import load_settings
+from benchmarks.shipped_settings import PERCEPTION
 from cell.hardware.photograph import ANY_SIZE, photographed
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
@@ -38,8 +38,8 @@ def look_at(picture: Photograph, garments: Sequence[Garment]) -> Outcome[Percept
     calibration, table = photographed(picture.rgb.shape)
     depth = np.full(picture.rgb.shape[:2], np.nan, np.float32)
     frame = CameraFrame(0.0, 0, picture.rgb, depth, calibration.intrinsics)
-    settings = replace(load_settings().perception.settings(), depth_holes=1.0, size_tolerance=ANY_SIZE)
-    return perceive(frame, calibration, table, None, garments, None, settings)
+    settings = replace(PERCEPTION, depth_holes=1.0, size_tolerance=ANY_SIZE)
+    return perceive(frame, calibration, table, None, garments, settings=settings)
 
 
 def worst_error(found: Mapping[str, Array], truth: Mapping[str, Array]) -> float:

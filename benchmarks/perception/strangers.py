@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.perception.pieces import Laying, dense, wrinkles
 from benchmarks.perception.scenes import TABLE, open_studio
+from benchmarks.shipped_settings import PERCEPTION
 from cell.hardware.camera import nominal_calibration
 from cell.simulation.garment.fabric import garment_uv
 from robots.baxter.camera_mount import MOUNT
@@ -118,7 +119,7 @@ def measure_strangers(tell: Callable[[str], None], garments: Sequence[Garment], 
     for k, name in enumerate(STRANGERS):
         for i in range(QUICK_SEEN_OF_EACH if quick else SEEN_OF_EACH):
             frame, reference, calibration = draw_stranger(name, 100 * k + i)
-            seen = perceive(frame, calibration, TABLE, reference, garments)
+            seen = perceive(frame, calibration, TABLE, reference, garments, settings=PERCEPTION)
             what = str(seen.failure.kind) if seen.failure else f"taken for {seen.unwrap().garment}"
             said.setdefault(name, []).append(what)
         tell(f"{name}: {', '.join(sorted(set(said[name])))}")

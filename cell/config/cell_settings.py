@@ -198,7 +198,7 @@ class PerceptionConfig(_Group):
     flat_height: float = _number(0.002, 0.2, "m", "largest 95th percentile of height of a garment that lies flat")
 
     def settings(self) -> PerceptionSettings:
-        """The skill's settings. Thresholds without a key keep the skill's defaults."""
+        """The skill's settings."""
         from skills.perception.settings import PerceptionSettings
 
         return PerceptionSettings(**self.model_dump())
@@ -305,7 +305,7 @@ class InspectionConfig(_Group):
     camera_bias_sigma: float = _number(0.0001, 0.02, "m", "spread of that bias between runs (1 sigma)")
 
     def settings(self, perception: PerceptionConfig) -> InspectionSettings:
-        """The skill's settings. Thresholds without a key keep the skill's defaults."""
+        """The skill's settings."""
         from skills.perception.inspection.inspect import InspectionSettings
 
         values = self.model_dump(include={"iou", "drift", "extra_height", "deviation"})

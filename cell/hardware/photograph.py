@@ -85,7 +85,9 @@ def perceive_photograph(
     if unit == "px":  # the scale of the picture is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
     expected = None if garment == "auto" else garments[0].name
-    outcome = perceive(frame, calibration, table, empty, garments, expected, thresholds, on_region=on_region)
+    outcome = perceive(
+        frame, calibration, table, empty, garments, expected, settings=thresholds, on_region=on_region
+    )
     return outcome, frame
 
 

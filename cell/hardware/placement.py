@@ -26,7 +26,7 @@ from skills.garments.picture_measure import fitted_template
 from skills.motion.moves.fold import plan_fold_motion
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.rectification.table_view import TableView
-from skills.perception.settings import PerceptionSettings
+from skills.perception.settings import VIEW_BORDER
 from skills.trajectory.plain_arc import plain_paths
 
 __all__ = [
@@ -190,7 +190,7 @@ class _Seen:
 
     def __init__(self, settings: CellSettings) -> None:
         self._view = TableView(camera_calibration(settings), settings.table, pixel=0.004)
-        self._margin = PerceptionSettings().border + 0.01
+        self._margin = VIEW_BORDER + 0.01
 
     def wholly(self, outline: Array) -> bool:
         """Whether an outline (n, 2) [m] and a border around it are on the table and in the picture."""

@@ -19,16 +19,20 @@ from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKi
 
 __all__ = ["camera_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
 
+DARK_LEVEL = 6.0
+"""A picture whose mean intensity (0..255) is below this is black."""
+WHITE_LEVEL = 254.0
+"""A picture whose mean intensity is above this is white."""
+
 
 def camera_fault(
     frame: CameraFrame,
     calibration: CameraCalibration,
-    previous: CameraFrame | None = None,
-    settings: PerceptionSettings | None = None,
+    previous: CameraFrame | None,
+    settings: PerceptionSettings,
 ) -> Failure | None:
     """Return CAMERA_FAULT for a picture that has the wrong size, is black, is white, has no depth or equals
     `previous`; else None."""
-    settings = settings or PerceptionSettings()
     expected_shape = (calibration.intrinsics.height, calibration.intrinsics.width)
     hint = "check the camera's cable, exposure and driver, then look again"
     if frame.rgb.shape != (*expected_shape, 3) or frame.depth.shape != expected_shape:
@@ -40,9 +44,9 @@ def camera_fault(
             "set the camera's resolution back, or calibrate it anew",
         )
     level = float(frame.rgb[::4, ::4].mean())
-    if level < settings.dark_level:
+    if level < DARK_LEVEL:
         return Failure(FailureKind.CAMERA_FAULT, "the picture is black", hint, {"mean_level": level})
-    if level > settings.white_level:
+    if level > WHITE_LEVEL:
         return Failure(FailureKind.CAMERA_FAULT, "the picture is white", hint, {"mean_level": level})
     holes = float(np.mean(~np.isfinite(frame.depth)))
     if holes > settings.depth_holes:

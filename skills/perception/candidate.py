@@ -16,6 +16,20 @@ from skills.vocabulary import Failure, FailureKind, Outcome
 
 __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 
+POLYGON_IOU = 0.91
+"""Minimum overlap of a silhouette with the polygon of its key points."""
+PROPOSED_POLYGON_IOU = 0.86
+"""The same for a proposal, whose limbs may be bent as well as swung."""
+MAX_DISTORTION = 0.20
+"""Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
+logarithm of observed over template length."""
+LEAST_TURN = 0.35
+"""Minimum turn of the outline at the place of a sharp corner, relative to the turn of this corner in the
+template."""
+CATEGORY_MARGIN = 0.03
+"""The expected category is accepted unless another category has an overlap that is larger by more than
+this."""
+
 
 def wanted_garment(garments: Sequence[GarmentOutline], expected: str | None) -> GarmentOutline | None:
     if expected is None:
@@ -45,7 +59,7 @@ def choose_garment(
         return _match_of_size(matches, best, settings)
     match = next(m for m in matches if m.garment.name == wanted.name)
     hint = "put the expected garment on the table, or name the right one"
-    if best.garment.category != wanted.category and match.iou < best.iou - settings.category_margin:
+    if best.garment.category != wanted.category and match.iou < best.iou - CATEGORY_MARGIN:
         what = f"expected {wanted.name}, but the silhouette is of category {best.garment.category}"
         values = {**values, "expected": wanted.name, "expected_iou": match.iou}
         return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, what, hint, values))
@@ -57,13 +71,13 @@ def choose_garment(
 
 
 def _match_of_size(matches: tuple[Match, ...], best: Match, settings: PerceptionSettings) -> Outcome[Match]:
-    """Return the first match whose size fits, among those whose IoU is within `category_margin` of the best;
+    """Return the first match whose size fits, among those whose IoU is within `CATEGORY_MARGIN` of the best;
     otherwise a failure.
 
     `choose_garment` applies the same size limit to an expected garment. Therefore a garment chosen here is not
     refused for its size by a later perception that expects it.
     """
-    near = [m for m in matches if m.iou >= best.iou - settings.category_margin]
+    near = [m for m in matches if m.iou >= best.iou - CATEGORY_MARGIN]
     fitting = next((m for m in near if _fits_in_size(m, settings)), None)
     if fitting is not None:
         return Outcome(fitting)
@@ -82,21 +96,20 @@ def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
     return bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
 
 
-def misfit(
-    registration: Registration, garment: GarmentOutline, contour: Array, settings: PerceptionSettings
-) -> Failure | None:
+def misfit(registration: Registration, garment: GarmentOutline, contour: Array, proposed: bool) -> Failure | None:
     """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
 
     The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
-    This polygon is therefore compared with the silhouette. LOW_CONFIDENCE: a key point that should be a sharp
+    This polygon is therefore compared with the silhouette. proposed: whether `propose_garments` found the region.
+    LOW_CONFIDENCE: a key point that should be a sharp
     corner lies where the outline has none.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     overlap = polygon_iou(polygon, contour)
     ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
     distortion = float(ratio.std())
-    if overlap >= settings.polygon_iou and distortion <= settings.proportions:
-        if registration.least_turn >= settings.least_turn:
+    if overlap >= (PROPOSED_POLYGON_IOU if proposed else POLYGON_IOU) and distortion <= MAX_DISTORTION:
+        if registration.least_turn >= LEAST_TURN:
             return None
         return Failure(
             FailureKind.LOW_CONFIDENCE,

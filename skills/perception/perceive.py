@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,12 @@ from skills.perception.views import Views, open_views
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, GarmentState, Outcome, Table
 
 __all__ = ["Perception", "perceive"]
+
+SURE_FIT = 0.82
+"""A proposal that fits so well (`candidate.fit_quality`) is accepted before the others are tried."""
+ACCURATE_WITHIN = 0.010
+"""The confidence is the probability that all key points lie within this distance of their true places, on a
+garment of its nominal size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +83,8 @@ def perceive(
     reference: CameraFrame | None,
     garments: Sequence[GarmentOutline],
     expected: str | None = None,
-    settings: PerceptionSettings | None = None,
+    *,
+    settings: PerceptionSettings,
     previous: CameraFrame | None = None,
     on_region: Callable[[TableView, Segmentation], None] | None = None,
 ) -> Outcome[Perception]:
@@ -90,7 +97,6 @@ def perceive(
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH,
     LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
     """
-    settings = settings or PerceptionSettings()
     wanted = wanted_garment(garments, expected)
     stages = _StageTimes()
 
@@ -107,7 +113,7 @@ def perceive(
         _perceive_region(segmentation, method, views, garments, wanted, settings, stages)
         for method, segmentation in _regions(views, settings, stages)
     )
-    decided = _best(looks, settings)
+    decided = _best(looks)
     if on_region is not None:
         on_region(views.view, decided.segmentation)
     return decided.outcome
@@ -147,7 +153,7 @@ def _regions(
         yield from ((_PROPOSAL, found) for found in proposals)
 
 
-def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
+def _best(looks: Iterator[_Look]) -> _Look:
     """Return the first accepted region of a method, or the accepted proposal that fits best. If none is accepted,
     return the refusal of the region that came furthest."""
     accepted: list[_Look] = []
@@ -155,7 +161,7 @@ def _best(looks: Iterator[_Look], settings: PerceptionSettings) -> _Look:
     for look in looks:
         if not look.outcome.ok:
             refused.append(look)
-        elif not look.proposed or look.outcome.unwrap().fit >= settings.sure:
+        elif not look.proposed or look.outcome.unwrap().fit >= SURE_FIT:
             return look
         else:
             accepted.append(look)
@@ -191,7 +197,6 @@ def _perceive_region(
     nominal = {garment.name: garment for garment in garments}
     if method == _PROPOSAL:
         garments = best_poses(contour, garments)
-        settings = replace(settings, polygon_iou=settings.proposed_polygon_iou)
     matches = classify(contour, garments)
     stages.done("classify")
     chosen = choose_garment(matches, wanted, settings)
@@ -204,12 +209,12 @@ def _perceive_region(
     registration = refine_by_picture(registration, nominal[garment.name], contour, cloth)
     stages.done("register")
 
-    if (failure := misfit(registration, garment, contour, settings)) is not None:
+    if (failure := misfit(registration, garment, contour, proposed=method == _PROPOSAL)) is not None:
         return look(failure)
     iou = polygon_iou(registration.contour, contour)
     fit = fit_quality(segmentation, iou, registration)
     sigmas = keypoint_sigmas(registration, nominal[garment.name], contour)
-    confidence = probability_within(sigmas, settings.within * registration.scale)
+    confidence = probability_within(sigmas, ACCURATE_WITHIN * registration.scale)
     stages.notes |= {
         "iou": iou,
         "scale": match.scale,

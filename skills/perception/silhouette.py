@@ -13,7 +13,7 @@ from skills.perception.segmentation.grabcut import segment_grabcut
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.reference import segment_plain, segment_reference
 from skills.perception.segmentation.watershed import segment_watershed
-from skills.perception.settings import PerceptionSettings
+from skills.perception.settings import MIN_SEGMENTATION, PerceptionSettings
 from skills.perception.usable_region import intrusion, touches_border
 from skills.perception.views import Views
 from skills.vocabulary import Failure, FailureKind, Outcome
@@ -57,13 +57,13 @@ def find_silhouette(views: Views, settings: PerceptionSettings) -> Outcome[Segme
             continue
         if touches_border(found.mask, views.seen.valid, _MARGIN):
             out_of_view = True
-        elif found.confidence >= settings.lowest_segmentation:
+        elif found.confidence >= MIN_SEGMENTATION:
             best = found
             break
         else:
             best = best or found
     if best is not None:
-        hidden = intrusion(best, views.view, _MARGIN, settings)
+        hidden = intrusion(best, views.view, _MARGIN)
         return Outcome(best) if hidden is None else Outcome(failure=hidden)
     if out_of_view:
         what, hint = "the garment reaches beyond the view", "move it to the middle of the table by hand"

@@ -10,10 +10,13 @@ from skills.perception.rectification.heights import smooth_height, upper
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.segmentation.obstruction import obstruction_failure
-from skills.perception.settings import PerceptionSettings
+from skills.perception.settings import LITTER_SHARE, MIN_SEGMENTATION, VIEW_BORDER, PerceptionSettings
 from skills.vocabulary import Failure, FailureKind
 
 __all__ = ["intrusion", "touches_border", "unusable"]
+
+INTRUDER_SHARE = 0.02
+"""Maximum area of objects that reach into the picture from its edge, relative to the area of the garment."""
 
 
 def unusable(
@@ -24,17 +27,17 @@ def unusable(
         return Failure(
             FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
         )
-    margin = max(round(settings.border / view.pixel), 1)
-    if (failure := intrusion(segmentation, view, margin, settings)) is not None:
+    margin = max(round(VIEW_BORDER / view.pixel), 1)
+    if (failure := intrusion(segmentation, view, margin)) is not None:
         return failure
-    if segmentation.others_share > settings.litter:
+    if segmentation.others_share > LITTER_SHARE:
         return Failure(
             FailureKind.UNKNOWN_GARMENT,
             "more than one thing lies on the table",
             "leave a single garment on the table",
             {"other_area_share": segmentation.others_share},
         )
-    if segmentation.confidence < settings.lowest_segmentation:
+    if segmentation.confidence < MIN_SEGMENTATION:
         return Failure(
             FailureKind.LOW_CONFIDENCE,
             f"only {segmentation.confidence:.0%} of the garment's boundary is clearly visible",
@@ -59,13 +62,11 @@ def unusable(
     return None
 
 
-def intrusion(
-    segmentation: Segmentation, view: TableView, margin: int, settings: PerceptionSettings
-) -> Failure | None:
+def intrusion(segmentation: Segmentation, view: TableView, margin: int) -> Failure | None:
     """Return VIEW_OBSTRUCTED if something flat beside the garment reaches into the picture, to within `margin`
     pixels of the border, else None."""
     share = segmentation.others_share
-    if share <= settings.intruder or not touches_border(segmentation.others, view.valid, margin):
+    if share <= INTRUDER_SHARE or not touches_border(segmentation.others, view.valid, margin):
         return None
     return obstruction_failure(view, segmentation.others, "something flat", {"other_area_share": share})
 

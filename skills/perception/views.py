@@ -11,7 +11,7 @@ from skills.perception.camera_fault import camera_fault, table_unseen
 from skills.perception.rectification.heights import height_above
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.segmentation.obstruction import obstructed
-from skills.perception.settings import PerceptionSettings
+from skills.perception.settings import VIEW_PIXEL, PerceptionSettings
 from skills.vocabulary import CameraCalibration, CameraFrame, Outcome, Table
 
 __all__ = ["Views", "open_views"]
@@ -48,7 +48,7 @@ def open_views(
     """
     if (fault := camera_fault(frame, calibration, previous, settings)) is not None:
         return Outcome(failure=fault)
-    view = TableView(calibration, table, settings.pixel)
+    view = TableView(calibration, table, VIEW_PIXEL)
     if (unseen := table_unseen(view)) is not None:
         return Outcome(failure=unseen)
     seen = view.rectify(frame)

@@ -35,14 +35,14 @@ def observe(
     table: Table,
     reference: CameraFrame | None,
     previous: CameraFrame | None = None,
-    settings: PerceptionSettings | None = None,
+    *,
+    settings: PerceptionSettings,
 ) -> Outcome[Observation]:
     """Find the garment in a picture, in whatever state it lies. reference: picture of the empty table. previous:
     the last picture, to detect a frozen camera.
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT or OUT_OF_VIEW.
     """
-    settings = settings or PerceptionSettings()
     opened = open_views(frame, calibration, table, reference, previous, settings)
     if opened.failure is not None:
         return Outcome(failure=opened.failure)

@@ -14,6 +14,7 @@ from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
 from robots.ports import CameraFrame
 from skills.perception.camera_fault import repeated
+from skills.perception.inspection.result import MAX_PILED_AREA
 from skills.perception.monitoring.garment_motion import GarmentMotion, displaced_boundary, measure_motion
 from skills.perception.views import open_views
 from skills.vocabulary import Outcome
@@ -134,7 +135,7 @@ def _motion(
 def _moved(cell: Workcell, motion: GarmentMotion) -> Failure | None:
     """Return GARMENT_MOVED if the plan does not fit the garment any more, else None."""
     hint = "keep hands off the table during a fold; the cell looks where the garment lies now"
-    if motion.deviation_m > RESHAPED or motion.reshaped_m2 > cell.inspection.piled_area:
+    if motion.deviation_m > RESHAPED or motion.reshaped_m2 > MAX_PILED_AREA:
         off, area = f"{motion.deviation_m * 1e3:.0f} mm", f"{motion.reshaped_m2 * 1e4:.0f} cm2"
         what = (
             "the garment does not lie as it did when this fold was planned: "

@@ -28,6 +28,10 @@ from skills.vocabulary import PredictedShape, frozen
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]
 
+OUTLINE_LIMIT = 0.027
+"""Largest distance of an earlier fold's outline from the predicted one: the 30 mm of the score, less the error
+of an outline."""
+
 HINTS = {
     FailureKind.TOO_HIGH: "press its creases by hand, or allow more pressing (pressing.max_attempts in cell.yaml)",
     FailureKind.OFF_TARGET: "lay the garment flat in the middle of the table and start a new run",
@@ -66,7 +70,7 @@ def make_claim(
 def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:
     """Return the names of the earlier folds that were inspected and not found good, by the claim's limit for an
     outline: an inspection refuses a fold earlier, because it can still be repaired then."""
-    limits = replace(settings, deviation=max(settings.deviation, settings.claim.outline))
+    limits = replace(settings, deviation=max(settings.deviation, OUTLINE_LIMIT))
     refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
     steps = {step.name: step for step in plan.steps}
     return tuple(name for name, seen in refused if diagnose(seen, steps[name], limits)[0] is not None)

@@ -245,7 +245,8 @@ def _compare(
         cell.settings.computing.inspection_s,
         lambda: inspect(
             frame, sight.calibration(cell.calibration), cell.table, sight.reference, shape,
-            step, cell.inspection, sight.previous, flat_top, before, target, earlier,
+            step, settings=cell.inspection, previous=sight.previous, flat_top=flat_top, before=before,
+            target=target, earlier=earlier,
         ),
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ from skills.perception.perceive import Perception, perceive
 from skills.perception.rectification.camera_refinement import refine_calibration
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.obstruction import obstructed
+from skills.perception.settings import VIEW_PIXEL
 from skills.vocabulary import CameraCalibration, Outcome
 
 __all__ = ["await_garment", "capture", "look", "photograph_table", "recognise", "take_picture"]
@@ -91,10 +92,10 @@ def photograph_table(cell: Workcell, context: RunContext) -> Result:
         return Result(Event.FAILED, context.with_failure(shot.failure))
     frame = shot.unwrap()
     unusable = repeated(frame, context.sight.digests) or camera_fault(
-        frame, cell.calibration, settings=cell.perception
+        frame, cell.calibration, None, cell.perception
     )
     if unusable is None:
-        view = TableView(cell.calibration, cell.table, cell.perception.pixel)
+        view = TableView(cell.calibration, cell.table, VIEW_PIXEL)
         unusable = obstructed(view, view.rectify(frame), None)
     if unusable:
         return Result(Event.FAILED, context.with_failure(unusable))
@@ -147,8 +148,8 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
             sight.reference,
             cell.garments,
             expected.name if expected else None,
-            cell.perception,
-            sight.previous,
+            settings=cell.perception,
+            previous=sight.previous,
         ),
     )
     if outcome.failure:
@@ -186,6 +187,6 @@ def _first_look(cell: Workcell, perception: Perception) -> FirstLook:
     errors = cell.inspection.claim
     bias = estimate_camera_bias(
         perception.height, perception.mask, garment.layers, garment.material.thickness,
-        garment.thickness_sigma(errors.thickness_spread), errors,
+        garment.thickness_sigma(errors.thickness_spread), settings=errors,
     )  # fmt: skip
     return FirstLook(perception.state.contour, bias)

@@ -24,6 +24,11 @@ from skills.vocabulary import FailureKind
 
 __all__ = ["Claim", "Displacement", "claim_fold", "claim_to_dict", "displacement_of"]
 
+IOU_SIGMA = 0.010
+DRIFT_SIGMA = 0.004
+DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
+"""Errors of the figures of the shape."""
+
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
 """Diagnoses that do not concern the shape: the claim has its own limit for the drift, and piled cloth is not
 flat."""
@@ -170,9 +175,9 @@ def _wrong_shape(
 def _probable_shape(target: TargetView, moved: Displacement, errors: ClaimSettings) -> float:
     """Probability that the true figures of the shape are within their limits."""
     within = (
-        Normal(errors.iou, 0.0).at_most(Normal(target.iou, errors.iou_sigma)),
-        Normal(moved.drift_m, errors.drift_sigma).at_most(Normal(errors.drift, 0.0)),
-        Normal(moved.drift_rad, errors.drift_angle_sigma).at_most(Normal(errors.drift_angle, 0.0)),
+        Normal(errors.iou, 0.0).at_most(Normal(target.iou, IOU_SIGMA)),
+        Normal(moved.drift_m, DRIFT_SIGMA).at_most(Normal(errors.drift, 0.0)),
+        Normal(moved.drift_rad, DRIFT_ANGLE_SIGMA).at_most(Normal(errors.drift_angle, 0.0)),
     )
     return math.prod(within)
 

@@ -4,48 +4,40 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 __all__ = ["ClaimSettings"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ClaimSettings:
-    """Lengths [m], angles [rad]. The sigmas are standard deviations.
+    """From the group `inspection` of the cell's settings. Lengths [m], angles [rad]. The sigmas are standard
+    deviations.
 
     The limits are those of the score. No margin of safety is subtracted from them: a false claim and a good fold
     that is not claimed are equally wrong, and at the limit itself both are equally rare. The claim's reliability
     tells how far the figures are from it.
     """
 
-    iou: float = 0.90
+    iou: float
     """Minimum overlap with the plan's target."""
-    outline: float = 0.027
-    """Largest distance of an earlier fold's outline from the predicted one: the 30 mm of the score, less the error
-    of an outline."""
-    drift: float = 0.050
-    drift_angle: float = float(np.deg2rad(10.0))
+    drift: float
+    drift_angle: float
     """Largest displacement of the garment since it was first seen."""
-    stack_margin: float = 0.010
+    stack_margin: float
     """Height allowed above the flat stack."""
-    ideal_margin: float = 0.003
+    ideal_margin: float
     """Height allowed above that of the ideal fold, away from creases."""
-    crease_margin: float = 0.010
+    crease_margin: float
     """The same near creases."""
-    height_sigma: float = 0.0010
-    crease_sigma: float = 0.0010
+    height_sigma: float
+    crease_sigma: float
     """Error of an observed height after the camera's bias was subtracted."""
-    first_crease_sigma: float = 0.004
+    first_crease_sigma: float
     """Error with which the first crease shows the bending length: of the observation, and because the fold is not
     ideal."""
-    ideal_sigma: float = 0.0015
+    ideal_sigma: float
     """Error of the ideal fold's heights for a known bending length, relative to no other figure."""
-    thickness_spread: float = 0.06
+    thickness_spread: float
     """Error of the stated thickness of a layer, as a share of it, for garments without a class of fabrics."""
-    camera_bias: float = 0.0025
-    camera_bias_sigma: float = 0.0011
+    camera_bias: float
+    camera_bias_sigma: float
     """Bias of the camera's heights, where it was not measured."""
-    iou_sigma: float = 0.010
-    drift_sigma: float = 0.004
-    drift_angle_sigma: float = float(np.deg2rad(1.0))
-    """Errors of the figures of the shape."""

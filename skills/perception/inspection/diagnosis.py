@@ -5,10 +5,34 @@ from __future__ import annotations
 import numpy as np
 
 from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.result import Inspection, InspectionSettings
+from skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
 from skills.vocabulary import Array, FailureKind, FoldStep
 
 __all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "outline_matches"]
+
+CORNER_RADIUS = 0.07
+"""A deviation of the outline nearer than this to a corner of the target is one of the corner [m]."""
+MAX_LEFT_BEHIND = 0.035
+"""Limit of `Inspection.left_behind` if the outline is not as predicted. If all values are larger, a layer was
+missed. If the values at the two grasps differ by more, one corner was dropped."""
+MAX_SAG = 0.020
+"""If the garment is left behind in the middle further than at both grasps, by more than this, the cloth
+between the hands sagged."""
+MAX_MISSING = 0.45
+"""Maximum missing share of the predicted height at a target."""
+EDGE_SAG = 0.026
+EDGE_CORNER = 0.0195
+"""Limits for an edge that was moved onto other cloth (`moved_edge`): `EDGE_SAG` for the lag of its middle,
+`EDGE_CORNER` for the lag of a corner.
+
+The lag of a corner is measured in steps of 2 mm, or of 1 mm if a strip is not visible; the limit lies between
+two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good folds lag by up to
+15 mm, nearly all by less than 8 mm."""
+THIN_RISE = 0.0022
+MAX_LAG_THIN = 0.030
+"""For layers that raise the surface by less than `THIN_RISE`, the two limits grow in inverse proportion to the
+rise, and for an edge that is too short for wide strips with the noise of its strips, up to `MAX_LAG_THIN`:
+wrinkles of a millimetre then hide the edge."""
 
 
 def diagnose(
@@ -19,23 +43,23 @@ def diagnose(
     outline_ok = outline_matches(seen, settings)
     corner_lag = _corner_lag(seen)
     min_left_behind = _min_left_behind(seen)
-    if not outline_ok and min_left_behind > settings.left_behind:
-        return FailureKind.MISSED_LAYER, _confidence(min_left_behind, settings.left_behind)
+    if not outline_ok and min_left_behind > MAX_LEFT_BEHIND:
+        return FailureKind.MISSED_LAYER, _confidence(min_left_behind, MAX_LEFT_BEHIND)
     # Cloth that a dropped corner leaves behind is also piled up, so the corner is tested before the piling.
-    if not outline_ok and corner_lag > settings.left_behind:
-        return FailureKind.DROPPED_CORNER, _confidence(corner_lag, settings.left_behind)
-    if seen.piled_area_m2 > settings.piled_area:
-        return FailureKind.PILING, _confidence(seen.piled_area_m2, settings.piled_area)
-    if (defect := _moved_edge_defect(seen, settings)) is not None:
+    if not outline_ok and corner_lag > MAX_LEFT_BEHIND:
+        return FailureKind.DROPPED_CORNER, _confidence(corner_lag, MAX_LEFT_BEHIND)
+    if seen.piled_area_m2 > MAX_PILED_AREA:
+        return FailureKind.PILING, _confidence(seen.piled_area_m2, MAX_PILED_AREA)
+    if (defect := _moved_edge_defect(seen)) is not None:
         return defect
     if not outline_ok:
-        kind = _outline_defect(seen, step, settings)
+        kind = _outline_defect(seen, step)
         excess = abs(seen.edge_deviation_m) / settings.deviation
         return kind, _confidence(max(excess, (1 - seen.iou_aligned) / (1 - settings.iou)), 1.0)
     # Loose layers can be lower or higher than predicted. Height is therefore used only if a part of the moved edge
     # is not visible, so that the edge itself cannot be judged.
-    if not _edge_visible(seen) and seen.missing_layer > settings.missing_share:
-        return FailureKind.DROPPED_CORNER, 0.5 * _confidence(seen.missing_layer, settings.missing_share) + 0.2
+    if not _edge_visible(seen) and seen.missing_layer > MAX_MISSING:
+        return FailureKind.DROPPED_CORNER, 0.5 * _confidence(seen.missing_layer, MAX_MISSING) + 0.2
     if seen.drift_m > settings.drift or abs(seen.drift_rad) > settings.drift_angle:
         ratio = max(seen.drift_m / settings.drift, abs(seen.drift_rad) / settings.drift_angle)
         return FailureKind.DRIFT, _confidence(ratio, 1.0)
@@ -69,10 +93,10 @@ def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, 
     outline_ok = outline_matches(seen, settings)
     behind = (np.nan, np.nan) if outline_ok else (_corner_lag(seen), _min_left_behind(seen))
     edge = (np.nan, np.nan) if seen.edge is None else (seen.edge.corner, seen.edge.sag)
-    limits = (np.nan, np.nan) if seen.edge is None else _edge_limits(seen.edge, settings)
+    limits = (np.nan, np.nan) if seen.edge is None else _edge_limits(seen.edge)
     lengths = (
-        ("one corner lies {} behind the other", behind[0], settings.left_behind),
-        ("all of the edge lies {} behind", behind[1], settings.left_behind),
+        ("one corner lies {} behind the other", behind[0], MAX_LEFT_BEHIND),
+        ("all of the edge lies {} behind", behind[1], MAX_LEFT_BEHIND),
         ("a corner of the moved edge lies {} behind the rest of it", edge[0], limits[0]),
         ("the middle of the moved edge lies {} behind its ends", edge[1], limits[1]),
         ("the outline is {} off", abs(seen.edge_deviation_m), settings.deviation),
@@ -80,16 +104,16 @@ def beyond_limits(seen: Inspection, settings: InspectionSettings) -> tuple[str, 
     )
     beyond = [(text, value, limit) for text, value, limit in lengths if value > limit]
     texts = [f"{text.format(_mm(value))} (at most {_mm(limit)})" for text, value, limit in beyond]
-    if seen.piled_area_m2 > settings.piled_area:
-        area, most = (f"{1e4 * a:.0f} cm2" for a in (seen.piled_area_m2, settings.piled_area))
+    if seen.piled_area_m2 > MAX_PILED_AREA:
+        area, most = (f"{1e4 * a:.0f} cm2" for a in (seen.piled_area_m2, MAX_PILED_AREA))
         texts.insert(0, f"{area} are more than {_mm(settings.extra_height)} too high (at most {most})")
     if seen.iou_aligned < settings.iou:
         texts.insert(0, f"overlap {seen.iou_aligned:.2f} (at least {settings.iou:.2f})")
     if abs(seen.drift_rad) > settings.drift_angle:
         turned, most = (f"{np.rad2deg(a):.0f}" for a in (abs(seen.drift_rad), settings.drift_angle))
         texts.append(f"turned by {turned} degrees (at most {most})")
-    if not _edge_visible(seen) and seen.missing_layer > settings.missing_share:
-        share, most = (f"{100 * a:.0f} %" for a in (seen.missing_layer, settings.missing_share))
+    if not _edge_visible(seen) and seen.missing_layer > MAX_MISSING:
+        share, most = (f"{100 * a:.0f} %" for a in (seen.missing_layer, MAX_MISSING))
         texts.append(f"a target lacks {share} of its upper layer's height (at most {most})")
     return tuple(texts)
 
@@ -98,12 +122,12 @@ def _mm(length: float) -> str:
     return f"{1e3 * length:.3g} mm"
 
 
-def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[FailureKind, float] | None:
+def _moved_edge_defect(seen: Inspection) -> tuple[FailureKind, float] | None:
     """Return the larger defect of the edge that was moved onto other cloth (a dropped corner or a sag) with its
     confidence; None if both are within their limits."""
     if seen.edge is None:
         return None
-    corner_limit, sag_limit = _edge_limits(seen.edge, settings)
+    corner_limit, sag_limit = _edge_limits(seen.edge)
     corner, sag = seen.edge.corner / corner_limit, seen.edge.sag / sag_limit
     if not max(corner, sag) > 1.0:  # also true if both are NaN, not visible
         return None
@@ -111,13 +135,11 @@ def _moved_edge_defect(seen: Inspection, settings: InspectionSettings) -> tuple[
     return kind, _confidence(max(corner, sag), 1.0)
 
 
-def _edge_limits(edge: MovedEdge, settings: InspectionSettings) -> tuple[float, float]:
+def _edge_limits(edge: MovedEdge) -> tuple[float, float]:
     """Limits for the lag of a corner and of the middle of this edge [m]: thin layers and short edges are measured
     less exactly."""
-    share = edge.noise * max(1.0, settings.edge_rise / max(edge.rise, 1e-6))
-    corner, sag = (
-        min(limit * share, settings.edge_lag_thin) for limit in (settings.edge_corner, settings.edge_sag)
-    )
+    share = edge.noise * max(1.0, THIN_RISE / max(edge.rise, 1e-6))
+    corner, sag = (min(limit * share, MAX_LAG_THIN) for limit in (EDGE_CORNER, EDGE_SAG))
     return corner, sag
 
 
@@ -151,7 +173,7 @@ def _at_grasps(seen: Inspection) -> Array:
     return np.array([reach for name, reach in seen.left_behind.items() if name != "middle"])
 
 
-def _outline_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind:
+def _outline_defect(seen: Inspection, step: FoldStep | None) -> FailureKind:
     """Name the defect of an outline that deviates from the prediction.
 
     SAG if the garment is left behind further in the middle than at both grasps. Otherwise the place of the largest
@@ -160,17 +182,17 @@ def _outline_defect(seen: Inspection, step: FoldStep | None, settings: Inspectio
     """
     if step is None or not step.targets:
         return FailureKind.OFF_TARGET
-    if "middle" in seen.left_behind and seen.left_behind["middle"] - _at_grasps(seen).max() > settings.sag:
+    if "middle" in seen.left_behind and seen.left_behind["middle"] - _at_grasps(seen).max() > MAX_SAG:
         return FailureKind.SAG
     targets = np.array([t[:2] for t in step.targets.values()])
     near = float(np.linalg.norm(targets - seen.edge_place, axis=1).min())
-    if near <= settings.corner_radius:
+    if near <= CORNER_RADIUS:
         return FailureKind.DROPPED_CORNER
     if len(targets) == 2:
         a, b = targets
         span = b - a
         share = float((seen.edge_place - a) @ span / max(float(span @ span), 1e-9))
         off = float(np.linalg.norm(a + np.clip(share, 0, 1) * span - seen.edge_place))
-        if 0.15 < share < 0.85 and off < 2.0 * settings.corner_radius:
+        if 0.15 < share < 0.85 and off < 2.0 * CORNER_RADIUS:
             return FailureKind.SAG
     return FailureKind.OFF_TARGET

@@ -11,17 +11,22 @@ from numpy.typing import NDArray
 
 from robots.ports import Array
 from skills.fold_plan.plan import RELEASE_CLEARANCE
-from skills.perception.inspection.result import InspectionSettings
+from skills.perception.inspection.result import FOLD_MARGIN
 from skills.perception.rectification.heights import LOFTY, upper
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldStep, GraspId
 
 __all__ = ["extra_height", "judged_area", "left_behind", "missing_layer", "piled_area", "upper_height"]
 
+STRIP_HALF_WIDTH = 0.06
+"""Half the width of the strips in which `left_behind` and `sag` are measured: one strip at each grasp, and one
+between two grasps."""
+MIN_LAYER_HEIGHT = 0.0018
+"""Minimum predicted height at a target. If it is lower, missing layers are not judged there, because depth
+cannot resolve so little."""
 
-def judged_area(
-    mask: NDArray[np.bool_], view: TableView, step: FoldStep | None, settings: InspectionSettings
-) -> NDArray[np.bool_]:
+
+def judged_area(mask: NDArray[np.bool_], view: TableView, step: FoldStep | None) -> NDArray[np.bool_]:
     """Return the part (H, W) of a mask in which heights are judged: away from its rim and from the fold lines."""
     inner = cv2.erode(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     if step is not None:
@@ -29,7 +34,7 @@ def judged_area(
         xy = view.to_table(np.stack([columns, rows], axis=1))
         near = np.zeros(len(xy), bool)
         for line in step.lines:
-            near |= np.abs(line.signed_distance(xy)) < settings.fold_margin
+            near |= np.abs(line.signed_distance(xy)) < FOLD_MARGIN
         inner[rows[near], columns[near]] = False
     return inner
 
@@ -58,7 +63,6 @@ def missing_layer(
     step: FoldStep | None,
     R: Array,
     t: Array,
-    settings: InspectionSettings,
     raised: float = 0.0,
 ) -> float:
     """Return the missing share (0..1) of the predicted height at the worst target; NaN if no target can be judged.
@@ -81,7 +85,7 @@ def missing_layer(
         if np.count_nonzero(patch) < 300:
             continue
         planned = float(np.minimum(predicted[patch], _lofty(step, grasp_id, raised)).mean())
-        if planned >= settings.layer_height:
+        if planned >= MIN_LAYER_HEIGHT:
             shares.append(1.0 - float(measured[patch].mean()) / planned)
     return max(shares) if shares else float("nan")
 
@@ -96,11 +100,7 @@ def _lofty(step: FoldStep, grasp_id: GraspId, raised: float) -> float:
 
 
 def left_behind(
-    view: TableView,
-    mask: NDArray[np.bool_],
-    predicted: NDArray[np.bool_],
-    step: FoldStep | None,
-    settings: InspectionSettings,
+    view: TableView, mask: NDArray[np.bool_], predicted: NDArray[np.bool_], step: FoldStep | None
 ) -> Mapping[str, float]:
     """Measure how much further than predicted the garment reaches beyond the fold line [m], on the side from which
     it was folded.
@@ -121,7 +121,7 @@ def left_behind(
         coordinates.append(((xy - line.point) @ line.direction, line.signed_distance(xy)))
     excess = {}
     for name, place in places.items():
-        seen, planned = (across[np.abs(along - place) < settings.strip] for along, across in coordinates)
+        seen, planned = (across[np.abs(along - place) < STRIP_HALF_WIDTH] for along, across in coordinates)
         enough = min(len(seen), len(planned)) > 50
         excess[name] = float(np.quantile(seen, 0.98) - np.quantile(planned, 0.98)) if enough else float("nan")
     return excess

@@ -98,7 +98,8 @@ def estimate_camera_bias(
     layers: int,
     thickness: float,
     thickness_sigma: float = 0.0,
-    settings: ClaimSettings | None = None,
+    *,
+    settings: ClaimSettings,
 ) -> CameraBias:
     """Estimate the bias: the median height over the interior of a flat garment minus its true height.
 
@@ -109,7 +110,6 @@ def estimate_camera_bias(
     If too little is visible, or if the estimate is implausible (for example because the garment is crumpled), the
     result is the expected bias of the settings.
     """
-    settings = settings or ClaimSettings()
     expected = CameraBias(settings.camera_bias, settings.camera_bias_sigma, measured=False)
     interior = cv2.erode(mask.astype(np.uint8), np.ones((RIM, RIM), np.uint8)) > 0
     samples = height[interior & np.isfinite(height)]

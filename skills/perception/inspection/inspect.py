@@ -20,13 +20,13 @@ from skills.perception.inspection.figures import (
 )
 from skills.perception.inspection.moved_edge import moved_edge
 from skills.perception.inspection.predicted_view import draw_shape, mask_iou, move_view, outline_of
-from skills.perception.inspection.result import Inspection, InspectionSettings
+from skills.perception.inspection.result import FOLD_MARGIN, Inspection, InspectionSettings
 from skills.perception.inspection.target_view import FoldTarget, view_target
 from skills.perception.rectification.heights import height_above, smooth_height
 from skills.perception.rectification.table_view import TableView
 from skills.perception.registration.alignment import align, edge_deviation
 from skills.perception.segmentation.mask import Segmentation
-from skills.perception.settings import PerceptionSettings
+from skills.perception.settings import LITTER_SHARE
 from skills.perception.silhouette import find_silhouette
 from skills.perception.views import open_views
 from skills.vocabulary import (
@@ -60,7 +60,8 @@ def inspect(
     reference: CameraFrame | None,
     predicted: PredictedShape,
     step: FoldStep | None = None,
-    settings: InspectionSettings | None = None,
+    *,
+    settings: InspectionSettings,
     previous: CameraFrame | None = None,
     flat_top: float | None = None,
     before: CameraFrame | None = None,
@@ -80,7 +81,6 @@ def inspect(
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW or UNKNOWN_GARMENT (a second garment) if
     nothing can be judged. A bad fold is not a failure: the value's `diagnosis` describes it.
     """
-    settings = settings or InspectionSettings()
     opened = open_views(frame, calibration, table, reference, previous, settings.perception)
     if opened.failure is not None:
         return Outcome(failure=opened.failure)
@@ -98,7 +98,7 @@ def inspect(
     planned = np.isfinite(expected)
     outline, observed = outline_of(view, planned), view.to_table(found.contour)
     R, t = align(outline, observed)
-    if (second := _second_garment(found, planned, view, settings.perception)) is not None:
+    if (second := _second_garment(found, planned, view)) is not None:
         return Outcome(failure=second)
     edge = None
     before = before or previous
@@ -108,10 +108,10 @@ def inspect(
         edge = moved_edge(height, height_before, predicted, step, view, R, t, flat)
     moved, centre = move_view(view, expected, R, t), outline.mean(axis=0)
     drift = R @ centre + t - centre
-    smooth, judged = smooth_height(height, 7), judged_area(found.mask, view, step, settings)
+    smooth, judged = smooth_height(height, 7), judged_area(found.mask, view, step)
     excess = smooth - moved
     deviation, place = edge_deviation(outline @ R.T + t, observed)
-    margin = settings.fold_margin
+    margin = FOLD_MARGIN
     inspection = Inspection(
         iou=mask_iou(found.mask, planned),
         iou_aligned=mask_iou(found.mask, np.isfinite(moved)),
@@ -124,9 +124,9 @@ def inspect(
         piled_area_m2=piled_area(excess, judged, settings.extra_height, view.pixel),
         edge_deviation_m=deviation,
         edge_place=frozen(place),
-        missing_layer=missing_layer(height, moved, view, step, R, t, settings, raised),
+        missing_layer=missing_layer(height, moved, view, step, R, t, raised),
         edge=edge,
-        left_behind=left_behind(view, found.mask, planned, step, settings),
+        left_behind=left_behind(view, found.mask, planned, step),
         diagnosis=None,
         confidence=1.0,
         contour=frozen(observed),
@@ -154,15 +154,13 @@ def inspect(
     return Outcome(value=inspection, notes=notes)
 
 
-def _second_garment(
-    found: Segmentation, planned: NDArray[np.bool_], view: TableView, settings: PerceptionSettings
-) -> Failure | None:
+def _second_garment(found: Segmentation, planned: NDArray[np.bool_], view: TableView) -> Failure | None:
     """Return UNKNOWN_GARMENT if something lies on the table well outside the predicted silhouette, `planned`
     (H, W), else None."""
     size = 2 * round(APART / view.pixel) + 1
     near = cv2.dilate((planned | found.mask).astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     share = np.count_nonzero(found.others & ~near) / np.count_nonzero(found.mask)
-    if share <= settings.litter:
+    if share <= LITTER_SHARE:
         return None
     return Failure(
         FailureKind.UNKNOWN_GARMENT, "something else lies on the table beside the garment",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,52 +18,26 @@ from skills.vocabulary import FailureKind
 
 __all__ = ["Inspection", "InspectionSettings"]
 
+MAX_PILED_AREA = 0.0012
+"""Maximum area that is more than `extra_height` higher than predicted."""
+FOLD_MARGIN = 0.040
+"""Nearer than this to a fold line, heights are not judged, because the crease bulges there."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
 class InspectionSettings:
-    """Limits: a fold within all of them counts as predicted. Lengths [m], angles [rad], areas [m2]."""
+    """Limits of the cell's settings: a fold within all of them counts as predicted. Lengths [m], angles [rad].
+    Constants stand beside the functions that use them."""
 
-    iou: float = 0.90
+    iou: float
     """Minimum overlap with the prediction after rigid alignment."""
-    drift: float = 0.030
-    drift_angle: float = float(np.deg2rad(6.0))
-    extra_height: float = 0.015
-    piled_area: float = 0.0012
-    """Maximum area that is more than `extra_height` higher than predicted."""
-    fold_margin: float = 0.040
-    """Nearer than this to a fold line, heights are not judged, because the crease bulges there."""
-    deviation: float = 0.022
+    drift: float
+    drift_angle: float
+    extra_height: float
+    deviation: float
     """Maximum distance between observed and predicted boundary after alignment."""
-    corner_radius: float = 0.07
-    left_behind: float = 0.035
-    """Limit of `Inspection.left_behind` if the outline is not as predicted. If all values are larger, a layer was
-    missed. If the values at the two grasps differ by more, one corner was dropped."""
-    sag: float = 0.020
-    """If the garment is left behind in the middle further than at both grasps, by more than this, the cloth
-    between the hands sagged."""
-    strip: float = 0.06
-    """Half the width of the strips in which `left_behind` and `sag` are measured: one strip at each grasp, and one
-    between two grasps."""
-    missing_share: float = 0.45
-    """Maximum missing share of the predicted height at a target."""
-    layer_height: float = 0.0018
-    """Minimum predicted height at a target. If it is lower, missing layers are not judged there, because depth
-    cannot resolve so little."""
-    edge_sag: float = 0.026
-    edge_corner: float = 0.0195
-    """Limits for an edge that was moved onto other cloth (`moved_edge`): `edge_sag` for the lag of its middle,
-    `edge_corner` for the lag of a corner.
-
-    The lag of a corner is measured in steps of 2 mm, or of 1 mm if a strip is not visible; the limit lies between
-    two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pictures, good folds lag by up to
-    15 mm, nearly all by less than 8 mm."""
-    edge_rise: float = 0.0022
-    edge_lag_thin: float = 0.030
-    """For layers that raise the surface by less than `edge_rise`, the two limits grow in inverse proportion to the
-    rise, and for an edge that is too short for wide strips with the noise of its strips, up to `edge_lag_thin`:
-    wrinkles of a millimetre then hide the edge."""
-    perception: PerceptionSettings = field(default_factory=PerceptionSettings)
-    claim: ClaimSettings = field(default_factory=ClaimSettings)
+    perception: PerceptionSettings
+    claim: ClaimSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,7 @@ def _estimated(
         )  # fmt: skip
 
     def work() -> Outcome[tuple[Observation, StateEstimate]]:
-        seen = observe(frame, calibration, cell.table, sight.reference, sight.previous, cell.perception)
+        seen = observe(frame, calibration, cell.table, sight.reference, sight.previous, settings=cell.perception)
         if seen.failure:
             return Outcome(failure=seen.failure)
         found = estimate_state(

@@ -93,7 +93,7 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
             cell.table,
             sight.reference,
             sight.previous,
-            cell.perception,
+            settings=cell.perception,
         )
         if seen.failure:
             return Outcome(failure=seen.failure)

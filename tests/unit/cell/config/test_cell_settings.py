@@ -16,8 +16,6 @@ from cell.hardware.camera import camera_calibration
 from robots.errors import ConfigurationError
 from robots.ros.driver import CameraTopics, RosSettings
 from skills.cloth.pinch import PadGeometry
-from skills.perception.inspection.inspect import InspectionSettings
-from skills.perception.settings import PerceptionSettings
 
 
 def refusal(tmp_path: Path, text: str) -> ConfigurationError:
@@ -297,8 +295,6 @@ def test_impossible_camera_poses_are_refused(tmp_path: Path, fault: str) -> None
 
 def test_the_shipped_thresholds_are_those_that_the_skills_were_tested_with() -> None:
     settings = load_settings()
-    assert settings.perception.settings() == PerceptionSettings()
-    assert settings.inspection.settings(settings.perception) == InspectionSettings()
     assert settings.gripper.pads == PadGeometry()
     assert settings.ros.settings() == RosSettings()
 

@@ -8,8 +8,7 @@ from robots.ports import CameraFrame
 from skills.perception.classify import Match
 from skills.perception.drawing import draw_on_camera, draw_on_view, draw_overlay
 from skills.perception.outline import polygon_area
-from skills.perception.perceive import perceive
-from skills.perception.settings import PerceptionSettings
+from tests.builders.shipped_settings import PERCEPTION, perceive
 from tests.builders.silhouettes import Silhouette
 from tests.scenes import TABLE, TOWEL, TOWEL_NAMES, Scene, camera, empty, place, render
 
@@ -48,7 +47,7 @@ def test_the_same_picture_gives_the_same_state(towel_picture, calibration, towel
 def test_a_garment_whose_key_points_are_uncertain_is_refused(towel_picture, calibration, towels):
     _, _, picture, bare = towel_picture(1)
     sure = perceive(picture, calibration, TABLE, bare, towels).unwrap().state.confidence
-    strict = replace(PerceptionSettings(), least_confidence=sure + 1e-6)
+    strict = replace(PERCEPTION, least_confidence=sure + 1e-6)
     refused = perceive(picture, calibration, TABLE, bare, towels, settings=strict)
     assert failure(refused) is FailureKind.LOW_CONFIDENCE
     assert refused.failure.values["keypoint"] in TOWEL_NAMES
@@ -156,7 +155,7 @@ def test_a_camera_that_does_not_see_the_table_gives_no_reference(towel_picture, 
     _, _, frame, reference = towel_picture(0)
     elsewhere = camera(target=target)
     for bare in (reference, None):
-        seen = perceive(frame, elsewhere, TABLE, bare, towels, settings=PerceptionSettings(method=method))
+        seen = perceive(frame, elsewhere, TABLE, bare, towels, settings=replace(PERCEPTION, method=method))
         assert seen.failure is not None and seen.failure.kind is FailureKind.CAMERA_FAULT
         assert "does not look at the table" in seen.failure.what and seen.failure.hint
 

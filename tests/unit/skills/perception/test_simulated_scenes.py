@@ -11,7 +11,7 @@ from cell.config.garments.garment_file import list_garments, load_garment
 from cell.simulation.camera.render_server import Shot
 from cell.simulation.garment.fabric import garment_uv
 from robots.baxter.camera_mount import MOUNT
-from skills.perception.perceive import perceive
+from tests.builders.shipped_settings import perceive
 
 
 @pytest.mark.parametrize(("name", "seed"), [("long_sleeve_shirt_large", 900001), ("jeans", 900002)])

@@ -25,10 +25,11 @@ from robots.ports import ArmTrajectory, GripperState, Side, TactileReading
 from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.pressing import OPENING, Dab, press_paths
 from skills.grasping.hand_reading import HandReading
-from skills.perception.inspection.inspect import Inspection, InspectionSettings
+from skills.perception.inspection.inspect import Inspection
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with
+from tests.builders.shipped_settings import INSPECTION
 from tests.fakes import FakeCell
 from tests.inspections import a_claim, inspection
 from tests.scenes import TABLE, camera
@@ -238,7 +239,7 @@ def test_after_pressing_a_widened_crease_is_accepted_and_a_turned_corner_is_not(
     further = SQUARE - [[0.0, 0.004], [0.0, 0.004], [0.0, 0.0], [0.0, 0.0]]
     turned = further.copy()
     turned[2] -= 0.06
-    before, settings = look(outline(SQUARE)), InspectionSettings()
+    before, settings = look(outline(SQUARE)), INSPECTION
     off = {"edge_deviation_m": 0.023, "diagnosis": FailureKind.OFF_TARGET}
     assert judged_as_before(before, look(outline(further), **off), STEP, settings).diagnosis is None
     assert judged_as_before(before, look(outline(turned), **off), STEP, settings).diagnosis is not None

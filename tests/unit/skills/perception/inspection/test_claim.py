@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from skills.perception.inspection.claim import Claim, Displacement, claim_fold, claim_to_dict, displacement_of
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
-from skills.perception.inspection.result import InspectionSettings
 from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.plane import rotation
 from skills.vocabulary import FailureKind
+from tests.builders.shipped_settings import INSPECTION
 from tests.inspections import inspection
 
-S, BIAS = InspectionSettings(), 0.0025
+S, BIAS = INSPECTION, 0.0025
 C = np.linspace(0.010, 0.020, 5)
 IDEAL = IdealHeights(C, 0.002 + C, 0.010 + C, C)
 """A fabric of 15 mm has an ideal height of 17 mm, 25 mm near the creases."""

@@ -6,13 +6,24 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.perception.inspection.diagnosis import beyond_limits, diagnose, diagnosed_by_height
+from skills.perception.inspection.diagnosis import (
+    EDGE_CORNER,
+    EDGE_SAG,
+    MAX_LAG_THIN,
+    MAX_LEFT_BEHIND,
+    MAX_MISSING,
+    MAX_SAG,
+    beyond_limits,
+    diagnose,
+    diagnosed_by_height,
+)
 from skills.perception.inspection.moved_edge import MovedEdge
-from skills.perception.inspection.result import InspectionSettings
+from skills.perception.inspection.result import MAX_PILED_AREA
 from skills.vocabulary import FoldLine, FoldStep, GraspId
+from tests.builders.shipped_settings import INSPECTION
 from tests.inspections import inspection
 
-S, K = InspectionSettings(), FailureKind
+S, K = INSPECTION, FailureKind
 LEFT, RIGHT = np.array([0.6, 0.2]), np.array([0.6, -0.2])
 STEP = FoldStep(
     "half", 0, FoldLine(np.array([0.6, 0.0]), np.array([0.0, 1.0])), (), {},
@@ -41,12 +52,12 @@ LIMITS = [
     (lambda x: {"edge_deviation_m": x * S.deviation}, K.OFF_TARGET),
     (lambda x: {"edge_deviation_m": -x * S.deviation}, K.OFF_TARGET),
     (lambda x: {"iou_aligned": 1.0 - x * (1.0 - S.iou)}, K.OFF_TARGET),
-    (lambda x: {"piled_area_m2": x * S.piled_area}, K.PILING),
+    (lambda x: {"piled_area_m2": x * MAX_PILED_AREA}, K.PILING),
     (lambda x: {"drift_m": x * S.drift}, K.DRIFT),
     (lambda x: {"drift_rad": x * S.drift_angle}, K.DRIFT),
     (lambda x: {"drift_rad": -x * S.drift_angle}, K.DRIFT),
-    (lambda x: {"edge": edge(corner=x * S.edge_corner)}, K.DROPPED_CORNER),
-    (lambda x: {"edge": edge(sag=x * S.edge_sag)}, K.SAG),
+    (lambda x: {"edge": edge(corner=x * EDGE_CORNER)}, K.DROPPED_CORNER),
+    (lambda x: {"edge": edge(sag=x * EDGE_SAG)}, K.SAG),
 ]  # fmt: skip
 """Each figure as a multiple of its limit, and the defect beyond the limit."""
 
@@ -75,15 +86,15 @@ def test_the_confidence_of_a_good_fold_falls_towards_a_limit(figure, kind):
 )
 def test_a_missing_layer_counts_only_if_the_edge_is_not_fully_seen(share, seen, whole):
     """The confidence stays low, because heights are uncertain."""
-    named, _ = verdict(missing_layer=share * S.missing_share, edge=seen)
+    named, _ = verdict(missing_layer=share * MAX_MISSING, edge=seen)
     assert named is (K.DROPPED_CORNER if share > 1.0 and not whole else None)
-    sureness = [verdict(missing_layer=x * S.missing_share, edge=None)[1] for x in (1.02, 1.6, 2.2)]
+    sureness = [verdict(missing_layer=x * MAX_MISSING, edge=None)[1] for x in (1.02, 1.6, 2.2)]
     assert 0.4 < sureness[0] < sureness[1] < sureness[2] < 0.75
 
 
 @pytest.mark.parametrize(("share", "refused"), [(0.98, K.OFF_TARGET), (1.02, None)])
 def test_cloth_left_behind_determines_the_defect_of_a_bad_outline(share, refused):
-    left = share * S.left_behind
+    left = share * MAX_LEFT_BEHIND
     bad = {"iou_aligned": 0.8, "edge_place": np.array([0.9, 0.0])}
     assert verdict(**bad, left_behind=behind(left, left, left))[0] is (refused or K.MISSED_LAYER)
     for one in (behind(left=left), behind(right=left)):
@@ -97,7 +108,7 @@ def test_cloth_left_behind_determines_the_defect_of_a_bad_outline(share, refused
 @pytest.mark.parametrize(("share", "kind"), [(0.98, K.OFF_TARGET), (1.02, K.SAG)])
 def test_a_middle_that_lies_behind_both_ends_is_a_sag(share, kind):
     ends = {"left": 0.010, "right": 0.004}
-    left = {**ends, "middle": 0.010 + share * S.sag}
+    left = {**ends, "middle": 0.010 + share * MAX_SAG}
     assert verdict(iou_aligned=0.8, edge_place=np.array([0.9, 0.0]), left_behind=left)[0] is kind
 
 
@@ -123,14 +134,14 @@ def test_the_place_of_a_bad_edge_determines_the_defect(place, kind):
 
 
 def test_the_larger_of_two_defects_of_the_moved_edge_is_reported():
-    assert verdict(edge=edge(corner=2.0 * S.edge_corner, sag=1.1 * S.edge_sag))[0] is K.DROPPED_CORNER
-    assert verdict(edge=edge(corner=1.1 * S.edge_corner, sag=2.5 * S.edge_sag))[0] is K.SAG
+    assert verdict(edge=edge(corner=2.0 * EDGE_CORNER, sag=1.1 * EDGE_SAG))[0] is K.DROPPED_CORNER
+    assert verdict(edge=edge(corner=1.1 * EDGE_CORNER, sag=2.5 * EDGE_SAG))[0] is K.SAG
 
 
 @pytest.mark.parametrize(
     ("rise", "noise", "allowed"),
-    [(0.005, 1.0, S.edge_corner), (0.0018, 1.0, 0.0238), (0.005, 1.2, 0.0234), (0.0012, 1.0, S.edge_lag_thin),
-     (0.005, 2.0, S.edge_lag_thin)],
+    [(0.005, 1.0, EDGE_CORNER), (0.0018, 1.0, 0.0238), (0.005, 1.2, 0.0234), (0.0012, 1.0, MAX_LAG_THIN),
+     (0.005, 2.0, MAX_LAG_THIN)],
 )  # fmt: skip
 def test_thin_layers_and_short_edges_may_lag_by_more(rise, noise, allowed):
     for lag, kind in ((0.98 * allowed, None), (1.02 * allowed, K.DROPPED_CORNER)):
@@ -159,12 +170,12 @@ def test_a_fold_is_refused_exactly_if_a_figure_is_beyond_its_limit():
         seen = inspection(
             iou_aligned=1.0 - rng.uniform(0.0, 1.1) * (1.0 - S.iou),
             edge_deviation_m=rng.uniform(-1.1, 1.1) * S.deviation,
-            piled_area_m2=rng.uniform(0.0, 1.1) * S.piled_area,
+            piled_area_m2=rng.uniform(0.0, 1.1) * MAX_PILED_AREA,
             drift_m=rng.uniform(0.0, 1.1) * S.drift,
             drift_rad=rng.uniform(-1.1, 1.1) * S.drift_angle,
-            missing_layer=about(S.missing_share),
-            edge=None if rng.random() < 0.3 else edge(about(S.edge_corner), about(S.edge_sag)),
-            left_behind={} if rng.random() < 0.3 else behind(*(about(S.left_behind) for _ in range(3))),
+            missing_layer=about(MAX_MISSING),
+            edge=None if rng.random() < 0.3 else edge(about(EDGE_CORNER), about(EDGE_SAG)),
+            left_behind={} if rng.random() < 0.3 else behind(*(about(MAX_LEFT_BEHIND) for _ in range(3))),
             edge_place=rng.uniform((0.3, -0.5), (0.9, 0.5)),
         )
         kind, sure = diagnose(seen, STEP, S)
@@ -204,4 +215,4 @@ def test_figures_beyond_their_limit_are_reported_with_units(figures, named):
 def test_places_that_are_not_seen_have_the_same_effect_in_any_order(order, values, kind):
     """A missed layer needs both grasps to be seen: one of them may as well have a dropped corner beside it."""
     seen = inspection(edge_deviation_m=0.05, iou_aligned=0.7, left_behind={name: values[name] for name in order})
-    assert diagnose(seen, None, InspectionSettings())[0] is kind
+    assert diagnose(seen, None, INSPECTION)[0] is kind

@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 
 from skills.fold_plan.plan import RELEASE_CLEARANCE
+from skills.perception.inspection.diagnosis import MAX_MISSING
 from skills.perception.inspection.figures import (
+    MIN_LAYER_HEIGHT,
     extra_height,
     judged_area,
     missing_layer,
     piled_area,
     upper_height,
 )
-from skills.perception.inspection.result import InspectionSettings
+from skills.perception.inspection.result import FOLD_MARGIN
 from skills.perception.rectification.table_view import TableView
 from skills.plane import rotation
 from skills.vocabulary import Array, FoldLine, FoldStep, Grasp, GraspId
 from tests.inspections import on_table
 from tests.scenes import TABLE, camera
 
-VIEW, S = TableView(camera(), TABLE), InspectionSettings()
+VIEW = TableView(camera(), TABLE)
 HERE = on_table(VIEW)
 """(H, W, 2) position of each pixel on the table [m]."""
 LAYER = 0.003
@@ -45,15 +47,15 @@ def test_heights_are_judged_away_from_the_rim_and_from_every_fold_line(lines: tu
     """Heights are judged from 40 mm on both sides of each fold line, also of earlier folds, and from 3 pixels
     inside the rim."""
     step = replace(STEP, earlier=lines[:-1], line=lines[-1]) if lines else None
-    judged = judged_area(STACK, VIEW, step, S)
+    judged = judged_area(STACK, VIEW, step)
     inner = within((0.457, 0.743), (-0.243, 0.243))
     for line in lines:
-        inner = inner & (np.abs(line.signed_distance(HERE)) > S.fold_margin)
+        inner = inner & (np.abs(line.signed_distance(HERE)) > FOLD_MARGIN)
     rim = within((0.4545, 0.7455), (-0.2455, 0.2455))
     assert judged[inner].all(), "all inner pixels are judged"
     assert not (judged & ~rim).any()
     for line in lines:
-        assert not (judged & (np.abs(line.signed_distance(HERE)) < S.fold_margin - 1e-9)).any()
+        assert not (judged & (np.abs(line.signed_distance(HERE)) < FOLD_MARGIN - 1e-9)).any()
 
 
 def test_the_stack_height_is_the_95th_percentile() -> None:
@@ -103,7 +105,7 @@ def lacking(
     height = np.where(HERE[..., 1] > 0, 1.0 - left, 1.0 - right).astype(np.float32) * np.float32(planned)
     if hidden is not None:
         height[hidden] = np.nan
-    return missing_layer(height, moved, VIEW, step, *STILL, S)
+    return missing_layer(height, moved, VIEW, step, *STILL)
 
 
 @pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, 0.6), (-0.2, -0.4)])
@@ -117,8 +119,8 @@ def test_heights_at_a_target_are_measured_at_the_observed_place_of_the_fold() ->
     moved = np.full(VIEW.shape, 2 * LAYER, np.float32)
     height = moved.copy()
     height[np.linalg.norm(HERE - (R @ LEFT + t), axis=2) < 0.04] = LAYER
-    assert missing_layer(height, moved, VIEW, STEP, R, t, S) == pytest.approx(0.5, abs=0.01)
-    assert missing_layer(height, moved, VIEW, STEP, *STILL, S) < 0.2
+    assert missing_layer(height, moved, VIEW, STEP, R, t) == pytest.approx(0.5, abs=0.01)
+    assert missing_layer(height, moved, VIEW, STEP, *STILL) < 0.2
 
 
 def test_a_predicted_ruck_that_is_not_there_is_no_missing_layer() -> None:
@@ -129,8 +131,8 @@ def test_a_predicted_ruck_that_is_not_there_is_no_missing_layer() -> None:
     flat = np.where(STACK, 2 * LAYER, np.nan).astype(np.float32)
     ruck = flat.copy()
     ruck[np.linalg.norm(HERE - LEFT, axis=2) < 0.03] = 10 * LAYER
-    assert missing_layer(flat, ruck, VIEW, step, *STILL, S) < S.missing_share
-    assert missing_layer(0.5 * flat, ruck, VIEW, step, *STILL, S) > S.missing_share, "one layer is missing"
+    assert missing_layer(flat, ruck, VIEW, step, *STILL) < MAX_MISSING
+    assert missing_layer(0.5 * flat, ruck, VIEW, step, *STILL) > MAX_MISSING, "one layer is missing"
 
 
 def test_an_unseen_target_is_ignored() -> None:
@@ -146,11 +148,11 @@ def test_an_unseen_target_is_ignored() -> None:
 def test_the_missing_layer_uses_the_mean_height_of_a_stepped_target() -> None:
     """Two layers are planned on one half of the target and six on the other. Half of each is present."""
     moved = np.where(HERE[..., 0] > LEFT[0], 2 * LAYER, 6 * LAYER).astype(np.float32)
-    assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.5, abs=1e-5)
+    assert missing_layer(0.5 * moved, moved, VIEW, STEP, *STILL) == pytest.approx(0.5, abs=1e-5)
     level = np.full_like(moved, 4 * LAYER)
-    assert missing_layer(level, moved, VIEW, STEP, *STILL, S) == pytest.approx(0.0, abs=0.05)
+    assert missing_layer(level, moved, VIEW, STEP, *STILL) == pytest.approx(0.0, abs=0.05)
 
 
 def test_layers_too_thin_for_the_depth_camera_are_not_reported_as_missing() -> None:
-    assert np.isnan(lacking(0.9, 0.9, planned=0.98 * S.layer_height))
-    assert lacking(0.9, 0.9, planned=1.02 * S.layer_height) == pytest.approx(0.9, abs=1e-4)
+    assert np.isnan(lacking(0.9, 0.9, planned=0.98 * MIN_LAYER_HEIGHT))
+    assert lacking(0.9, 0.9, planned=1.02 * MIN_LAYER_HEIGHT) == pytest.approx(0.9, abs=1e-4)

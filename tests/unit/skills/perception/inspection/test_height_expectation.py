@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.inspection.claim_settings import ClaimSettings
 from skills.perception.inspection.height_expectation import (
     IdealHeights,
     Normal,
@@ -22,8 +21,9 @@ from skills.perception.inspection.height_expectation import (
     scaled_ideal_heights,
 )
 from skills.perception.inspection.target_view import StackHeights
+from tests.builders.shipped_settings import INSPECTION
 
-S = ClaimSettings()
+S = INSPECTION.claim
 C = np.linspace(0.010, 0.020, 11)
 TABLE = IdealHeights(C, 0.004 + 0.5 * C, 0.004 + 1.2 * C, 0.002 + 0.9 * C)
 """Heights that are straight lines over the bending length."""
@@ -149,7 +149,7 @@ def flat_garment(top: float, noise: float = 0.0015) -> tuple[np.ndarray, np.ndar
 @given(st.floats(-0.0015, 0.0065), st.integers(1, 2), st.floats(0.0005, 0.0035))
 def test_the_bias_is_recovered_from_a_flat_garment(bias: float, layers: int, thickness: float) -> None:
     height, mask = flat_garment((layers - 0.5) * thickness + bias)
-    found = estimate_camera_bias(height, mask, layers, thickness, 0.0002)
+    found = estimate_camera_bias(height, mask, layers, thickness, 0.0002, settings=S)
     assert found.measured and found.value == pytest.approx(bias, abs=1e-4)
     assert found.sigma == pytest.approx((layers - 0.5) * 0.0002)
 
@@ -157,11 +157,11 @@ def test_the_bias_is_recovered_from_a_flat_garment(bias: float, layers: int, thi
 @pytest.mark.parametrize("bias", [-0.004, 0.012])
 def test_an_implausible_bias_is_replaced_by_the_expected_one(bias: float) -> None:
     height, mask = flat_garment(0.0005 + bias)
-    found = estimate_camera_bias(height, mask, 1, 0.001)
+    found = estimate_camera_bias(height, mask, 1, 0.001, settings=S)
     assert (found.value, found.sigma, found.measured) == (S.camera_bias, S.camera_bias_sigma, False)
 
 
 def test_without_depth_the_expected_bias_is_used() -> None:
     height, mask = flat_garment(0.003)
-    found = estimate_camera_bias(np.full_like(height, np.nan), mask, 1, 0.001)
+    found = estimate_camera_bias(np.full_like(height, np.nan), mask, 1, 0.001, settings=S)
     assert (found.value, found.measured) == (S.camera_bias, False)

@@ -7,12 +7,11 @@ import pytest
 from robots.errors import FailureKind
 from skills.perception.inspection.diagnosis import beyond_limits, diagnose
 from skills.perception.inspection.figures import left_behind
-from skills.perception.inspection.inspect import inspect
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.predicted_view import draw_shape
-from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
+from tests.builders.shipped_settings import INSPECTION, inspect
 from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
@@ -88,7 +87,7 @@ def layered(apart, up=0.0):
 )
 def test_only_figures_beyond_their_limit_are_reported(polygons, named):
     seen = look(polygons).unwrap()
-    beyond = beyond_limits(seen, InspectionSettings())
+    beyond = beyond_limits(seen, INSPECTION)
     assert bool(beyond) == (seen.diagnosis is not None)
     assert named in ", ".join(beyond)
 
@@ -158,15 +157,14 @@ def test_cloth_left_behind_is_reported_with_its_place(place, behind):
     line = FoldLine(np.array([0.5, 0.0]), np.array([0.0, -1.0]))  # the line's normal points to larger x
     left = Grasp(np.array([0.7, 0.15]), 0.0, 1, 0.003)
     right = Grasp(np.array([0.7, -0.15]), 0.0, 1, 0.003)
-    settings = InspectionSettings()
     step = replace(STEP, line=line, grasps={GraspId.LEFT: left, GraspId.RIGHT: right})
-    found = left_behind(view, seen, planned, step, settings)
+    found = left_behind(view, seen, planned, step)
     expected = {name: 0.04 * (name == place) for name in ("left", "right", "middle")}
     assert found == pytest.approx(expected, abs=0.004)
-    hidden = left_behind(view, seen & (np.abs(y - behind) > 0.07), planned, step, settings)
+    hidden = left_behind(view, seen & (np.abs(y - behind) > 0.07), planned, step)
     assert np.isnan(hidden[place]) and np.isfinite([v for name, v in hidden.items() if name != place]).all()
-    one = left_behind(view, seen, planned, replace(step, grasps={GraspId.LEFT: left}), settings)
-    assert set(one) == {"left"} and left_behind(view, seen, planned, None, settings) == {}
+    one = left_behind(view, seen, planned, replace(step, grasps={GraspId.LEFT: left}))
+    assert set(one) == {"left"} and left_behind(view, seen, planned, None) == {}
 
 
 def test_a_layer_left_where_it_lay_is_a_missed_layer():
@@ -192,7 +190,7 @@ def test_creases_that_were_there_before_do_not_hide_a_missing_layer():
 @pytest.mark.parametrize("end", [slice(0, 3), slice(6, 9)])
 def test_heights_are_used_if_one_end_of_the_moved_edge_is_unseen(end):
     """The seen part of the edge lies correctly, but at the target of the unseen end a layer is missing."""
-    seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), InspectionSettings()
+    seen, settings = look([HALF], thickness=HEIGHT / 3).unwrap(), INSPECTION
     lag = np.zeros(9)
     whole = replace(seen, edge=MovedEdge(lag, HEIGHT / 2))
     assert diagnose(whole, STEP, settings)[0] is None

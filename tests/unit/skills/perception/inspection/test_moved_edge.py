@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.perception.inspection.inspect import inspect
+from skills.perception.inspection.diagnosis import EDGE_CORNER, EDGE_SAG
 from skills.perception.inspection.moved_edge import MovedEdge, moved_edge
-from skills.perception.inspection.result import InspectionSettings
 from skills.perception.rectification.table_view import TableView
 from skills.plane import rotation
 from skills.vocabulary import FoldLine, FoldStep, Grasp, GraspId, PredictedShape
+from tests.builders.shipped_settings import inspect
 from tests.inspections import grid_triangles, on_table
 from tests.scenes import TABLE, Scene, camera, empty, place, render
 
 VIEW = TableView(camera(), TABLE)
 XY = on_table(VIEW)
 X, Y = XY[..., 0], XY[..., 1]
-LAYER, NOISE, LIMITS = 0.0025, 0.0015, InspectionSettings()
+LAYER, NOISE = 0.0025, 0.0015
 # The line is along x at y = 0. The part at y > 0 moves onto y < 0.
 LINE = FoldLine(np.array([0.6, 0.0]), np.array([1.0, 0.0]))
 SPAN = (0.4, 0.8)
@@ -102,9 +102,9 @@ def test_the_flank_of_a_pressed_down_loop_is_no_lost_corner(flank):
     """The surface rises on the flank by less than a layer, because the layer presses the flank down."""
     for seed in range(3):
         seen = look(lambda t: 0.0 * t, seed, 0.012, flank, creases=0.001)
-        assert seen.corner < LIMITS.edge_corner and abs(seen.sag) < LIMITS.edge_sag
+        assert seen.corner < EDGE_CORNER and abs(seen.sag) < EDGE_SAG
         lost = look(lambda t: 0.06 * (t > 0.75), seed, 0.012, flank, creases=0.001)
-        assert lost.corner > LIMITS.edge_corner
+        assert lost.corner > EDGE_CORNER
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -113,7 +113,7 @@ def test_wrinkles_that_the_moved_layer_presses_flat_are_no_lag(seed):
     for lag, found in ((lambda t: 0.0 * t, False), (lambda t: 0.05 * (t > 0.75), True)):
         before, after = pressed_flat(lag, seed)
         seen = looked_at(after, before)
-        assert (seen.corner > LIMITS.edge_corner) is found
+        assert (seen.corner > EDGE_CORNER) is found
         assert found or np.abs(seen.lag).max() < 0.010
 
 
@@ -127,7 +127,7 @@ def test_a_corner_on_the_loop_of_an_earlier_crease_is_seen_where_the_new_crease_
     before, after = noisy((LAYER + raised) * ON, after, seed=2)
     seen = looked_at(after, before)
     assert np.isfinite(seen.lag[0])
-    assert (seen.corner > LIMITS.edge_corner) is (behind > 0.0)
+    assert (seen.corner > EDGE_CORNER) is (behind > 0.0)
 
 
 def test_an_end_on_a_crease_lags_by_no_more_than_its_last_strip():
@@ -152,7 +152,7 @@ def test_rounding_does_not_change_the_verdict_on_a_corner(behind):
         middle = [places[i - behind // 2], places[i - (behind + 1) // 2]]
         edge = MovedEdge(np.array([places[i]] * 2 + [np.nan] * 3 + middle * 2), LAYER)
         assert edge.corner == pytest.approx(1e-3 * behind, abs=1e-9)
-        beyond.add(edge.corner > LIMITS.edge_corner)
+        beyond.add(edge.corner > EDGE_CORNER)
     assert beyond == {behind > 19}
 
 

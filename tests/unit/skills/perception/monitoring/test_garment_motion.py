@@ -9,11 +9,11 @@ import pytest
 
 from robots.errors import FailureKind
 from skills.perception.monitoring.garment_motion import displaced_boundary, measure_motion
-from skills.perception.settings import PerceptionSettings
 from skills.perception.views import open_views
+from tests.builders.shipped_settings import PERCEPTION
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 
-CAMERA, SETTINGS = camera(), PerceptionSettings()
+CAMERA, SETTINGS = camera(), PERCEPTION
 HOME = (0.6, 0.0, 0.1)
 BARE = Scene(seed=5)
 

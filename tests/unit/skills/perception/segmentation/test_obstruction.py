@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.perception.inspection.inspect import inspect
-from skills.perception.perceive import perceive
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.obstruction import find_obstruction, standing_parts
 from skills.vocabulary import PredictedShape
+from tests.builders.shipped_settings import inspect, perceive
 from tests.scenes import TABLE, TOWEL, Scene, camera, empty, place, render, with_arm
 
 CAMERA = camera()

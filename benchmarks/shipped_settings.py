@@ -1,0 +1,11 @@
+"""The shipped settings of perception and inspection."""
+
+from __future__ import annotations
+
+from cell.config.cell_settings import load_settings
+
+__all__ = ["INSPECTION", "PERCEPTION"]
+
+_SHIPPED = load_settings()
+PERCEPTION = _SHIPPED.perception.settings()
+INSPECTION = _SHIPPED.inspection.settings(_SHIPPED.perception)
