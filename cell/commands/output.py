@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["print_json", "print_table", "progress_stream", "write_drawing"]
+__all__ = ["check_folder_of", "print_json", "print_table", "progress_stream", "write_drawing"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -64,3 +64,13 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
     path = folder / f"{name}.png"
     write_whole(path, png.tobytes())
     return str(path)
+
+
+def check_folder_of(path: Path) -> None:
+    """Raise ConfigurationError if a file cannot be written to `path`, before anything is done for it."""
+    from robots.errors import ConfigurationError
+
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise ConfigurationError(
+            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
+        )

@@ -34,6 +34,10 @@ __all__ = [
     "tool_speed",
 ]
 
+PREDICTED_FRAMES = 6
+"""Number of shapes of a prediction that the pages show in a row. `recorder.key_frames` in cell.yaml is the number
+of pictures by the camera."""
+
 
 def tool_speed(settings: CellSettings, garment: Garment) -> float:
     """Return the largest speed of the tools with this garment in hand [m/s]."""

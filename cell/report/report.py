@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.config.cell_settings import CellSettings
+from cell.planning.fold_planning import PREDICTED_FRAMES
 from cell.record.run_record import RunRecord
 from cell.record.words import length, plain
 from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
@@ -36,7 +37,6 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["TrueFrame", "report"]
 
-KEY_FRAMES = 6
 STRIP_WIDTH = 300
 """Width of a picture in `fold.png` [px]."""
 
@@ -93,8 +93,8 @@ def _write_strip(path: Path, folds: Sequence[FoldPictures]) -> None:
     rows = []
     for fold in folds:
         drawn = [p for p in fold.key_frames if not p.caption.startswith(("camera", "heights"))]
-        for at in range(0, len(drawn), KEY_FRAMES):
-            row = drawn[at : at + KEY_FRAMES]
+        for at in range(0, len(drawn), PREDICTED_FRAMES):
+            row = drawn[at : at + PREDICTED_FRAMES]
             rows.append(join([_small(p.rgb) for p in row], [p.caption for p in row]))
     if rows:
         width = max(row.shape[1] for row in rows)
@@ -124,7 +124,7 @@ def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPi
     pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
     made_from = ["predicted: cloth simulation along the planned tool path"]
     if hold is not None:
-        chosen = [(hold.pictures[i], hold.times[i]) for i in spread(len(hold.times), KEY_FRAMES)]
+        chosen = [(hold.pictures[i], hold.times[i]) for i in spread(len(hold.times), PREDICTED_FRAMES)]
         pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]
         made_from.append("simulated cell: the recorded garment")
     pictures += [Picture(drawing.seen(f), f"camera, {f.stamp:.1f} s") for f in attempt.pictures]

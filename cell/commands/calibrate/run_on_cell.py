@@ -12,7 +12,7 @@ from typing import Any
 from calibration.effects import Procedure
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
 from cell.commands.options import Commands, add_command, cell_option, driver_option, json_option, logs_option, seed
-from cell.commands.output import print_json, progress_stream
+from cell.commands.output import check_folder_of, print_json, progress_stream
 from cell.config.calibration_file import read_camera_file
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.workcell import Workcell
@@ -66,7 +66,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     settings = load_settings(options.cell)
     chosen = choose(options, settings)
     if options.output is not None:
-        _check_output(options.output)
+        check_folder_of(options.output)
     stream = progress_stream(options.json)
     request = CalibrationRequest(
         name=name,
@@ -93,14 +93,6 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     else:
         _summary(chosen, end, report)
     return end.exit_code
-
-
-def _check_output(path: Path) -> None:
-    """Check --output before anything moves. Raises ConfigurationError."""
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ConfigurationError(
-            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
-        )
 
 
 def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end: CalibrationEnd[Any]) -> Path:

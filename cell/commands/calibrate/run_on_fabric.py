@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json, progress_stream
+from cell.commands.output import check_folder_of, print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
 from cell.config.garments.material_file import with_material
@@ -146,10 +146,7 @@ def check_output(path: Path | None, replace: bool) -> None:
     """Check --output before anything is computed. Raises ConfigurationError."""
     if path is None:
         return
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ConfigurationError(
-            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
-        )
+    check_folder_of(path)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"--output {path}: a garment file ends in .yaml")
     if path.exists() and not replace:

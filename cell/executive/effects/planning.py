@@ -12,6 +12,7 @@ from cell.control.checks import fresh_state, stopped
 from cell.executive.effects.editing import edited_state, edited_step, edited_variant
 from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import (
+    PREDICTED_FRAMES,
     plan_arms,
     predict_motion,
     search_rng,
@@ -47,7 +48,6 @@ __all__ = ["choose_trajectory", "plan_motion", "plan_steps"]
 
 INWARD = 0.012
 """Distance by which each adjustment INWARD moves the grasps towards the fold line [m]."""
-KEY_FRAMES = 6
 PULLING = 0.15
 """Largest speed of the tools in a pull that spreads a garment [m/s]. The cloth then follows by friction alone:
 what slides on at this speed comes to rest within 4 mm."""
@@ -241,7 +241,7 @@ def _predicted(cell: Workcell, plan: Plan, task: _Task, motion: FoldMotion) -> t
         cell.settings.computing.simulation_s,
         lambda: predict_motion(
             cell.settings, plan.garment, plan.mesh, task.vertices, simulated_paths(cell.settings, motion),
-            KEY_FRAMES, task.patches,
+            PREDICTED_FRAMES, task.patches,
         ),
     )  # fmt: skip
     error = dissimilarity(task.target, prediction.vertices, plan.mesh.triangles, plan.mesh.area)
