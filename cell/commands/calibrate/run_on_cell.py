@@ -19,7 +19,6 @@ from cell.hardware.workcell import Workcell
 from cell.simulation import Truth
 from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
-from robots.errors import ConfigurationError
 
 __all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm"]
 
