@@ -20,9 +20,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from cell.campaigns.hil.script import FaultSpec, Moment, one_of
+from cell.campaigns.hil.script import FaultSpec, Group, Moment, as_list, one_of
 from cell.config.yaml_file import read_yaml, validated
 from cell.simulation import TRAITS, FaultKind, Place
 from robots.errors import ConfigurationError
@@ -44,11 +44,7 @@ class DueEnd(StrEnum):
     """Nothing moves any more, and the run does not claim a fold."""
 
 
-class _Group(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Stage(_Group):
+class Stage(Group):
     """A stage of a run, in which the moment of a fault is drawn."""
 
     visits: int = Field(1, ge=1, le=100, strict=True, description="draw among the first n visits of a state")
@@ -65,11 +61,7 @@ class Stage(_Group):
         return Moment.model_validate({"during": self.during, "visits": self.visits})
 
 
-def _as_list(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else [value]
-
-
-class FaultEntry(_Group):
+class FaultEntry(Group):
     """One row of the table."""
 
     kind: one_of(FaultKind) = Field(description="kind of fault")  # type: ignore[valid-type]
@@ -78,7 +70,7 @@ class FaultEntry(_Group):
     duration_s: float | None = Field(None, strict=True, description="duration; without it, at once or for good")
     place: one_of(Place) = Field(description="where it is injected: ports or world")  # type: ignore[valid-type]
     stage: str = Field(description="the stage of the run in which it strikes")
-    end: Annotated[tuple[one_of(DueEnd), ...], BeforeValidator(_as_list)] = Field(  # type: ignore[valid-type]
+    end: Annotated[tuple[one_of(DueEnd), ...], BeforeValidator(as_list)] = Field(  # type: ignore[valid-type]
         min_length=1, description="the due end, or ends of which each is right"
     )
     why: str = Field(min_length=1, description="the reason for the due end, in one sentence")
@@ -113,7 +105,7 @@ class FaultEntry(_Group):
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]{0,35}$")]
 
 
-class _File(_Group):
+class _File(Group):
     stages: dict[_Name, Stage] = Field(min_length=1, description="stages of a run")
     faults: dict[_Name, FaultEntry] = Field(min_length=1, description="faults by name")
 

@@ -34,7 +34,7 @@ from cell.states.transition_table import TERMINAL, Event, State
 from robots.errors import ConfigurationError, FailureKind
 from robots.ports import Side
 
-__all__ = ["Action", "Expectation", "FaultSpec", "Moment", "Script", "one_of", "read_script"]
+__all__ = ["Action", "Expectation", "FaultSpec", "Group", "Moment", "Script", "as_list", "one_of", "read_script"]
 
 LIMIT_S = 600.0
 """Cell time after which a run is aborted, unless its script states another limit [s]."""
@@ -67,7 +67,8 @@ def one_of(kind: Any, known: Any = None) -> Any:
     return Annotated[kind, BeforeValidator(convert)]
 
 
-def _as_list(value: Any) -> Any:
+def as_list(value: Any) -> Any:
+    """One value may stand alone, in place of a list of one."""
     return value if isinstance(value, list | tuple) else [value]
 
 
@@ -81,11 +82,13 @@ def _seconds(about: str, **more: Any) -> Any:
     return Field(le=_LONGEST_S, strict=True, allow_inf_nan=False, description=about, **low, **more)
 
 
-class _Group(BaseModel):
+class Group(BaseModel):
+    """A group of keys in a file of campaigns, faults or scripts. Unknown keys are errors."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Moment(_Group):
+class Moment(Group):
     """A moment of the run: a time since its start, a delay after the n-th entry into a state, or a random moment.
 
     A random moment is drawn by the script's seed, evenly over the stays in the states of `during`.
@@ -140,7 +143,7 @@ class Moment(_Group):
         return f"{self.after_s:g} s into {self.state.value}{visit}"
 
 
-class FaultSpec(_Group):
+class FaultSpec(Group):
     """A fault of the simulated cell (cell/simulation/faults/kinds.py)."""
 
     kind: one_of(FaultKind) = Field(description="kind of fault")  # type: ignore[valid-type]
@@ -181,7 +184,7 @@ class FaultSpec(_Group):
 START = Moment.model_validate({"time_s": 0.0})
 
 
-class Action(_Group):
+class Action(Group):
     """One action during the run: a fault, a command, a stop, or a line for the person at the cell."""
 
     when: Moment = Field(START, description="time_s, or state with visit and after_s")
@@ -202,11 +205,11 @@ class Action(_Group):
         return f"say {self.say.value}" if self.say else "stop" if self.stop else "tell"
 
 
-class Expectation(_Group):
+class Expectation(Group):
     """Expected results of the run. The items of a list must occur in the order of the list, but other items may
     occur between them."""
 
-    end: Annotated[tuple[one_of(State, TERMINAL), ...], BeforeValidator(_as_list)] = Field(  # type: ignore[valid-type]
+    end: Annotated[tuple[one_of(State, TERMINAL), ...], BeforeValidator(as_list)] = Field(  # type: ignore[valid-type]
         min_length=1, description="the state, or one of the states, in which the run may end"
     )
     failures: tuple[one_of(FailureKind), ...] = Field((), description="kinds of failure that occur")  # type: ignore[valid-type]
@@ -221,7 +224,7 @@ class Expectation(_Group):
     parked: bool | None = Field(None, strict=True, description="arms at rest and hands open at the end")
 
 
-class Script(_Group):
+class Script(Group):
     """The content of one script file."""
 
     about: str = Field(min_length=1, description="what happens and what is expected, in one sentence")

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from cell.campaigns.hil.script import Action
+from cell.campaigns.hil.script import Action, Group
 from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.yaml_file import Document, read_yaml, validated
@@ -44,11 +44,7 @@ RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.
 """Files of a campaign in its folder."""
 
 
-class _Group(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Variant(_Group):
+class Variant(Group):
     """The differences between one variant and the campaign's settings."""
 
     about: str = Field("", description="the difference in words")
@@ -70,7 +66,7 @@ class Variant(_Group):
 _Seed = Annotated[int, Field(ge=0, le=MAX_SEED, strict=True)]
 
 
-class Seeds(_Group):
+class Seeds(Group):
     """The seeds first, first + 1, ..., or a list. In a file a list stands alone: `seeds: [7, 3]`."""
 
     first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
@@ -111,7 +107,7 @@ def _or_mapping(value: Any) -> Any:
     return {k: {} if v is None else v for k, v in value.items()} if isinstance(value, Mapping) else value
 
 
-class CampaignFile(_Group):
+class CampaignFile(Group):
     """The content of a campaign file."""
 
     about: str = Field("", description="the question that the campaign answers, in one sentence")

@@ -33,20 +33,20 @@ class StopMessage:
     """A message that stops the robot."""
 
 
-class CommandMessage(BaseModel):
-    """A command of the operator. question: number of the question that it answers."""
-
+class _Message(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class CommandMessage(_Message):
+    """A command of the operator. question: number of the question that it answers."""
 
     say: str
     question: int | None = None
 
 
-class PlanChange(BaseModel):
+class PlanChange(_Message):
     """A change of the plan. to: where a key point or a grasp shall lie, as shares (0..1) of the picture's width
     and height."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     keypoint: str | None = None
     grasp: Literal["left", "right"] | None = None
@@ -63,19 +63,15 @@ class PlanChange(BaseModel):
         return self
 
 
-class EditMessage(BaseModel):
+class EditMessage(_Message):
     """A change of the plan that the cell asks about. question: number of that question."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     edit: PlanChange
     question: int
 
 
-class ControlMessage(BaseModel):
+class ControlMessage(_Message):
     """The request of a page to take control of the run."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     control: Literal[True]
 
