@@ -101,16 +101,11 @@ def holding_board(robot: RobotModel, side: Side) -> RobotModel:
     geometry = pin.GeometryModel(robot.collision_model)
     others = list(geometry.geometryObjects)
     board = geometry.addGeometryObject(pin.GeometryObject("board", frame.parentJoint, placement, shape))
-    own = _subtree(robot.pin_model, frame.parentJoint)
+    own = set(robot.pin_model.subtrees[frame.parentJoint])  # the joint and its descendants
     for i, other in enumerate(others):
         if other.parentJoint not in own:
             geometry.addCollisionPair(pin.CollisionPair(i, board))
     return replace(robot, collision_model=geometry)
-
-
-def _subtree(model: pin.Model, joint: int) -> set[int]:
-    """Return the indices of the joint and of its descendants."""
-    return {int(j) for j in model.subtrees[joint]}
 
 
 def _touching(side: Side, pair: str) -> Failure:

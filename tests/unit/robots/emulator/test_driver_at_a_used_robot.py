@@ -122,15 +122,6 @@ def test_the_hands_are_calibrated_and_follow_commands(
             assert gripper.state().opening == pytest.approx(0.02)
 
 
-def test_already_calibrated_hands_close_with_the_requested_force(meet: Meet, cell: Cell) -> None:
-    """After an interrupted run, calibrated hands are not calibrated again."""
-    with meet(USED) as (ports, _):
-        ports.grippers[Side.LEFT].command(0.0, 3.0)
-        wait(lambda: not ports.grippers[Side.LEFT].state().moving, "it is done")
-        assert cell.hands[Side.LEFT].done == [(0.0, pytest.approx(3.0))]
-        assert cell.hands[Side.LEFT].calibrations == 1
-
-
 @pytest.mark.parametrize("past", [NEW, USED], ids=["new", "used"])
 def test_the_arms_keep_the_commanded_speed_and_hold_after_the_timeout(
     meet: Meet, cell: Cell, past: InitialState
