@@ -17,7 +17,7 @@ from cell.simulation.robot.gripper import SimulatedGripper
 from cell.simulation.robot.tactile import SimulatedTactile
 from robots.gripper_geometry import GripperGeometry
 from robots.ports import Array, Side
-from robots.simulated_body import SimulatedBody
+from robots.robot import SimulatedBody
 from skills.vocabulary import Table
 
 __all__ = ["Hand", "Hands"]

@@ -21,8 +21,7 @@ from cell.simulation.settings import SimulationSettings
 from robots.camera_mount import CameraMount
 from robots.errors import DriverError, FailureKind
 from robots.ports import Array, CameraFrame, Side
-from robots.robot import Robot
-from robots.simulated_body import SimulatedBody
+from robots.robot import Robot, SimulatedBody
 
 __all__ = ["WorldCamera"]
 
