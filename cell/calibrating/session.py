@@ -21,8 +21,7 @@ from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble
-from cell.hardware.camera import camera_mount
-from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell
+from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell, simulation_settings
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import RunJournal
@@ -281,14 +280,4 @@ def _keep(folder: Path, name: str, picture: NDArray[np.uint8]) -> None:
 
 
 def _simulated(request: CalibrationRequest) -> SimulationSettings:
-    settings = request.settings
-    return SimulationSettings(
-        robot=settings.robot,
-        surface=settings.surface,
-        table=settings.drawn_table,
-        camera=camera_mount(settings),
-        pads=settings.gripper.pads,
-        q_start=tuple(load_robot(settings).q_park.tolist()),
-        realtime=request.realtime,
-        as_built=True,
-    )
+    return simulation_settings(request.settings, request.realtime, as_built=True)

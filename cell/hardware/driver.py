@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from cell.config.cell_settings import CellSettings
+from cell.hardware.camera import camera_mount
+from cell.hardware.robot_model import load_robot
 from cell.simulation import SimulatedCell, SimulationSettings, check_settings, open_simulated_cell
 from cell.support.files.paths import user_cache
 from cell.support.process.lock import OwnerLock
@@ -18,7 +20,16 @@ from robots.registry import find_robot
 from robots.robot import Robot
 from robots.ros.driver import RosDriver
 
-__all__ = ["DRIVERS", "OpenCell", "PersonAt", "check_cell", "is_simulated", "opened_cell", "stop_circuit"]
+__all__ = [
+    "DRIVERS",
+    "OpenCell",
+    "PersonAt",
+    "check_cell",
+    "is_simulated",
+    "opened_cell",
+    "simulation_settings",
+    "stop_circuit",
+]
 
 DRIVERS = {
     "sim": "the simulated cell, as fast as possible and reproducible by seed",
@@ -42,6 +53,21 @@ class OpenCell:
 def is_simulated(driver: str) -> bool:
     """Whether the driver runs without a robot."""
     return driver != "ros"
+
+
+def simulation_settings(settings: CellSettings, realtime: bool, as_built: bool) -> SimulationSettings:
+    """Return the settings of a simulated cell that is equipped as `settings` say. realtime: simulated time passes
+    no faster than the clock; as_built: the cell differs from its drawing, and there is a calibration board."""
+    return SimulationSettings(
+        robot=settings.robot,
+        surface=settings.surface,
+        table=settings.drawn_table,
+        camera=camera_mount(settings),
+        pads=settings.gripper.pads,
+        q_start=tuple(load_robot(settings).q_park.tolist()),
+        realtime=realtime,
+        as_built=as_built,
+    )
 
 
 def check_cell(driver: str, settings: SimulationSettings) -> None:

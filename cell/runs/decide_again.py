@@ -24,6 +24,7 @@ from cell.hardware.assembly import assemble
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import Entry, Journal, JournalRun
+from cell.record.run_record import record_of
 from cell.runs.resumable import RESUMED_FROM
 from cell.runs.run_difference import flattened
 from cell.runs.run_inputs import initial_checkpoint, restored_request
@@ -270,8 +271,9 @@ def _why_incomplete(
 
 def _was_cut_off(run: JournalRun) -> bool:
     """Whether the journal of a run may lack its last lines."""
-    failure = run.summary.get("failure") or {}
-    return run.status == "interrupted" or failure.get("kind") == FailureKind.UNRECORDED
+    record = record_of(run.summary)
+    failure = record.failure if record else None
+    return run.status == "interrupted" or (failure is not None and failure.kind is FailureKind.UNRECORDED)
 
 
 def _version(name: str) -> str:

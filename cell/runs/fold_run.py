@@ -17,9 +17,9 @@ from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble
-from cell.hardware.camera import camera_calibration, camera_mount
+from cell.hardware.camera import camera_calibration
 from cell.hardware.cell_check import refuse_unfit_cell
-from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell
+from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell, simulation_settings
 from cell.hardware.placement import refuse_too_large
 from cell.hardware.robot_model import load_robot
 from cell.journal.journal import RunJournal
@@ -183,16 +183,5 @@ def _opened(request: FoldRequest, interrupted: Interrupted | None, person: Perso
 
 
 def _simulated(request: FoldRequest) -> SimulationSettings:
-    settings = request.settings
-    return SimulationSettings(
-        robot=settings.robot,
-        garment=request.garment,
-        surface=settings.surface,
-        table=settings.drawn_table,
-        camera=camera_mount(settings),
-        pads=settings.gripper.pads,
-        q_start=tuple(load_robot(settings).q_park.tolist()),
-        realtime=request.realtime,
-        world=request.world,
-        as_built=settings.calibrated,
-    )
+    cell = simulation_settings(request.settings, request.realtime, request.settings.calibrated)
+    return replace(cell, garment=request.garment, world=request.world)

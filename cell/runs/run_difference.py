@@ -11,7 +11,7 @@ from cell.runs.request_file import SETTINGS
 
 __all__ = ["Decision", "Difference", "RunDifference", "flattened", "run_difference"]
 
-TIMES = ("wall_time_s", "run_dir", "stage_times_s")
+NOT_COMPARED = ("wall_time_s", "run_dir", "stage_times_s", "events")
 """Figures that are not compared, because they differ between any two runs or are contained in other figures."""
 
 
@@ -87,7 +87,7 @@ def _settings(record: JournalRun) -> dict[str, Any]:
 
 
 def _figures(record: JournalRun) -> dict[str, Any]:
-    kept = {k: v for k, v in record.summary.items() if k not in TIMES}
+    kept = {k: v for k, v in record.summary.items() if k not in NOT_COMPARED}
     return {"status": record.status, **dict(flattened(kept))}
 
 
