@@ -68,7 +68,7 @@ def test_an_operator_approves_pauses_resumes_and_aborts_on_the_page(
     addresses: Queue[str] = Queue()
     pages = "operator's page: "
     monkeypatch.setattr(
-        "cell.runs.fold_run.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None
+        "cell.runs.run_observers.say", lambda text: addresses.put(text.split()[-1]) if pages in text else None
     )
     clock = SimpleNamespace(monotonic=lambda: PACE * time.monotonic(), sleep=lambda s: time.sleep(s / PACE))
     monkeypatch.setattr("cell.simulation.world.time", clock)
