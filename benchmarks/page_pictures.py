@@ -24,7 +24,7 @@ from benchmarks.operator.chromium import Chromium, Tab
 from benchmarks.photographs.photograph import draw
 from cell.config.cell_settings import load_settings
 from cell.hardware.driver import OpenCell
-from cell.runs import fold_run
+from cell.runs import run_observers
 from cell.runs.fold_run import FoldRequest, fold_once
 from cell.simulation import Fault, FaultKind
 from cell.states.commands import CommandQueue
@@ -154,15 +154,15 @@ def _run(
         GARMENT, SEED, "sim", load_settings(), None, logs, approve=True, terminal=False, page=True, realtime=True,
         quiet=True,
     )  # fmt: skip
-    said = fold_run.say
-    fold_run.say = say
+    said = run_observers.say
+    run_observers.say = say
     run = threading.Thread(target=fold_once, args=(request, on_open))
     run.start()
     try:
         yield address
     finally:
         run.join()
-        fold_run.say = said
+        run_observers.say = said
 
 
 def _misses(opened: OpenCell, _: CommandQueue) -> None:
