@@ -27,6 +27,7 @@ from cell.report.pictures.outline_drawing import outline_drawing
 from cell.states.state_chart import marked_chart
 from cell.states.transition_table import State
 from cell.support.files.html_page import page_template
+from cell.support.json_values import flattened
 from robots.ports import Array
 
 __all__ = ["FILM", "FoldPictures", "Picture", "ReportPictures", "render"]
@@ -76,7 +77,7 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
     those that differ from the shipped ones."""
     template = page_template(
         Path(__file__).with_name("page.html"), capital=words.capital, data_uri=data_uri, figure=words.figure,
-        metres=words.length, plain=words.plain, seconds=words.seconds, words=_title,
+        metres=words.length, plain=words.plain, seconds=words.seconds, words=_title, value=_value,
     )  # fmt: skip
     changed, shipped = changed_settings(settings, load_settings())
     return template.render(
@@ -95,14 +96,18 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
         chart=Markup(marked_chart(run.state, [State(name) for name in run.stage_times_s])),
         losses="; ".join(f"not kept: {loss}" for loss in words.lost_in_words(run.recording)),
         versions={name: metadata.version(name) for name in VERSIONS},
-        settings=flatten(changed),
-        shipped=dict(flatten(shipped)),
+        settings=list(flattened(changed)),
+        shipped=dict(flattened(shipped)),
     )
 
 
 def _title(name: str) -> str:
     """Return a name as a title: 'planning_motion' -> 'Planning motion'."""
     return words.capital(words.plain(name))
+
+
+def _value(setting: Any) -> str:
+    return ", ".join(map(str, setting)) if isinstance(setting, list) else str(setting)
 
 
 def webp_uri(film: bytes) -> str:
@@ -120,15 +125,3 @@ def data_uri(rgb: NDArray[np.uint8]) -> str:
     if not ok:
         raise ValueError(f"a picture of shape {rgb.shape} cannot be encoded")
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
-
-
-def flatten(settings: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Flatten nested settings to pairs (dotted key, text)."""
-    rows: list[tuple[str, str]] = []
-    for key, value in settings.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            rows += flatten(value, f"{name}.")
-        else:
-            rows.append((name, ", ".join(map(str, value)) if isinstance(value, list) else str(value)))
-    return rows

@@ -26,7 +26,6 @@ from cell.hardware.workcell import Workcell
 from cell.journal.journal import Entry, Journal, JournalRun
 from cell.record.run_record import record_of
 from cell.runs.resumable import RESUMED_FROM
-from cell.runs.run_difference import flattened
 from cell.runs.run_inputs import initial_checkpoint, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
@@ -34,6 +33,7 @@ from cell.states.observers import Observer, Step
 from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import Event, State
 from cell.support.files.paths import journal_path
+from cell.support.json_values import flattened
 from cell.transcript.channels import Channel
 from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
 from cell.transcript.transcript import TRANSCRIPT, Transcript

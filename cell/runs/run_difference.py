@@ -8,8 +8,9 @@ from typing import Any
 
 from cell.journal.journal import Entry, Intent, JournalRun, performed
 from cell.runs.request_file import SETTINGS
+from cell.support.json_values import flattened
 
-__all__ = ["Decision", "Difference", "RunDifference", "flattened", "run_difference"]
+__all__ = ["Decision", "Difference", "RunDifference", "run_difference"]
 
 NOT_COMPARED = ("wall_time_s", "run_dir", "stage_times_s", "events")
 """Figures that are not compared, because they differ between any two runs or are contained in other figures."""
@@ -89,18 +90,6 @@ def _settings(record: JournalRun) -> dict[str, Any]:
 def _figures(record: JournalRun) -> dict[str, Any]:
     kept = {k: v for k, v in record.summary.items() if k not in NOT_COMPARED}
     return {"status": record.status, **dict(flattened(kept))}
-
-
-def flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted keys and values. Items of a list are numbered from 0, or named if they have a name."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from flattened(item, f"{prefix}.{key}" if prefix else str(key))
-    elif isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
-        for n, item in enumerate(value):
-            yield from flattened(item, f"{prefix}.{item.get('name', n)}")
-    else:
-        yield prefix, value
 
 
 def _differences(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[Difference]:

@@ -1,17 +1,17 @@
-"""Convert values to JSON."""
+"""Convert values to JSON, and flatten JSON values."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
-__all__ = ["to_json"]
+__all__ = ["flattened", "to_json"]
 
 
 def to_json(value: Any) -> Any:
@@ -44,3 +44,16 @@ def to_json(value: Any) -> Any:
 
 def _key(key: Any) -> str:
     return str(key.value) if isinstance(key, Enum) else str(key)
+
+
+def flattened(value: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield dotted keys and values of nested mappings. Mappings in a list are numbered from 0, or named if they
+    have a name; other lists are values."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from flattened(item, f"{prefix}.{key}" if prefix else str(key))
+    elif isinstance(value, Sequence) and not isinstance(value, str) and any(isinstance(v, Mapping) for v in value):
+        for n, item in enumerate(value):
+            yield from flattened(item, f"{prefix}.{item.get('name', n)}")
+    else:
+        yield prefix, value

@@ -85,38 +85,38 @@ def plan_facts(context: RunContext) -> list[tuple[str, str]]:
     return facts
 
 
-def consequences(state: State, planned: bool, repair: Repair | Spread | None) -> Mapping[str, str]:
-    """Return command -> what it does, for the question of a state. planned: whether folds were planned; repair: of
-    the present fold, if one is planned."""
-    end = "the hands let go, the arms park, and the run ends as not folded"
+_END = "the hands let go, the arms park, and the run ends as not folded"
+_LEFT_OUT = "this fold is not made; the run goes on and ends as not folded"
+_CONSEQUENCES: Mapping[State, Mapping[Event, str]] = {
+    State.AWAITING_APPROVAL: {
+        Event.APPROVE: "the arms go to the garment and make this fold",
+        Event.RETRY: "the cell looks and plans this fold again",
+        Event.SKIP: _LEFT_OUT,
+        Event.ABORT: _END,
+    },
+    State.AWAITING_PRESSING: {
+        Event.APPROVE: "the hands press the crease",
+        Event.RETRY: "the cell looks and inspects the fold again",
+        Event.SKIP: "the fold stays as it is and is inspected",
+        Event.ABORT: _END,
+    },
+    State.ASKING: {
+        Event.RETRY: "the cell looks and makes this fold again: first lay the garment as it was before this fold",
+        Event.SKIP: _LEFT_OUT,
+        Event.ABORT: _END,
+    },
+}
+
+
+def consequences(state: State, planned: bool, repair: Repair | Spread | None) -> Mapping[Event, str]:
+    """Return command -> what it does, for the question of a state; empty for a state without a question. planned:
+    whether folds were planned; repair: of the present fold, if one is planned."""
     if state is State.AWAITING_APPROVAL and repair is not None:
-        return {
-            Event.APPROVE: repair.in_words(),
-            Event.RETRY: "the cell looks again how the garment lies, and plans anew",
-            Event.ABORT: end,
-        }
-    if state is State.AWAITING_APPROVAL:
-        return {
-            Event.APPROVE: "the arms go to the garment and make this fold",
-            Event.RETRY: "the cell looks and plans this fold again",
-            Event.SKIP: "this fold is not made; the run goes on and ends as not folded",
-            Event.ABORT: end,
-        }
-    if state is State.AWAITING_PRESSING:
-        return {
-            Event.APPROVE: "the hands press the crease",
-            Event.RETRY: "the cell looks and inspects the fold again",
-            Event.SKIP: "the fold stays as it is and is inspected",
-            Event.ABORT: end,
-        }
-    if state is State.ASKING:
-        again = "the cell looks and makes this fold again: first lay the garment as it was before this fold"
-        return {
-            Event.RETRY: again if planned else "the cell looks at the table again",
-            Event.SKIP: "this fold is not made; the run goes on and ends as not folded",
-            Event.ABORT: end,
-        }
-    return {}
+        again = "the cell looks again how the garment lies, and plans anew"
+        return {Event.APPROVE: repair.in_words(), Event.RETRY: again, Event.ABORT: _END}
+    if state is State.ASKING and not planned:
+        return {**_CONSEQUENCES[state], Event.RETRY: "the cell looks at the table again"}
+    return _CONSEQUENCES.get(state, {})
 
 
 def _attempt_facts(context: RunContext, plan: Plan, attempt: Attempt) -> list[tuple[str, str]]:
