@@ -48,11 +48,7 @@ from robots.errors import FailureKind
 from robots.ports import Side
 
 __all__ = [
-    "CLEARING_DWELL_S",
     "LAYING",
-    "LAYING_DWELL_S",
-    "LAYING_TRIES",
-    "PREPARING_DWELLS_S",
     "RECOVERIES",
     "SUBSTITUTES",
     "VERDICTS",
@@ -290,15 +286,6 @@ def choose_recovery(s: Situation) -> Recovery:
     return recovery
 
 
-CLEARING_DWELL_S = 2.0
-"""After a failure of CLEARING, the cell waits for this time before CLEARING_AGAIN [s]. It is longer than most
-transients, such as an arm that hangs for a moment."""
-
-
-PREPARING_DWELLS_S = (1.0, 3.0)
-"""PREPARING and RESUMING are tried again after each of these times [s], if the kind of failure is transient."""
-
-
 def transient(kind: FailureKind) -> bool:
     """Whether the cell tries again after a failure of this kind. The others need a person at once."""
     return len(RECOVERIES[kind]) > 1
@@ -333,11 +320,6 @@ LAYING: Mapping[FailureKind, LayingRule] = {
 }
 """Failure kind -> rule. Kinds without an entry, the operator's abort among them, have the rule `LayingRule()`: the
 hands take the shorter way, but with a lost corner they return, unless the fold is nearly done."""
-
-LAYING_TRIES = 3
-"""Number of times that the hands try to follow the path. Each time the arms come to rest first."""
-LAYING_DWELL_S = 0.8
-"""Pause between two of these tries [s]."""
 
 
 def choose_laying(kind: FailureKind, progress: float, held: Collection[Side], holding: Collection[Side]) -> Laying:

@@ -6,8 +6,10 @@ This knowledge comes only from the ports, the cell's files and the skills. Each 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 from cell.states.fold_context import FoldContext
 from cell.states.stages import Attempt, EstimateNote, FirstLook, FoldNote, Plan, Recognition
@@ -15,9 +17,12 @@ from cell.states.transition_table import Event, State
 from robots.errors import Failure
 from robots.ports import CameraFrame
 from skills.perception.inspection.claim import Claim
-from skills.vocabulary import CameraCalibration, FoldStep
+from skills.vocabulary import CameraCalibration, FoldStep, Outcome
 
-__all__ = ["Result", "RunContext", "RunEnd", "Sight"]
+__all__ = ["EffectFailed", "Result", "RunContext", "RunEnd", "Sight", "effect"]
+
+T = TypeVar("T")
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +126,20 @@ class RunContext:
         key = (self.fold.index, failure.kind.value)
         return replace(self, failure=failure, attempts={**self.attempts, key: self.attempts.get(key, 0) + 1})
 
+    def failed(self, failure: Failure, record: Mapping[str, object] | None = None) -> Result:
+        """Return the result of an effect that ends with this failure. record: figures for the journal."""
+        return Result(Event.FAILED, self.with_failure(failure), record or {})
+
+    def need(self, outcome: Outcome[T], record: Mapping[str, object] | None = None) -> T:
+        """Return the outcome's value. If it is a failure, the effect ends with it (`effect`)."""
+        self.require(outcome.failure, record)
+        return outcome.unwrap()
+
+    def require(self, failure: Failure | None, record: Mapping[str, object] | None = None) -> None:
+        """End the effect with the failure (`effect`), if there is one."""
+        if failure is not None:
+            raise EffectFailed(self.failed(failure, record))
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
@@ -143,3 +162,24 @@ class RunEnd:
     started: float
     ended: float
     stage_times: Mapping[str, float]
+
+
+class EffectFailed(Exception):
+    """Ends an effect with a failure. result: of the effect."""
+
+    def __init__(self, result: Result) -> None:
+        super().__init__(str(result.context.failure))
+        self.result = result
+
+
+def effect(perform: Callable[P, Result]) -> Callable[P, Result]:
+    """Make an effect of a function that uses `RunContext.need` and `RunContext.require`."""
+
+    @wraps(perform)
+    def performed(*args: P.args, **kwargs: P.kwargs) -> Result:
+        try:
+            return perform(*args, **kwargs)
+        except EffectFailed as failed:
+            return failed.result
+
+    return performed

@@ -17,6 +17,7 @@ from cell.control import rest, ticks
 from cell.control.checks import MAX_ALTERED
 from cell.control.motions import trajectory
 from cell.executive.effects import seeing
+from cell.executive.effects.recovery import ways_out
 from cell.states import recovery_table
 from robots import setpoint
 from robots.baxter.ros import electric_gripper
@@ -183,8 +184,8 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "more than 0.04 rad beside the path": trajectory.OFF_PATH == 0.04,
         "by less than 0.004 rad in 0.25 s": (rest.STILL_RAD, rest.STILL_S) == (0.004, 0.25),
         "in 0.25 s, for at most 3 s": rest.REST_S == 3.0,
-        "the cell waits 2 s and clears once more": recovery_table.CLEARING_DWELL_S == 2.0,
-        "A motion that fails is tried three times": recovery_table.LAYING_TRIES == 3,
+        "the cell waits 2 s and clears once more": ways_out.CLEARING_DWELL_S == 2.0,
+        "A motion that fails is tried three times": ways_out.LAYING[0].tries == 3,
         "(something may stand ahead) | on to the target from 90 %": strayed.all_hold == 0.9,
         "from 90 % of the path, else back | the same |": strayed.some_hold == strayed.all_hold,
         "the abort | on to the target from 50 %, else back": recovery_table.LayingRule().all_hold == 0.5,

@@ -10,7 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
-from cell.executive.effects import checking, gripping, inspecting, moving, planning, pressing, seeing
+from cell.executive.effects import (
+    checking,
+    folding,
+    grasping,
+    inspecting,
+    lifting,
+    moving,
+    planning,
+    pressing,
+    releasing,
+    seeing,
+)  # fmt: skip
 from cell.executive.effects.recovery import deciding, estimating, laying, repairing, spreading
 from cell.executive.runner import EffectFunction
 from cell.hardware.workcell import Workcell
@@ -68,10 +79,10 @@ EFFECTS: Mapping[Effect, EffectFunction] = {
     Effect.ASK_APPROVAL: deciding.ask_approval,
     Effect.CHECK_PLACE: lambda cell, c: checking.check_place(cell, c, _attempt(c), _frame(c)),
     Effect.APPROACH: lambda cell, c: checking.approach_watched(cell, c, _attempt(c)),
-    Effect.GRASP: lambda cell, c: gripping.grasp(cell, c, _plan(c), _attempt(c)),
-    Effect.LIFT: gripping.lift,
-    Effect.FOLD: lambda cell, c: gripping.fold(cell, c, _attempt(c)),
-    Effect.RELEASE: lambda cell, c: gripping.release_garment(cell, c, _attempt(c)),
+    Effect.GRASP: lambda cell, c: grasping.grasp(cell, c, _plan(c), _attempt(c)),
+    Effect.LIFT: lifting.lift,
+    Effect.FOLD: lambda cell, c: folding.fold(cell, c, _attempt(c)),
+    Effect.RELEASE: lambda cell, c: releasing.release_garment(cell, c, _attempt(c)),
     Effect.RETREAT: moving.retreat,
     Effect.INSPECT: lambda cell, c: inspecting.inspect_fold(cell, c, _plan(c), _attempt(c), _frame(c)),
     Effect.PRESS: lambda cell, c: pressing.press(

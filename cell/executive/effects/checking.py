@@ -8,7 +8,7 @@ from cell.control.ticks import TICK_S
 from cell.executive.effects.moving import approach
 from cell.executive.effects.seeing import PICTURE_AGE, take_picture
 from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
@@ -34,6 +34,7 @@ GLANCE_S = 1.0
 """Longest wait for a picture without exposures [s]; after it, a still picture is taken."""
 
 
+@effect
 def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: CameraFrame) -> Result:
     """Compare a fresh picture with the one that the fold was planned from, while the arms are parked.
 
@@ -48,21 +49,18 @@ def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: 
         seen = _motion(cell, context, planned, glance)
         if seen.ok and _moved(cell, seen.unwrap()) is None:
             return Result(Event.DONE, context, _figures(seen.unwrap()))
-    taken = take_picture(cell, context)
-    if taken.failure:
-        return Result(Event.FAILED, context.with_failure(taken.failure))
-    sight = taken.unwrap()
+    sight = context.need(take_picture(cell, context))
     assert sight.frame is not None
     seen = _motion(cell, context, planned, sight.frame)
     context = replace(context, sight=replace(context.sight, digests=sight.digests))
     if seen.failure:
         context = replace(context, disturbed=context.disturbed or seen.failure.kind in _GONE)
-        return Result(Event.FAILED, context.with_failure(seen.failure))
+        return context.failed(seen.failure)
     motion = seen.unwrap()
     failure = _moved(cell, motion)
     if failure is None:
         return Result(Event.DONE, context, _figures(motion))
-    return Result(Event.FAILED, replace(context, disturbed=True).with_failure(failure), _figures(motion))
+    return replace(context, disturbed=True).failed(failure, _figures(motion))
 
 
 def approach_watched(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
@@ -94,7 +92,7 @@ def approach_watched(cell: Workcell, context: RunContext, attempt: Attempt) -> R
         "keep hands off the table during a fold; the cell looks where the garment lies now",
         {"displaced_boundary_m": length},
     )
-    return Result(Event.FAILED, replace(result.context, disturbed=True).with_failure(failure), result.record)
+    return replace(result.context, disturbed=True).failed(failure, result.record)
 
 
 def _glance(cell: Workcell) -> CameraFrame | None:

@@ -13,7 +13,7 @@ from cell.executive.effects.pressing import plan_pressing
 from cell.executive.effects.recovery.estimating import note_estimate
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -42,15 +42,13 @@ HINTS = {
 }
 
 
+@effect
 def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
     """Judge the fold by the picture: accept it, press it, or diagnose its failure."""
     if not cell.settings.inspection.enabled:
         return next_step(cell, context)
     step = plan.steps[context.fold.index]
-    judged = judge_fold(cell, context, plan, attempt, frame)
-    if judged.failure:
-        return Result(Event.FAILED, context.with_failure(judged.failure))
-    attempt, inspection = judged.unwrap()
+    attempt, inspection = context.need(judge_fold(cell, context, plan, attempt, frame))
     claim = attempt.claim
     context = context.with_attempt(attempt)
     record = _record(inspection, claim)
@@ -72,7 +70,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
             context = replace(context, fold=replace(context.fold, estimate=None))
         values = {**figures(inspection), **failure.values}
         failure = replace(failure, what=f"{failure.what}{state}", values=values)
-        return Result(Event.FAILED, context.with_failure(failure), record)
+        return context.failed(failure, record)
     if inspection.diagnosis is None:
         learned: dict[str, object] = {}
         if not attempt.repaired:
@@ -89,7 +87,7 @@ def inspect_fold(cell: Workcell, context: RunContext, plan: Plan, attempt: Attem
         HINTS.get(inspection.diagnosis, "compare the observed with the predicted shape in the recording"),
         figures(inspection),
     )
-    return Result(Event.FAILED, context.with_failure(failure), record)
+    return context.failed(failure, record)
 
 
 def judge_fold(
@@ -169,13 +167,11 @@ def next_step(cell: Workcell, context: RunContext) -> Result:
     return Result(Event.GIVE_UP, replace(advanced, failure=ending, through=bool(steps)))
 
 
+@effect
 def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFrame) -> Result:
     """Locate the garment between two folds by aligning the believed shape with the picture."""
     believed = PredictedShape(plan.vertices, plan.mesh.triangles, plan.mesh.rest)
-    outcome = _compare(cell, context, frame, believed, None, None)
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure))
-    inspection = outcome.unwrap()
+    inspection = context.need(_compare(cell, context, frame, believed, None, None))
     cell.recorder.observed(cell.ports.clock.now(), inspection.contour)
     if inspection.iou_aligned < cell.settings.inspection.iou:
         failure = Failure(
@@ -184,7 +180,7 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
             "lay it back as it was and resume (foldcell resume last), or lay it flat and start again",
             figures(inspection),
         )
-        return Result(Event.FAILED, context.with_failure(failure), figures(inspection))
+        return context.failed(failure, figures(inspection))
     context = replace(context, plan=apply_drift(plan, inspection))
     if context.disturbed and context.first_look is not None:
         # the claim judges only what the cell has displaced: the place of the first look moves with the garment

@@ -10,10 +10,11 @@ from cell.control.motions.hold_position import wait
 from cell.control.rest import await_rest, stand_by
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
 from cell.executive.effects.recovery.freeing import leave_freely
-from cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park, plan_rise
+from cell.executive.effects.recovery.parking import calibrated, let_go_and_park, open_hands, park
+from cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S, plan_rise
 from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S, transient
-from cell.states.run_context import Result, RunContext
+from cell.states.recovery_table import transient
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
@@ -47,6 +48,7 @@ def prepare(cell: Workcell, context: RunContext) -> Result:
     return _ended(with_waiting_time(context, control), failure)
 
 
+@effect
 def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
     """Prepare the cell of an interrupted run: turn the motors on, turn the head back, open the hands, park. A
     transient failure is tried again."""
@@ -58,8 +60,7 @@ def reenter(cell: Workcell, context: RunContext, reentry: Event) -> Result:
 
     failure = _enable(cell) or _persistent(cell, work)
     context = with_waiting_time(context, control)
-    if failure is not None:
-        return Result(Event.FAILED, context.with_failure(failure))
+    context.require(failure)
     return Result(reentry, context, {"folds_done": len(context.done)})
 
 
@@ -97,19 +98,17 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     return _ended(with_waiting_time(context, control), failure)
 
 
+@effect
 def retreat(cell: Workcell, context: RunContext) -> Result:
     """Rise straight up from the released garment, free it if it clings to a finger, then park."""
     biases = context.fold.biases
-    planned = plan_rise(cell, tuple(biases))
-    if planned.failure:
-        return _ended(context, planned.failure)
+    way = context.need(plan_rise(cell, tuple(biases)))
     control = replace(pausable(cell), stop_s=QUICK_STOP_S)
-    left = leave_freely(cell, planned.unwrap(), biases, _thinnest_layer(context), control)
+    left = leave_freely(cell, way, biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     context = with_waiting_time(context, control)
-    if left.failure:
-        return _ended(context, left.failure)
-    return Result(Event.DONE, context, {"cloth_on_finger": left.unwrap()} if left.unwrap() else {})
+    felt = context.need(left)
+    return Result(Event.DONE, context, {"cloth_on_finger": felt} if felt else {})
 
 
 def _thinnest_layer(context: RunContext) -> float:
@@ -165,6 +164,4 @@ def hold_still(cell: Workcell, context: RunContext) -> Result:
 
 
 def _ended(context: RunContext, failure: Failure | None) -> Result:
-    if failure is None:
-        return Result(Event.DONE, context)
-    return Result(Event.FAILED, context.with_failure(failure))
+    return Result(Event.DONE, context) if failure is None else context.failed(failure)

@@ -23,7 +23,7 @@ from cell.planning.fold_planning import (
 )
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, Plan, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import DriverError, StorageError
@@ -72,6 +72,7 @@ class _Task:
     patches: Mapping[GraspId, Patch] | None = None
 
 
+@effect
 def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) -> Result:
     """Plan the fold steps, and mesh the observed outline for the predictor.
 
@@ -84,11 +85,10 @@ def plan_steps(cell: Workcell, context: RunContext, recognition: Recognition) ->
     completed = previous.steps[: fold.index] if previous else ()
     garment = previous.garment if previous else _named_garment(cell, recognition)
     flat = previous.flat if previous else edited_state(recognition.perception.state, fold.edits)
-    planned = plan_folds(flat, garment, _variants(fold, completed, garment), pads=cell.settings.gripper.pads)
-    if planned.failure:
-        return Result(Event.FAILED, context.with_failure(planned.failure))
+    variants = _variants(fold, completed, garment)
+    planned = context.need(plan_folds(flat, garment, variants, pads=cell.settings.gripper.pads))
     cell.ports.clock.sleep_until(cell.ports.clock.now() + cell.settings.computing.planning_s)
-    present, *later = planned.unwrap()[fold.index :]
+    present, *later = planned[fold.index :]
     steps = (*completed, edited_step(present, fold.edits), *later)
     if previous:
         plan = replace(previous, steps=steps)
@@ -111,6 +111,7 @@ def _variants(fold: FoldContext, completed: Sequence[FoldStep], garment: Garment
     return {**{s.name: s.variant for s in completed}, step.name: edited_variant(fold.edits) or chosen}
 
 
+@effect
 def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result:
     """Choose the step's arcs. The library's arcs are used if their simulated fold reaches the dissimilarity that
     is stored with them. Otherwise the arcs are optimised.
@@ -130,9 +131,8 @@ def choose_trajectory(cell: Workcell, context: RunContext, plan: Plan) -> Result
     if found is None and settings.use_library and not plain:  # after learning, start from the file's material
         found = _look_up(cell, nominal, step)
     outcome = _optimise(cell, plan, step, method, found, trusted)
-    failure = stopped(cell.ports) or outcome.failure  # a stop invalidates the trajectory
-    if failure:
-        return Result(Event.FAILED, context.with_failure(failure), dict(outcome.notes))
+    # a stop invalidates the trajectory
+    context.require(stopped(cell.ports) or outcome.failure, dict(outcome.notes))
     trajectory = outcome.unwrap()
     record = {**_described(trajectory), **outcome.notes}
     optimised = trajectory.source == "optimised" and method != "initial"  # initial arcs are not stored
@@ -189,16 +189,14 @@ def _draws(cell: Workcell, search: int) -> np.random.Generator:
     return search_rng(cell.rng(), search)
 
 
+@effect
 def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: GraspTrajectory) -> Result:
     """Plan both arms' motion for the step, and predict the garment's shape after it."""
     fold, speed = context.fold, tool_speed(cell.settings, plan.garment)
     speed = min(speed, PULLING) if isinstance(fold.repair, Spread) else speed
     task = _task(fold, plan, trajectory, speed)
     step, paths = task.step, task.paths
-    state = fresh_state(cell.ports, cell.execution)
-    if state.failure:
-        return Result(Event.FAILED, context.with_failure(state.failure))
-    q_now = state.unwrap().q
+    q_now = context.need(fresh_state(cell.ports, cell.execution)).q
     searches = fold.count(Adjustment.OTHER_SEARCH)
     avoid = fold.avoided if searches else ()
     planned = cell.compute(
@@ -208,9 +206,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
             _draws(cell, searches), avoid,
         ),
     )  # fmt: skip
-    if planned.failure:
-        return Result(Event.FAILED, context.with_failure(planned.failure))
-    motion = planned.unwrap()
+    motion = context.need(planned)
     cell.recorder.arcs(cell.ports.clock.now(), {s: p.position for s, p in motion.tool_paths.items()})
     after, keyframes, error = _predicted(cell, plan, task, motion)
     predicted = PredictedShape(after, plan.mesh.triangles, plan.mesh.rest)
@@ -226,9 +222,8 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
     }  # fmt: skip
     if task.simulated:
         record["dissimilarity_m"] = error
-        failure = judge_prediction(step.name, error, acceptance_limit(plan.mesh.rest, task.promised))
-        if failure is not None:
-            return Result(Event.FAILED, context.with_failure(failure), record)
+        limit = acceptance_limit(plan.mesh.rest, task.promised)
+        context.require(judge_prediction(step.name, error, limit), record)
     return Result(Event.APPROVAL_NEEDED if cell.approve else Event.DONE, context, record)
 
 

@@ -14,7 +14,7 @@ from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import move, pausable, with_waiting_time
 from cell.executive.effects.drift import apply_drift
 from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, Plan, PressPlan
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -64,6 +64,7 @@ def plan_pressing(
     return PressPlan(inspection, paths, motion, len(dabs))
 
 
+@effect
 def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan) -> Result:
     """Move above the fold and dab it as planned. A push that is too hard ends the pressing: the hands stop, then
     rise."""
@@ -74,32 +75,29 @@ def press(cell: Workcell, context: RunContext, attempt: Attempt, plan: PressPlan
         cell.hands.command(side, GripCommand(OPENING, RELEASE_FORCE))
     control = pausable(cell)
     failure = move(cell, motion.approach, control=control)
-    if failure:
-        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(failure))
-    tares = {s: start_tare(cell.grasp) for s in motion.postures}
-    biases = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
-    if biases.failure:
-        return Result(Event.FAILED, with_waiting_time(context, control).with_failure(biases.failure))
     context = with_waiting_time(context, control)
-    arc = plan_arc(
-        cell.robot, cell.execution_checker, cell.table, plan.paths, motion.postures, cell.ports.arms.state().q,
-        limits=cell.limits, tool_speed=cell.settings.motion.tool_speed, rng=cell.rng(),
+    context.require(failure)
+    tares = {s: start_tare(cell.grasp) for s in motion.postures}
+    biases = context.need(each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s)))
+    arc = context.need(
+        plan_arc(
+            cell.robot, cell.execution_checker, cell.table, plan.paths, motion.postures,
+            cell.ports.arms.state().q, limits=cell.limits, tool_speed=cell.settings.motion.tool_speed,
+            rng=cell.rng(),
+        )
     )  # fmt: skip
-    if arc.failure:
-        return Result(Event.FAILED, context.with_failure(arc.failure))
-    guard, control = _Guard(cell, biases.unwrap()), replace(pausable(cell), stop_s=YIELD_S)
-    moved = stream(cell.loop, arc.unwrap().fold, cell.hands.recording(guard.look), control)
+    guard, control = _Guard(cell, biases), replace(pausable(cell), stop_s=YIELD_S)
+    moved = stream(cell.loop, arc.fold, cell.hands.recording(guard.look), control)
     attempt = replace(attempt, pressed=(*attempt.pressed, plan.inspection))
     context = replace(
-        with_waiting_time(context, control), fold=replace(context.fold, biases=biases.unwrap(), attempt=attempt)
+        with_waiting_time(context, control), fold=replace(context.fold, biases=biases, attempt=attempt)
     )
     record = {
         "hands": len(motion.postures),
         "strongest_n": guard.monitor.strongest,
         "stopped_by_force": guard.hard_push is not None,
     }
-    if moved.failure and moved.failure is not guard.hard_push:
-        return Result(Event.FAILED, context.with_failure(moved.failure), record)
+    context.require(None if moved.failure is guard.hard_push else moved.failure, record)
     return Result(Event.DONE, context, record)
 
 

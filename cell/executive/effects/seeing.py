@@ -8,7 +8,7 @@ from cell.control.checks import fresh_state
 from cell.executive.effects.inspecting import find_folded
 from cell.executive.effects.recovery.spreading import lies_elsewhere, not_spread, spreadable
 from cell.hardware.workcell import Workcell
-from cell.states.run_context import Result, RunContext, Sight
+from cell.states.run_context import Result, RunContext, Sight, effect
 from cell.states.stages import FirstLook, Recognition, Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -83,22 +83,19 @@ def take_picture(cell: Workcell, context: RunContext) -> Outcome[Sight]:
     return Outcome(replace(sight, frame=frame, previous=sight.frame, digests=digests))
 
 
+@effect
 def photograph_table(cell: Workcell, context: RunContext) -> Result:
     """Photograph the empty table: the reference for segmenting the garment."""
     if cell.settings.camera.reference == "none":
         return Result(Event.DONE, context)
-    shot = capture(cell)
-    if shot.failure:
-        return Result(Event.FAILED, context.with_failure(shot.failure))
-    frame = shot.unwrap()
+    frame = context.need(capture(cell))
     unusable = repeated(frame, context.sight.digests) or camera_fault(
         frame, cell.calibration, None, cell.perception
     )
     if unusable is None:
         view = TableView(cell.calibration, cell.table, VIEW_PIXEL)
         unusable = obstructed(view, view.rectify(frame), None)
-    if unusable:
-        return Result(Event.FAILED, context.with_failure(unusable))
+    context.require(unusable)
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
     digests = (*context.sight.digests, *picture_digests(frame))
     sight = replace(context.sight, reference=frame, refined=refined.value, digests=digests)
@@ -118,20 +115,20 @@ def await_garment(cell: Workcell, context: RunContext) -> Result:
     return Result(Event.DONE, replace(context, waited_s=context.waited_s + cell.ports.clock.now() - began))
 
 
+@effect
 def look(cell: Workcell, context: RunContext) -> Result:
     """Take a picture of the garment. The event tells whether the garment may lie in any state of the fold, or was
     pulled to spread it. A repair and a pull end with this look."""
-    taken = take_picture(cell, context)
-    if taken.failure:
-        return Result(Event.FAILED, context.with_failure(taken.failure))
+    sight = context.need(take_picture(cell, context))
     pulled = isinstance(context.fold.repair, Spread)
-    context = replace(context, sight=taken.unwrap(), fold=context.fold.after_repair())
+    context = replace(context, sight=sight, fold=context.fold.after_repair())
     if pulled:
         return Result(Event.SPREAD_ENDED, context)
     estimated = context.fold.uncertain and cell.settings.inspection.enabled
     return Result(Event.TOUCHED if estimated else Event.DONE, context)
 
 
+@effect
 def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result:
     """Recognise the garment and its key points before the first fold. Before later folds, locate the garment."""
     plan, sight = context.plan, context.sight
@@ -152,11 +149,8 @@ def recognise(cell: Workcell, context: RunContext, frame: CameraFrame) -> Result
             previous=sight.previous,
         ),
     )
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure), {"wall": dict(outcome.notes)})
-    perception = outcome.unwrap()
-    if (unspread := not_spread(context, perception)) is not None:
-        return Result(Event.FAILED, context.with_failure(unspread))
+    perception = context.need(outcome, {"wall": dict(outcome.notes)})
+    context.require(not_spread(context, perception))
     state = perception.state
     overlay = draw_on_camera(perception, frame.rgb)
     cell.recorder.perception(cell.ports.clock.now(), perception, overlay)

@@ -17,7 +17,7 @@ from cell.states.commands import ABORTED
 from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import VERDICTS, WITHOUT_EDITS, Adjustment, choose_recovery
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.situation import Situation
 from cell.states.stages import Spread
 from cell.states.transition_table import Event
@@ -30,6 +30,7 @@ DWELL_PARTS = 20
 """Number of parts into which interruptions of the joint state may divide one dwell."""
 
 
+@effect
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     """Carry out the recovery that the table chooses: wait, note it, and adjust the next attempt."""
     situation = assess(cell, context, failed)
@@ -44,9 +45,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if dwell > 0:
         if failed.kind is FailureKind.VIEW_OBSTRUCTED:
             cell.tell(f"{failed.what}: the cell looks again in {dwell:.0f} s ({failed.hint})")
-        failure = _dwell(cell, dwell)
-        if failure:
-            return Result(Event.FAILED, context.with_failure(failure))
+        context.require(_dwell(cell, dwell))
     if recovery.reason:
         limit = setting_in_words(recovery.limit, cell.settings) if recovery.limit else ""
         reason = recovery.reason.format(tries=len(context.retries), limit=limit)
@@ -215,7 +214,7 @@ def _await_command(cell: Workcell, context: RunContext, expected: set[Event]) ->
     while True:
         failure = stopped(cell.ports)
         if failure:
-            return Result(Event.FAILED, _add_waiting_time(cell, context.with_failure(failure), start))
+            return _add_waiting_time(cell, context, start).failed(failure)
         command = cell.commands.wait(frozenset(expected), TICK_S)
         if command is not None:
             context = context.with_failure(ABORTED) if command is Event.ABORT else context

@@ -11,7 +11,7 @@ from cell.control.checks import stopped
 from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import simulated_paths
 from cell.states.recovery_table import VERDICTS
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, EstimateNote, Plan
 from cell.states.transition_table import Event
 from robots.errors import DriverError, Failure, FailureKind
@@ -33,13 +33,11 @@ SURE = 0.8
 of the states before and after the fold is assumed, and recognition or inspection decides whether it is true."""
 
 
+@effect
 def estimate(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame) -> Result:
     """Estimate whether the garment lies as before the fold, half folded, as after the fold, or in a heap, and
     choose the event: find the garment again, inspect the fold, or fail with the state in words."""
-    outcome = note_estimate(cell, context, plan, attempt, frame)
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure))
-    context, found = outcome.unwrap()
+    context, found = context.need(note_estimate(cell, context, plan, attempt, frame))
     says = context.estimates[-1].says
     record = _record(found, says)
     state = found.state
@@ -56,7 +54,7 @@ def estimate(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, 
         "lay the garment as it was before this fold (its outline is in the report), then retry",
         {"confidence": found.confidence},
     )
-    return Result(Event.FAILED, context.with_failure(failure), record)
+    return context.failed(failure, record)
 
 
 def note_estimate(

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cell.control.checks import come_to_rest, fresh_state
+from cell.control.checks import come_to_rest
 from cell.control.motion import Tick, Watch
 from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
 from cell.executive.effects.checked_motion import move
 from cell.executive.effects.recovery.parking import LET_GO, OPENING_S, RELEASE_OPENING, still_closed
+from cell.executive.effects.recovery.ways_out import FREEING, FREEING_TRIES, Course, along, lead_out
 from cell.hardware.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, Array, Side
+from robots.ports import ArmTrajectory, Side
 from skills.grasping.empty_hand import EmptyCheck, check_empty, start_empty_check
 from skills.grasping.hand_reading import GripCommand, HandReading
 from skills.grasping.release import RELEASE_FORCE, RELEASE_TOLERANCE
@@ -31,14 +32,11 @@ from skills.grasping.stuck_on_finger import (
 )
 from skills.grasping.tare import TactileBias
 from skills.motion.moves.lift import CAREFUL_SPEED
-from skills.motion.moves.retrace import plan_along
 from skills.motion.moves.retreat import Retreat
 from skills.vocabulary import Outcome
 
-__all__ = ["FREEING_TRIES", "leave_freely"]
+__all__ = ["leave_freely"]
 
-FREEING_TRIES = 2
-"""Number of times that the hands go back down: once for each hand."""
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
 ABOVE = 0.008
@@ -80,10 +78,10 @@ def leave_freely(
         felt.append({**failure.values, "risen_m": risen})
         cell.tell(f"{failure.what}: the hand goes back down, closes and opens")
         failure = (
-            _follow(cell, np.vstack([up.q, home.q])[::-1], control)
+            _lead(cell, Course(np.vstack([up.q, home.q])[::-1], FREEING_SPEED), control)
             or _close_and_open(cell, caught)
             or _rise_again(cell, up, biases, layer, control)
-            or _follow(cell, home.q, control, fingertips=False, watch=_dragging(cell, biases))
+            or _lead(cell, Course(home.q, FREEING_SPEED, False, _dragging(cell, biases)), control)
         )
     return Outcome(failure=failure) if failure else Outcome(tuple(felt))
 
@@ -104,8 +102,10 @@ def _rise(
 def _rise_again(
     cell: Workcell, up: ArmTrajectory, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Failure | None:
-    planned = _plan(cell, up.q, CAREFUL_SPEED)
-    return planned.failure or _rise(cell, planned.unwrap(), biases, layer, control)
+    unsettled = come_to_rest(cell.ports, cell.execution, cell.last_command)
+    planned = along(cell, Course(up.q, CAREFUL_SPEED))
+    failure = unsettled or planned.failure
+    return failure or _rise(cell, planned.unwrap()[0][0], biases, layer, control)
 
 
 def _first_checks(
@@ -231,18 +231,6 @@ def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
     return still_closed(cell)
 
 
-def _follow(
-    cell: Workcell, path: Array, control: PathControl, fingertips: bool = True, watch: Watch | None = None
-) -> Failure | None:
-    planned = _plan(cell, path)
-    return planned.failure or move(cell, planned.unwrap(), fingertips=fingertips, control=control, watch=watch)
-
-
-def _plan(cell: Workcell, path: Array, speed: float = FREEING_SPEED) -> Outcome[ArmTrajectory]:
+def _lead(cell: Workcell, course: Course, control: PathControl) -> Failure | None:
     unsettled = come_to_rest(cell.ports, cell.execution, cell.last_command)
-    state = fresh_state(cell.ports, cell.execution)
-    if unsettled or state.failure:
-        return Outcome(failure=unsettled or state.failure)
-    return plan_along(
-        cell.robot, cell.execution_checker, state.unwrap().q, path, limits=cell.limits, tool_speed=speed
-    )
+    return unsettled or lead_out(cell, FREEING, control, course)

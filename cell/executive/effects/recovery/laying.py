@@ -7,15 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.checks import fresh_state
 from cell.control.motions.hold_position import wait
-from cell.control.path_clock import PathControl
-from cell.control.rest import await_rest, stand_by
+from cell.control.rest import await_rest
 from cell.executive.effects.checked_motion import as_failure, move, pausable, unpausable, with_waiting_time
-from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, plan_rise, still_closed
+from cell.executive.effects.recovery.parking import OPENING_S, RELEASE_OPENING, still_closed
+from cell.executive.effects.recovery.ways_out import LAYING, Course, lead_out, plan_rise
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
-from cell.states.recovery_table import LAYING_DWELL_S, LAYING_TRIES, Laying, choose_laying
+from cell.states.recovery_table import Laying, choose_laying
 from cell.states.run_context import Result, RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Event
@@ -24,24 +23,21 @@ from robots.ports import ArmTrajectory, Array, Side
 from skills.grasping.hand_reading import GripCommand
 from skills.grasping.release import RELEASE_FORCE
 from skills.grasping.settings import GraspSettings
-from skills.motion.moves.retrace import plan_along, share_done
-from skills.vocabulary import Outcome
+from skills.motion.moves.retrace import share_done
 
 __all__ = ["carried_path", "lay_back", "progress", "still_holding"]
 
 _ENDINGS = {FailureKind.ABORTED: Event.GIVE_UP, FailureKind.SKILL_CRASHED: Event.CRASH}
 """Failures after which the run ends when the cloth is laid down, and the event that ends it."""
-_FINAL = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
-"""Failures after which the hands do not try to follow the path again."""
 
 
 def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Lead the hands along the path on which they carried the cloth, backwards or on to the target, release the
     cloth there, and rise.
 
-    If a motion fails, the arms come to rest and the hands try again, at most LAYING_TRIES times. Without a path
-    the hands open where they are. If the operator ended the run, the event is GIVE_UP; after a bug of the program
-    it is CRASH; otherwise DONE. The failure that led here stays the one for which the recovery is chosen.
+    The ways out state how often this is tried. Without a path the hands open where they are. If the operator ended
+    the run, the event is GIVE_UP; after a bug of the program it is CRASH; otherwise DONE. The failure that led
+    here stays the one for which the recovery is chosen.
     """
     cause, fold, control = context.cause or context.failure, context.fold, pausable(cell)
     assert cause is not None
@@ -55,8 +51,8 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
         "laying": laying.value, "progress": round(done, 3), "holding": sorted(side.value for side in holding)
     }  # fmt: skip
     if failure is None and laying is not Laying.RELEASE and len(path):
-        way, speed = path if laying is Laying.ONWARD else path[::-1], attempt.tool_speed
-        failure = as_failure(lambda: _follow(cell, way, speed, control))
+        course = Course(path if laying is Laying.ONWARD else path[::-1], attempt.tool_speed)
+        failure = as_failure(lambda: lead_out(cell, LAYING, control, course))
     if failure is None:
         failure = as_failure(lambda: _release_and_rise(cell, tuple(fold.held)))
         if laying is Laying.ONWARD and failure is None:
@@ -97,31 +93,6 @@ def _closed_further(opening: float, confirmed: float, settings: GraspSettings) -
     """Whether pads that held cloth at the opening `confirmed` have closed so far that the cloth is gone [m]."""
     empty = settings.empty_opening
     return bool(opening - empty < settings.slip_opening_fraction * (confirmed - empty))
-
-
-def _follow(cell: Workcell, path: Array, tool_speed: float, control: PathControl) -> Failure | None:
-    """Follow the path (n, joints) to its end, from its point nearest to the arms. Each try is planned and checked
-    anew."""
-    for attempt in range(1, LAYING_TRIES + 1):
-        planned = _plan(cell, path, tool_speed)
-        failure = planned.failure or move(cell, planned.unwrap(), fingertips=True, control=control)
-        if failure is None or failure.kind in _FINAL or planned.failure:
-            return failure
-        if attempt < LAYING_TRIES:
-            stand_by(cell.ports, LAYING_DWELL_S)
-            failure = await_rest(cell.ports, cell.execution, note=cell.hands.note)
-            if failure:
-                return failure
-    return failure
-
-
-def _plan(cell: Workcell, path: Array, tool_speed: float) -> Outcome[ArmTrajectory]:
-    state = fresh_state(cell.ports, cell.execution)
-    if state.failure:
-        return Outcome(failure=state.failure)
-    return plan_along(
-        cell.robot, cell.execution_checker, state.unwrap().q, path, limits=cell.limits, tool_speed=tool_speed
-    )
 
 
 def _release_and_rise(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:

@@ -1,4 +1,4 @@
-"""Open the hands and park: the ways that lead the arms away from the garment."""
+"""Open the hands and park the arms."""
 
 from __future__ import annotations
 
@@ -6,21 +6,16 @@ from collections.abc import Collection
 
 import numpy as np
 
-from cell.control.checks import SETTLED, come_to_rest, fresh_state
+from cell.control.checks import SETTLED
 from cell.control.motions.hold_position import wait
 from cell.control.path_clock import PathControl
-from cell.control.rest import await_rest
 from cell.control.ticks import TICK_S
-from cell.executive.effects.checked_motion import move
+from cell.executive.effects.recovery.ways_out import PARKING, lead_out
 from cell.hardware.workcell import Workcell
 from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import ArmTrajectory, Side
+from robots.ports import Side
 from skills.grasping.hand_reading import GRIPPER_STALE, GripCommand
 from skills.grasping.release import RELEASE_FORCE
-from skills.motion.moves.free_motion import plan_free_motion
-from skills.motion.moves.retrace import plan_along, without_loops
-from skills.motion.moves.retreat import Retreat, plan_retreat
-from skills.vocabulary import Outcome
 
 __all__ = [
     "OPENING_S",
@@ -29,7 +24,6 @@ __all__ = [
     "let_go_and_park",
     "open_hands",
     "park",
-    "plan_rise",
     "still_closed",
 ]
 
@@ -42,13 +36,6 @@ SLOW_OPENING_S = 2.0
 CALIBRATION_S = 12.0
 LET_GO = 0.010
 """If the pads are at least this far apart, they hold no cloth [m]."""
-RETRACE_SPEED = 0.25
-"""Maximum speed of the tools on the way back along an earlier path, which may lead over the garment [m/s]."""
-_FINAL = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
-"""Failures after which no other way out is tried."""
-
-Way = tuple[tuple[ArmTrajectory, bool], ...]
-"""Trajectories one after the other, each with whether the fingertips may touch the table on it."""
 
 
 def open_hands(cell: Workcell, sides: Collection[Side] = tuple(Side)) -> None:
@@ -146,87 +133,8 @@ def still_closed(cell: Workcell) -> Failure | None:
 
 
 def park(cell: Workcell, control: PathControl) -> Failure | None:
-    """Move to the parked posture. The ways out are tried in turn: directly, straight up and then to it, and back
-    along the path that the arms came. Each is planned, checked and executed once; between two of them the arms
-    come to rest. Returns the last failure."""
+    """Move to the parked posture, on one of the ways out. Returns the last failure."""
     cell.hand_record.end()
     if np.abs(cell.ports.arms.state().q - cell.robot.q_park).max() < SETTLED:
         return None
-    failure: Failure | None = None
-    for plan in (_direct_way, _way_up, _way_back):
-        way = plan(cell)
-        if way is None:
-            continue
-        failure = way.failure or _follow(cell, way.unwrap(), control)
-        if failure is None or failure.kind in _FINAL:
-            return failure
-        if way.ok:
-            failure = await_rest(cell.ports, cell.execution) or failure
-    return failure
-
-
-def _follow(cell: Workcell, way: Way, control: PathControl) -> Failure | None:
-    for trajectory, fingertips in way:
-        failure = move(cell, trajectory, fingertips=fingertips, control=control)
-        if failure:
-            return failure
-    return None
-
-
-def _direct_way(cell: Workcell) -> Outcome[Way] | None:
-    """Plan a free motion to the parked posture. Returns None if the arms touch something where they are."""
-    q = cell.ports.arms.state().q
-    if cell.checker.contact(q) is not None:
-        return None
-    direct = plan_free_motion(cell.robot, cell.checker, q, cell.robot.q_park, limits=cell.limits, rng=cell.rng())
-    return Outcome(((direct.unwrap(), False),)) if direct.ok else Outcome(failure=direct.failure)
-
-
-def _way_up(cell: Workcell) -> Outcome[Way]:
-    planned = plan_rise(cell, tuple(Side))
-    if planned.failure:
-        return Outcome(failure=planned.failure)
-    return Outcome(((planned.unwrap().retreat, True), (planned.unwrap().park, False)))
-
-
-def _way_back(cell: Workcell) -> Outcome[Way] | None:
-    """Plan the way back along the set-points that were sent, without its loops. Returns None if they do not begin
-    at the parked posture."""
-    path, state = cell.path.back(), fresh_state(cell.ports, cell.execution)
-    if len(path) < 2 or np.abs(path[-1] - cell.robot.q_park).max() > cell.execution.start:
-        return None
-    if state.failure:
-        return Outcome(failure=state.failure)
-    back = plan_along(
-        cell.robot, cell.execution_checker, state.unwrap().q, without_loops(path),
-        limits=cell.limits, tool_speed=RETRACE_SPEED,
-    )  # fmt: skip
-    return Outcome(((back.unwrap(), True),)) if back.ok else Outcome(failure=back.failure)
-
-
-def plan_rise(cell: Workcell, sides: tuple[Side, ...]) -> Outcome[Retreat]:
-    """Plan the hands' way straight up from where they rest, and from there to the parked posture."""
-    failure = come_to_rest(cell.ports, cell.execution, cell.last_command)
-    state = fresh_state(cell.ports, cell.execution)
-    if failure or state.failure:
-        return Outcome(failure=failure or state.failure)
-    q = state.unwrap().q
-    rng = cell.rng()
-    # try the planning margins first, then the smaller margins of execution
-    for checker in (cell.checker, cell.execution_checker):
-        planned = plan_retreat(cell.robot, checker, q, sides, limits=cell.limits, rng=rng)
-        if planned.ok:
-            return planned
-    if sides != tuple(Side):
-        return planned
-    for side in Side:  # plan for one hand alone
-        one_hand = plan_retreat(cell.robot, cell.execution_checker, q, (side,), limits=cell.limits, rng=rng)
-        if one_hand.ok:
-            return one_hand
-    return Outcome(
-        failure=Failure(
-            FailureKind.UNREACHABLE,
-            f"no retreat to the parked posture was found: {planned.failure}",
-            "move the arms by hand",
-        )
-    )
+    return lead_out(cell, PARKING, control)

@@ -128,4 +128,4 @@ def _impossible(why: str) -> Failure:
 def _failed(context: RunContext, failure: Failure) -> Result:
     """Return the failure without the estimate from which it follows: only another one can lead to another end."""
     fold = replace(context.fold, estimate=None)
-    return Result(Event.FAILED, replace(context, fold=fold).with_failure(failure))
+    return replace(context, fold=fold).failed(failure)

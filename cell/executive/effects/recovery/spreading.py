@@ -10,7 +10,7 @@ import numpy as np
 
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import FirstLook, Plan, Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -78,6 +78,7 @@ def spreadable(cell: Workcell, context: RunContext, kind: FailureKind) -> bool:
     )
 
 
+@effect
 def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLook, frame: CameraFrame) -> Result:
     """Plan the next pull from the picture. Motion planning follows, as for a fold.
 
@@ -99,10 +100,7 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
             return Outcome(failure=seen.failure)
         return Outcome((seen.unwrap(), _places(seen.unwrap().contour, plan, first)))
 
-    outcome = cell.compute(cell.settings.computing.inspection_s, work)
-    if outcome.failure:
-        return Result(Event.FAILED, context.with_failure(outcome.failure))
-    seen, places = outcome.unwrap()
+    seen, places = context.need(cell.compute(cell.settings.computing.inspection_s, work))
     covered, flat = abs(polygon_area(seen.contour)), abs(polygon_area(first.contour))
     record: dict[str, object] = {"covered_m2": covered, "flat_m2": flat}
     home = covered >= SPREAD_AREA * flat and _displaced(places)
@@ -226,7 +224,7 @@ def _visible(seen: Observation, places: _Places) -> bool:
 def _failed(context: RunContext, failure: Failure, record: dict[str, object]) -> Result:
     """Return the failure. No other pull is tried until a person has laid the garment anew."""
     fold: FoldContext = replace(context.fold, spread=False)
-    return Result(Event.FAILED, replace(context, fold=fold).with_failure(failure), record)
+    return replace(context, fold=fold).failed(failure, record)
 
 
 def _record(pulls: Sequence[Pull], places: _Places, home: bool) -> dict[str, object]:

@@ -11,7 +11,7 @@ import pytest
 
 from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.hands import Hands
-from cell.executive.effects import EFFECTS, gripping
+from cell.executive.effects import EFFECTS, grasping, lifting
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
@@ -238,7 +238,7 @@ def test_only_a_grasp_under_the_whole_stack_accepts_more_layers(
 def test_each_grasp_retry_squeezes_harder_up_to_the_grippers_limit() -> None:
     work = fake_workcell(FakeCell())
     tries = [(Adjustment.STRONGER,) * n for n in range(3)]
-    forces = [gripping.grip_settings(work, FoldContext(adjustments=a)).grip_force for a in tries]
+    forces = [grasping.grip_settings(work, FoldContext(adjustments=a)).grip_force for a in tries]
     assert forces[0] == work.grasp.grip_force and np.all(np.diff(forces) > 3.0) and forces[-1] <= FULL_FORCE
 
 
@@ -249,20 +249,20 @@ def test_a_hand_that_cannot_rise_is_a_failed_lift(part: str, monkeypatch: pytest
     why = Failure(K.TRACKING_ERROR, "the arm lags")
     lift: Any = object()
     monkeypatch.setattr(
-        gripping, "plan_lift", lambda *_, **__: Outcome(failure=why) if part == "plan" else Outcome(lift)
+        lifting, "plan_lift", lambda *_, **__: Outcome(failure=why) if part == "plan" else Outcome(lift)
     )
-    monkeypatch.setattr(gripping, "move", lambda *_, **__: why)
-    result = gripping.lift(work, held)
+    monkeypatch.setattr(lifting, "move", lambda *_, **__: why)
+    result = lifting.lift(work, held)
     assert result.event is Event.FAILED and result.context.failure is why
 
 
 def test_slip_detection_uses_the_grip_measured_after_the_lift(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, work, context, both = over_cloth(monkeypatch)
     context = EFFECTS[Effect.GRASP](work, context).context
-    monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome("up"))
-    monkeypatch.setattr(gripping, "move", lambda *_, **__: None)
+    monkeypatch.setattr(lifting, "plan_lift", lambda *_, **__: Outcome("up"))
+    monkeypatch.setattr(lifting, "move", lambda *_, **__: None)
     both[Side.LEFT].force *= 0.8  # the grip settles
-    lifted = gripping.lift(work, context)
+    lifted = lifting.lift(work, context)
     assert lifted.event is Event.DONE
     before, after = context.fold.held[Side.LEFT], lifted.context.fold.held[Side.LEFT]
     assert after.grip == pytest.approx(0.8 * before.grip, abs=NOISE) and after.stamp > before.stamp

@@ -13,8 +13,9 @@ from cell.config.cell_settings import load_settings
 from cell.control.motion import Tick
 from cell.control.motions.hands import Hands
 from cell.control.motions.lowering import Lowering
-from cell.executive.effects import EFFECTS, checked_motion, gripping, moving
-from cell.executive.effects.recovery import freeing, parking
+from cell.executive.effects import EFFECTS, checked_motion, folding, grasping, lifting, moving
+from cell.executive.effects.recovery import freeing, parking, ways_out
+from cell.executive.effects.recovery.ways_out import FREEING_TRIES
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
@@ -53,7 +54,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
     pushes.look = look
     posture: Any = SimpleNamespace(pitch=0.1)
     lowering = {Side.LEFT: Lowering(WAY, 0.05, JerkLimiter(TOUCHED))}
-    failure = gripping._press(workcell, {Side.LEFT: posture}, gripping.PRESS + gripping.DEEPER, lowering, pushes)
+    failure = grasping._push(workcell, {Side.LEFT: posture}, grasping.PUSH + grasping.DEEPER, lowering, pushes)
     return cell, failure, pushes
 
 
@@ -61,7 +62,7 @@ def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None
     cell, failure, _ = pressed(monkeypatch, 1000.0)
     deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
     assert failure is None and deepest - TOUCHED == pytest.approx(
-        gripping.PRESS + gripping.DEEPER + 0.5 * load_settings().gripper.opening * np.sin(0.1), abs=2e-4
+        grasping.PUSH + grasping.DEEPER + 0.5 * load_settings().gripper.opening * np.sin(0.1), abs=2e-4
     )
 
 
@@ -127,7 +128,7 @@ def lose(cell: FakeCell, side: Side) -> None:
 
 def test_a_fold_is_completed_while_both_hands_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
-    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    monkeypatch.setattr(folding, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
     result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.DONE and cell.q == pytest.approx(0.5)
     taken = [frame.stamp for frame in result.context.fold.attempt.pictures]
@@ -140,7 +141,7 @@ def test_a_loss_of_cloth_by_either_hand_ends_the_fold_at_rest_on_its_path(
     side: Side, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cell, workcell, context = holding(monkeypatch)
-    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    monkeypatch.setattr(folding, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
     cell.at(0.8, lambda: lose(cell, side))
     result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.SLIPPED
@@ -154,7 +155,7 @@ def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.Monkey
     """The arc is planned again from the hands' real positions, so it may differ from the first plan."""
     cell, workcell, context = holding(monkeypatch)
     blocked = Failure(FailureKind.IN_COLLISION, "the hands would meet")
-    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
+    monkeypatch.setattr(folding, "plan_arc", lambda *_, **__: Outcome(failure=blocked))
     result = EFFECTS[Effect.FOLD](workcell, context)
     assert result.event is Event.FAILED and result.context.failure is blocked and not cell.commands
 
@@ -164,7 +165,7 @@ def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
     stopped: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, workcell, context = holding(monkeypatch)
-    monkeypatch.setattr(gripping, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    monkeypatch.setattr(folding, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
 
     def glimpse() -> None:
         raise DriverError(FailureKind.STOPPED if stopped else FailureKind.CAMERA_FAULT, "no picture")
@@ -181,13 +182,13 @@ def test_a_camera_failure_does_not_end_a_fold_but_a_stop_does(
 @pytest.mark.parametrize("side", list(Side))
 def test_a_loss_of_cloth_during_the_lift_is_a_missed_grasp(side: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     cell, workcell, context = holding(monkeypatch)
-    monkeypatch.setattr(gripping, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
+    monkeypatch.setattr(lifting, "plan_lift", lambda *_, **__: Outcome(way(0.1)))
     monkeypatch.setattr(checked_motion, "check_trajectory", lambda *_, **__: Outcome("checked"))
-    assert gripping.lift(workcell, context).event is Event.DONE
+    assert lifting.lift(workcell, context).event is Event.DONE
     cell.q = np.zeros(14)
     workcell.last_command.q = None
     lose(cell, side)
-    result = gripping.lift(workcell, context)
+    result = lifting.lift(workcell, context)
     assert result.event is Event.FAILED and result.context.failure.kind is FailureKind.MISSED_GRASP
     assert f"the {side} hand" in result.context.failure.what
 
@@ -225,11 +226,11 @@ def retreating(
     rise = np.array([np.zeros(14), np.full(14, 0.1)])
     up, home = SimpleNamespace(q=rise, name="up"), SimpleNamespace(q=rise + 0.1, name="home")
     away: Any = SimpleNamespace(retreat=up, park=home)
-    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: Outcome(away))
+    monkeypatch.setattr(ways_out, "plan_retreat", lambda *_, **__: Outcome(away))
 
-    def along(cell: Workcell, path: Any, speed: float = freeing.FREEING_SPEED) -> Outcome[Any]:
+    def along(robot: Any, checker: Any, q: Any, path: Any, limits: Any, tool_speed: float) -> Outcome[Any]:
         way = "home" if path[-1, 0] > 0.15 else "up" if path[-1, 0] > path[0, 0] else "down"
-        assert (speed < freeing.FREEING_SPEED) == (way == "up"), "cloth may still be caught"
+        assert (tool_speed < freeing.FREEING_SPEED) == (way == "up"), "cloth may still be caught"
         return Outcome(SimpleNamespace(name=way, q=path))
 
     def move(
@@ -256,8 +257,8 @@ def retreating(
                 cell.pads[side] = 0.5 if clings[side] > 0 and not light else 0.0
 
         monkeypatch.setattr(gripper, "command", told)
-    monkeypatch.setattr(freeing, "_plan", along)
-    for module in (moving, freeing):
+    monkeypatch.setattr(ways_out, "plan_along", along)
+    for module in (freeing, ways_out):
         monkeypatch.setattr(module, "move", move)
     return cell, workcell, context, done
 
@@ -302,7 +303,7 @@ def test_cloth_that_stays_on_a_finger_prevents_the_retreat_home(
     _, workcell, context, done = retreating(monkeypatch, {side: 99})
     result = moving.retreat(workcell, context)
     assert result.event is Event.FAILED and "home" not in done
-    assert done.count("down") == freeing.FREEING_TRIES
+    assert done.count("down") == FREEING_TRIES
     assert result.context.failure.kind is FailureKind.STUCK_ON_FINGER and side in result.context.failure.what
 
 

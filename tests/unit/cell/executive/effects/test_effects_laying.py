@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import cell.executive.effects.recovery.laying as laying
+import cell.executive.effects.recovery.ways_out as ways_out
 from cell.executive.effects import EFFECTS
 from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import LAYING_TRIES, Laying
+from cell.states.recovery_table import Laying
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.baxter.robot import load_model
@@ -217,7 +218,7 @@ def test_an_error_of_the_driver_is_a_failure_and_keeps_the_cause(monkeypatch: py
 
 
 def test_a_blocked_path_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its plan does not change by waiting. A motion that fails is tried LAYING_TRIES times."""
+    """Its plan does not change by waiting. A motion that fails is tried as often as the ways out say."""
     tries: list[ArmTrajectory] = []
 
     def fail(cell: Workcell, motion: ArmTrajectory, **_: Any) -> Failure:
@@ -225,8 +226,8 @@ def test_a_blocked_path_is_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return Failure(K.TRACKING_ERROR, "the arm lags")
 
     _, workcell, context = carrying(0.4)
-    monkeypatch.setattr(laying, "move", fail)
-    assert lay_back(workcell, context).event is Event.FAILED and len(tries) == LAYING_TRIES
+    monkeypatch.setattr(ways_out, "move", fail)
+    assert lay_back(workcell, context).event is Event.FAILED and len(tries) == ways_out.LAYING[0].tries
     cell, workcell, context = carrying(0.4)
     cell.q = cell.q + 0.5  # somebody has moved the arms far away
     tries.clear()

@@ -11,13 +11,14 @@ import pytest
 
 import cell.executive.effects.moving as moving
 import cell.executive.effects.recovery.parking as parking
+import cell.executive.effects.recovery.ways_out as ways_out
 from cell.config.cell_settings import load_settings
 from cell.control.last_command import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.checked_motion import move
 from cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat
+from cell.executive.effects.recovery.ways_out import CLEARING_DWELL_S, PREPARING_DWELLS_S
 from cell.hardware.workcell import Workcell
-from cell.states.recovery_table import CLEARING_DWELL_S, PREPARING_DWELLS_S
 from cell.states.run_context import RunContext
 from cell.states.transition_table import Effect, Event
 from robots.baxter.robot import load_model
@@ -79,8 +80,8 @@ def test_a_stop_while_making_safe_is_reported_as_a_stop() -> None:
 
 def test_the_reason_is_reported_if_the_cell_cannot_be_made_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     no_way = Outcome(failure=Failure(K.UNREACHABLE, "no way up and home was found", "jog the arms by hand"))
-    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: no_way)
-    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: no_way)
+    monkeypatch.setattr(ways_out, "plan_free_motion", lambda *_, **__: no_way)
+    monkeypatch.setattr(ways_out, "plan_retreat", lambda *_, **__: no_way)
     result = make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST)
     assert result.event is Event.FAILED
     assert result.context.failure.kind is K.UNREACHABLE and "by hand" in result.context.failure.hint
@@ -91,14 +92,14 @@ def test_arms_that_violate_only_the_planning_margin_are_parked(monkeypatch: pyte
     execution_checker, moved, risen = SimpleNamespace(), [], []
     too_near = Outcome[Any](failure=Failure(K.IN_COLLISION, "the forearms are 9 mm apart"))
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
-    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: too_near)
+    monkeypatch.setattr(ways_out, "plan_free_motion", lambda *_, **__: too_near)
 
     def plan(model: Any, checker: Any, q: Any, sides: Any, **_: Any) -> Outcome[Retreat]:
         risen.append(sides)
         return way if checker is execution_checker else too_near
 
-    monkeypatch.setattr(parking, "plan_retreat", plan)
-    monkeypatch.setattr(parking, "move", lambda cell, motion, **_: moved.append(motion))
+    monkeypatch.setattr(ways_out, "plan_retreat", plan)
+    monkeypatch.setattr(ways_out, "move", lambda cell, motion, **_: moved.append(motion))
     cell = FakeCell(q=np.full(14, 0.5))
     assert make_safe(fake_workcell(cell, execution_checker=execution_checker), FIRST).event is Event.DONE
     assert moved == ["up", "home"] and set(risen) == {tuple(Side)}, "both hands rise if both can"
@@ -108,11 +109,11 @@ def test_arms_that_violate_only_the_planning_margin_are_parked(monkeypatch: pyte
 def test_one_hand_rises_if_the_other_cannot(free: Side, monkeypatch: pytest.MonkeyPatch) -> None:
     blocked, moved = Outcome[Any](failure=Failure(K.UNREACHABLE, "it cannot rise")), []
     way = Outcome(Retreat("up", "home"))  # type: ignore[arg-type]
-    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: blocked)
+    monkeypatch.setattr(ways_out, "plan_free_motion", lambda *_, **__: blocked)
     monkeypatch.setattr(
-        parking, "plan_retreat", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
+        ways_out, "plan_retreat", lambda model, checker, q, sides, **_: way if sides == (free,) else blocked
     )
-    monkeypatch.setattr(parking, "move", lambda cell, motion, **_: moved.append(motion))
+    monkeypatch.setattr(ways_out, "move", lambda cell, motion, **_: moved.append(motion))
     assert make_safe(fake_workcell(FakeCell(q=np.full(14, 0.5))), FIRST).event is Event.DONE
     assert moved == ["up", "home"]
     moved.clear()
@@ -246,7 +247,7 @@ def test_preparing_the_cell_parks_the_arms(
     baxter: dict[str, Any], off: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """If the direct path is free, the arms do not rise first."""
-    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: pytest.fail("no retreat is planned"))
+    monkeypatch.setattr(ways_out, "plan_retreat", lambda *_, **__: pytest.fail("no retreat is planned"))
     cell = FakeCell(q=BAXTER.q_park + np.r_[off, np.zeros(13)])
     assert prepare(fake_workcell(cell, **baxter), RunContext()).event is Event.DONE
     assert cell.q == pytest.approx(BAXTER.q_park)
@@ -265,7 +266,7 @@ def test_time_in_pauses_is_not_robot_time(baxter: dict[str, Any]) -> None:
 @pytest.mark.parametrize("spoil", ["stop", "silence"])
 def test_arms_without_a_valid_state_do_not_rise(spoil: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        parking, "plan_retreat", lambda *_, **__: pytest.fail("no motion is planned from an unknown state")
+        ways_out, "plan_retreat", lambda *_, **__: pytest.fail("no motion is planned from an unknown state")
     )
     cell = FakeCell(q=np.full(14, 0.5))
     workcell = fake_workcell(cell, last_command=LastCommand(np.full(14, 0.52) if spoil == "stop" else None))
@@ -533,7 +534,7 @@ def test_the_ways_out_are_tried_in_turn(
     come_along(cell, workcell)
     for plan in ("plan_free_motion", "plan_retreat", "plan_along")[:blocked]:
         no_way = Outcome[Any](failure=Failure(K.IN_COLLISION, f"{plan} found nothing", "move the arms by hand"))
-        monkeypatch.setattr(parking, plan, lambda *_, no_way=no_way, **__: no_way)
+        monkeypatch.setattr(ways_out, plan, lambda *_, no_way=no_way, **__: no_way)
     result = clear(workcell, RunContext().with_failure(CAUSE))
     if blocked < 3:
         assert result.event is Event.DONE and cell.q == pytest.approx(BAXTER.q_park, abs=0.011)
@@ -549,8 +550,8 @@ def test_the_way_back_follows_the_path_that_was_checked(
     workcell = fake_workcell(cell, **baxter)
     come_along(cell, workcell)
     no_way = Outcome[Any](failure=Failure(K.IN_COLLISION, "something stands there"))
-    monkeypatch.setattr(parking, "plan_free_motion", lambda *_, **__: no_way)
-    monkeypatch.setattr(parking, "plan_retreat", lambda *_, **__: no_way)
+    monkeypatch.setattr(ways_out, "plan_free_motion", lambda *_, **__: no_way)
+    monkeypatch.setattr(ways_out, "plan_retreat", lambda *_, **__: no_way)
     assert clear(workcell, RunContext().with_failure(CAUSE)).event is Event.DONE
     path = free_motion(BAXTER.q_park, OUT, BAXTER.planning).q
     assert max(np.abs(path - q).max(axis=1).min() for _, q in cell.commands) < 0.012
@@ -561,7 +562,7 @@ def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(
     baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between the two the arms come to rest."""
-    cell, begun, through = FakeCell(q=OUT), [], parking.move
+    cell, begun, through = FakeCell(q=OUT), [], ways_out.move
 
     def first_fails(workcell: Workcell, trajectory: ArmTrajectory, **options: Any) -> Failure | None:
         begun.append(cell.now)
@@ -571,7 +572,7 @@ def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(
             else through(workcell, trajectory, **options)
         )
 
-    monkeypatch.setattr(parking, "move", first_fails)
+    monkeypatch.setattr(ways_out, "move", first_fails)
     assert clear(fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)).event is Event.DONE
     assert len(begun) == 3 and begun[1] - begun[0] > 0.2, "the second way has two parts"
 

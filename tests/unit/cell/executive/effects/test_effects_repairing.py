@@ -11,7 +11,7 @@ import pytest
 
 from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.gripping import HIGHEST, LOWEST, STOP, _goal
+from cell.executive.effects.grasping import HIGHEST, LOWEST, STOP, _goal
 from cell.executive.effects.planning import _task
 from cell.executive.effects.recovery import repairing
 from cell.states.run_context import RunContext

@@ -14,7 +14,7 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.control.motion import Tick
 from cell.executive.effects import EFFECTS
-from cell.executive.effects.gripping import _photographer
+from cell.executive.effects.folding import _photographer
 from cell.executive.effects.seeing import await_garment, look, photograph_table
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext

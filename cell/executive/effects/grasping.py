@@ -1,4 +1,4 @@
-"""Effects that grasp, lift, fold and release: arms and hand controllers work together."""
+"""The effect that grasps: descend until the tips touch, push them down, close the pads, confirm what they hold."""
 
 from __future__ import annotations
 
@@ -7,39 +7,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from cell.control.motion import Motion, Tick, Watch
+from cell.control.motion import Motion
 from cell.control.motions.descent import GuardedHand, guarded_descent
 from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
 from cell.control.motions.guarded_push import push_down
 from cell.control.motions.hands import commanding, each_hand
 from cell.control.motions.lowering import Lowering
-from cell.control.motions.trajectory import stream
-from cell.executive.effects.checked_motion import as_failure, move, pausable, with_waiting_time
-from cell.executive.effects.recovery.parking import RELEASE_OPENING
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
-from cell.states.run_context import Result, RunContext
+from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, Plan
 from cell.states.transition_table import Event
-from robots.errors import DriverError, Failure, FailureKind
-from robots.ports import Array, CameraFrame, JointState, Side
+from robots.errors import Failure
+from robots.ports import JointState, Side
 from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
-from skills.grasping.confirm import Expectation, Held, check_lift, confirm, start_confirm, start_lift_check
+from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
 from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
-from skills.grasping.release import release, start_release
 from skills.grasping.settings import GraspSettings
-from skills.grasping.slip import start_slip_watch, watch_slip
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics.posture import Posture
-from skills.motion.moves.arc import plan_arc
-from skills.motion.moves.lift import plan_lift
-from skills.vocabulary import CameraCalibration, Grasp, Outcome
+from skills.vocabulary import Grasp, Outcome
 
-__all__ = ["RELEASE_OPENING", "fold", "grasp", "lift", "release_garment"]
+__all__ = ["grasp"]
 
-PRESS = 0.001
+PUSH = 0.001
 """Depth by which the middle between the tips is lowered below the contact height [m], so that the pads close under
 the cloth."""
 DEEPER = 0.002
@@ -67,111 +60,40 @@ def grip_settings(cell: Workcell, fold: FoldContext) -> GraspSettings:
     return replace(cell.grasp, grip_force=cell.grasp.grip_force * STRONGER ** fold.count(Adjustment.STRONGER))
 
 
+@effect
 def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
-    """Descend until the tips touch, press into the stack, close the pads, and check how much the hands hold."""
+    """Descend until the tips touch, push them into the stack, close the pads, and check how much they hold."""
     fold = context.fold
     settings = grip_settings(cell, fold)
     tares = {s: start_tare(settings) for s in attempt.motion.descend}
-    biases = each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s))
-    if biases.failure:
-        return Result(Event.FAILED, context.with_failure(biases.failure))
-    fold = replace(fold, biases=biases.unwrap(), touched=True)
+    biases = context.need(each_hand(cell.loop, cell.hands, tares, lambda side, r, s: tare(r, s)))
+    fold = replace(fold, biases=biases, touched=True)
     context = replace(context, fold=fold)
     lowering: dict[Side, Lowering] = {}
     stated = plan.garment.material.thickness
-    contacts = _descend(cell, attempt, fold, settings, lowering, stated)
-    if contacts.failure:
-        return Result(Event.FAILED, context.with_failure(contacts.failure))
+    contacts = context.need(_descend(cell, attempt, fold, settings, lowering, stated))
     monitor = FingertipForceMonitor(cell.hands, fold.biases)
-    # tips that press into the upper layers would take the layers below them, too
+    # tips that are pushed into the upper layers would take the layers below them, too
     to_table = all(attempt.grasp_of(s).whole_stack(stated) for s in fold.biases)
-    depth = PRESS + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
+    depth = PUSH + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
     if to_table:
-        heights = {s: _table_height(cell, attempt.motion.postures[s], c) for s, c in contacts.unwrap().items()}
+        heights = {s: _table_height(cell, attempt.motion.postures[s], c) for s, c in contacts.items()}
         fold = replace(fold, table_contact={**fold.table_contact, **heights})
-    failure = _press(cell, attempt.motion.postures, depth, lowering, monitor)
+    failure = _push(cell, attempt.motion.postures, depth, lowering, monitor)
     record: dict[str, object] = {
-        "contact_height_m": {s.value: c.height for s, c in contacts.unwrap().items()},
-        "contact_by": {s.value: c.by for s, c in contacts.unwrap().items()},
+        "contact_height_m": {s.value: c.height for s, c in contacts.items()},
+        "contact_by": {s.value: c.by for s, c in contacts.items()},
         "strongest_push_n": monitor.strongest,
     }
-    if failure:
-        return Result(Event.FAILED, context.with_failure(failure), record)
+    context.require(failure, record)
     thickness, error = _layer_thickness(context, plan.garment, settings)
     counting = replace(settings, thickness_error=error)
     expected = {s: _expected(attempt.grasp_of(s), stated, thickness) for s in fold.biases}
-    held = _close_and_confirm(cell, fold.biases, expected, counting)
-    if held.failure:
-        return Result(Event.FAILED, context.with_failure(held.failure), record)
-    record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.unwrap().items()}}
-    measured = _measured_thickness(attempt, held.unwrap(), settings)
-    fold = replace(fold, held=held.unwrap(), layer_thickness=measured)
+    held = context.need(_close_and_confirm(cell, fold.biases, expected, counting), record)
+    record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.items()}}
+    measured = _measured_thickness(attempt, held, settings)
+    fold = replace(fold, held=held, layer_thickness=measured)
     return Result(Event.DONE, replace(context, fold=fold), {**record, "layer_thickness_m": measured})
-
-
-def lift(cell: Workcell, context: RunContext) -> Result:
-    """Lift the garment a little and check that every hand still holds it."""
-    fold, q = context.fold, cell.ports.arms.state().q
-    if fold.repair is None:  # how the garment lay before a repair is less certain than how it lies after it
-        cell.hand_record.begin()
-    up = plan_lift(
-        cell.robot,
-        cell.execution_checker,
-        q,
-        tuple(fold.held),
-        cell.settings.grasp.lift_height,
-        limits=cell.limits,
-    )
-    if up.ok:
-        context = replace(context, fold=replace(fold, carrying=(up.unwrap(),)))
-    control = pausable(cell)
-    failure = up.failure or as_failure(lambda: move(cell, up.unwrap(), fingertips=True, control=control))
-    context = with_waiting_time(context, control)
-    if failure:
-        return Result(Event.FAILED, context.with_failure(failure))
-    checks = {s: start_lift_check(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
-    still_held = each_hand(cell.loop, cell.hands, checks, lambda side, r, s: check_lift(r, s))
-    if still_held.failure:
-        return Result(Event.FAILED, context.with_failure(still_held.failure))
-    return Result(Event.DONE, replace(context, fold=replace(context.fold, held=still_held.unwrap())))
-
-
-def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Follow the arc from the hands' measured pose, watch for slip, and take the pictures for the report."""
-    arc = plan_arc(
-        cell.robot, cell.execution_checker, cell.table, attempt.paths, attempt.motion.postures,
-        cell.ports.arms.state().q, limits=cell.limits, tool_speed=attempt.tool_speed, rng=cell.rng(),
-    )  # fmt: skip
-    if arc.failure:
-        return Result(Event.FAILED, context.with_failure(arc.failure))
-    trajectory = arc.unwrap().fold
-    lift = context.fold.carrying[:1]  # without the arc of an earlier call, which ended before it moved
-    context = replace(context, fold=replace(context.fold, carrying=(*lift, trajectory)))
-    pictures: list[CameraFrame] = []
-    moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
-    calibration = context.sight.calibration(cell.calibration)
-    watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
-    control = pausable(cell)
-    failure = as_failure(lambda: stream(cell.loop, trajectory, cell.hands.recording(watch), control).failure)
-    executed = replace(attempt.motion, arc=arc.unwrap())  # friction is learned from the executed arc
-    attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
-    context = with_waiting_time(context.with_attempt(attempt), control)
-    if failure:
-        return Result(Event.FAILED, context.with_failure(failure))
-    # a run that is interrupted from now on is resumed with a look at the completed fold
-    context = context.with_attempt(replace(attempt, carried=True))
-    return Result(Event.DONE, context, {"duration_s": trajectory.duration})
-
-
-def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Open the pads just wide enough to release the garment."""
-    context, hands = context.with_attempt(replace(attempt, carried=True)), cell.hands
-    state = cell.ports.arms.state()
-    states = {s: start_release(RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
-    opened = each_hand(cell.loop, hands, states, commanding(hands, release))
-    if opened.failure:
-        return Result(Event.FAILED, context.with_failure(opened.failure))
-    return Result(Event.DONE, replace(context, fold=replace(context.fold, held={})))
 
 
 def _descend(
@@ -183,7 +105,7 @@ def _descend(
     thickness: float,
 ) -> Outcome[dict[Side, Contact]]:
     """Lower the hands until their tips touch. lowering: filled here with the set-point of each descending hand;
-    `_press` continues from these set-points. thickness: of a layer, as stated [m]."""
+    `_push` continues from these set-points. thickness: of a layer, as stated [m]."""
 
     def begin(start: JointState) -> Motion[dict[Side, Contact]]:
         descending = {}
@@ -208,7 +130,7 @@ def _goal(
     Contact is expected on top of the stack under the hand. With tactile sensors, a descent without contact fails
     at the lowest height that the hand can reach, but not lower than 8 mm below the expected table. Without tactile
     sensors, it ends at the expected height of the table. If only the upper layers are to be held, each `thickness`
-    [m] thick, it ends at STOP in the lowest of them, or where the cloth pushes harder than it needs to be pressed
+    [m] thick, it ends at STOP in the lowest of them, or where the cloth pushes harder than it needs to be pushed
     flat down to there: a first touch would end it on top of several thick layers. table: height at which this hand
     has felt the table [m]. shift: of STOP, by recoveries.
     """
@@ -233,7 +155,7 @@ def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
     return contact.height - lower_tip + yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
 
 
-def _press(
+def _push(
     cell: Workcell,
     postures: Mapping[Side, Posture],
     depth: float,
@@ -244,7 +166,7 @@ def _press(
     `depth` [m] more.
 
     Depths are measured from the contact of the first tip, because the table's height is known only to a few
-    millimetres. If the hand is tilted, this tip is lower than the middle. It then presses on the table, and the
+    millimetres. If the hand is tilted, this tip is lower than the middle. It then pushes on the table, and the
     arm yields.
     """
 
@@ -295,53 +217,3 @@ def _expected(grasp: Grasp, stated: float, thickness: float) -> Expectation:
     number. If the planned grasp, whose height follows from the `stated` thickness, holds the whole stack, more
     layers are also accepted."""
     return Expectation(thickness, grasp.layers, or_more=grasp.whole_stack(stated))
-
-
-def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
-    watches = {s: start_slip_watch(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
-
-    def look(tick: Tick) -> Failure | None:
-        for side, watch in watches.items():
-            after = watch_slip(cell.hands.read(side, tick.state), watch)
-            if isinstance(after, Outcome):
-                return after.failure
-            watches[side] = after
-        return None
-
-    return look
-
-
-def _photographer(
-    cell: Workcell, calibration: CameraCalibration, moments: Array, pictures: list[CameraFrame]
-) -> Watch:
-    """Take a picture at each of the moments [s]. The pictures are only for the recording and the report. Therefore
-    a camera failure does not end the fold, but a stop does."""
-    due = list(moments)
-
-    def look(tick: Tick) -> Failure | None:
-        if due and tick.t >= due[0]:
-            try:
-                frame = cell.ports.camera.glimpse()
-            except DriverError as e:
-                if e.kind is FailureKind.STOPPED:
-                    raise
-                due.pop(0)
-                return None
-            if frame is not None:
-                due.pop(0)
-                pictures.append(frame)
-                cell.recorder.camera(cell.ports.clock.now(), frame, calibration)
-        return None
-
-    return look
-
-
-def _all_of(*watches: Watch) -> Watch:
-    def look(tick: Tick) -> Failure | None:
-        for watch in watches:
-            failure = watch(tick)
-            if failure:
-                return failure
-        return None
-
-    return look

@@ -1,0 +1,100 @@
+"""The effect that folds: it follows the arc with the garment in the hands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cell.control.motion import Tick, Watch
+from cell.control.motions.trajectory import stream
+from cell.executive.effects.checked_motion import as_failure, pausable, with_waiting_time
+from cell.hardware.workcell import Workcell
+from cell.states.fold_context import FoldContext
+from cell.states.run_context import Result, RunContext, effect
+from cell.states.stages import Attempt
+from cell.states.transition_table import Event
+from robots.errors import DriverError, Failure, FailureKind
+from robots.ports import Array, CameraFrame
+from skills.grasping.slip import start_slip_watch, watch_slip
+from skills.motion.moves.arc import plan_arc
+from skills.vocabulary import CameraCalibration, Outcome
+
+__all__ = ["fold"]
+
+
+@effect
+def fold(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
+    """Follow the arc from the hands' measured pose, watch for slip, and take the pictures for the report."""
+    arc = context.need(
+        plan_arc(
+            cell.robot, cell.execution_checker, cell.table, attempt.paths, attempt.motion.postures,
+            cell.ports.arms.state().q, limits=cell.limits, tool_speed=attempt.tool_speed, rng=cell.rng(),
+        )
+    )  # fmt: skip
+    trajectory = arc.fold
+    lift = context.fold.carrying[:1]  # without the arc of an earlier call, which ended before it moved
+    context = replace(context, fold=replace(context.fold, carrying=(*lift, trajectory)))
+    pictures: list[CameraFrame] = []
+    moments = np.linspace(0.0, trajectory.duration, cell.settings.recorder.key_frames)
+    calibration = context.sight.calibration(cell.calibration)
+    watch = _all_of(_slip_watch(cell, context.fold), _photographer(cell, calibration, moments, pictures))
+    control = pausable(cell)
+    failure = as_failure(lambda: stream(cell.loop, trajectory, cell.hands.recording(watch), control).failure)
+    executed = replace(attempt.motion, arc=arc)  # friction is learned from the executed arc
+    attempt = replace(attempt, pictures=tuple(pictures), motion=executed)
+    context = with_waiting_time(context.with_attempt(attempt), control)
+    context.require(failure)
+    # a run that is interrupted from now on is resumed with a look at the completed fold
+    context = context.with_attempt(replace(attempt, carried=True))
+    return Result(Event.DONE, context, {"duration_s": trajectory.duration})
+
+
+def _slip_watch(cell: Workcell, fold: FoldContext) -> Watch:
+    watches = {s: start_slip_watch(cell.grasp, fold.biases[s], held) for s, held in fold.held.items()}
+
+    def look(tick: Tick) -> Failure | None:
+        for side, watch in watches.items():
+            after = watch_slip(cell.hands.read(side, tick.state), watch)
+            if isinstance(after, Outcome):
+                return after.failure
+            watches[side] = after
+        return None
+
+    return look
+
+
+def _photographer(
+    cell: Workcell, calibration: CameraCalibration, moments: Array, pictures: list[CameraFrame]
+) -> Watch:
+    """Take a picture at each of the moments [s]. The pictures are only for the recording and the report. Therefore
+    a camera failure does not end the fold, but a stop does."""
+    due = list(moments)
+
+    def look(tick: Tick) -> Failure | None:
+        if due and tick.t >= due[0]:
+            try:
+                frame = cell.ports.camera.glimpse()
+            except DriverError as e:
+                if e.kind is FailureKind.STOPPED:
+                    raise
+                due.pop(0)
+                return None
+            if frame is not None:
+                due.pop(0)
+                pictures.append(frame)
+                cell.recorder.camera(cell.ports.clock.now(), frame, calibration)
+        return None
+
+    return look
+
+
+def _all_of(*watches: Watch) -> Watch:
+    def look(tick: Tick) -> Failure | None:
+        for watch in watches:
+            failure = watch(tick)
+            if failure:
+                return failure
+        return None
+
+    return look

@@ -1,0 +1,25 @@
+"""The effect that opens the pads just wide enough to release the garment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cell.control.motions.hands import commanding, each_hand
+from cell.executive.effects.recovery.parking import RELEASE_OPENING
+from cell.hardware.workcell import Workcell
+from cell.states.run_context import Result, RunContext, effect
+from cell.states.stages import Attempt
+from cell.states.transition_table import Event
+from skills.grasping.release import release, start_release
+
+__all__ = ["release_garment"]
+
+
+@effect
+def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
+    """Open the pads just wide enough to release the garment."""
+    context, hands = context.with_attempt(replace(attempt, carried=True)), cell.hands
+    state = cell.ports.arms.state()
+    states = {s: start_release(RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
+    context.need(each_hand(cell.loop, hands, states, commanding(hands, release)))
+    return Result(Event.DONE, replace(context, fold=replace(context.fold, held={})))
