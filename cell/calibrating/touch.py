@@ -9,10 +9,9 @@ import numpy as np
 from calibration.effects import Touch, TouchReadings
 from cell.control.checks import SETTLED, fresh_state
 from cell.control.motion import Motion
-from cell.control.motions.descent import GuardedHand, guarded_descent
+from cell.control.motions.guarded_motions import GuardedHand, Lowering, guarded_descent
 from cell.control.motions.hands import each_hand
 from cell.control.motions.hold_position import wait
-from cell.control.motions.lowering import Lowering
 from cell.executive.effects.checked_motion import move
 from cell.hardware.workcell import Workcell
 from robots.errors import Failure, FailureKind

@@ -1,18 +1,29 @@
-"""Checks of the arms during execution: stop circuit, age of the state, start position and tracking error."""
+"""Checks of the arms during execution: stop circuit, age of the state, frozen state, start position and tracking
+error."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.control.last_command import LastCommand
+from cell.control.set_points import LastCommand
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.ports import Array, JointSetpoint, JointState, Ports
 from skills.vocabulary import Outcome
 
-__all__ = ["ExecutionLimits", "come_to_rest", "followed", "fresh_state", "hold", "start_mismatch", "stopped"]
+__all__ = [
+    "FROZEN_S",
+    "ExecutionLimits",
+    "FrozenStateWatch",
+    "come_to_rest",
+    "followed",
+    "fresh_state",
+    "hold",
+    "start_mismatch",
+    "stopped",
+]
 
 SETTLED = 0.01
 """Arms whose joints are all nearer than this to the goal have arrived [rad]."""
@@ -120,46 +131,72 @@ def come_to_rest(ports: Ports, limits: ExecutionLimits, last_command: LastComman
 
 
 def start_mismatch(state: JointState, q0: Array, limits: ExecutionLimits) -> Failure | None:
-    error = np.abs(state.q - q0)
-    joint = int(error.argmax())
-    if error[joint] <= limits.start:
-        return None
-    return Failure(
-        FailureKind.START_MISMATCH,
-        f"joint {joint} stands {np.rad2deg(error[joint]):.1f} degrees from where the trajectory starts",
-        "plan again from where the arms are",
-        {"joint": joint, "off_rad": float(error[joint]), "limit_rad": limits.start},
-    )
+    """Return START_MISMATCH if the arms do not stand at q0 (joints,), where a motion starts [rad]."""
+    what = "joint {joint} stands {off:.1f} degrees from where the trajectory starts"
+    hint = "plan again from where the arms are"
+    return _beyond(state.q - q0, limits.start, FailureKind.START_MISMATCH, what, hint)
 
 
 def _altered_setpoint(sent: JointSetpoint, q: Array, limits: ExecutionLimits) -> Failure | None:
     """Return LIMIT_EXCEEDED if the driver has altered the set-point, because this would lead the arms off the
     checked path."""
-    change = np.abs(sent.q - q)
-    joint = int(change.argmax())
-    if change[joint] <= MAX_ALTERED:
-        return None
-    return Failure(
-        FailureKind.LIMIT_EXCEEDED,
-        f"the driver moved joint {joint}'s set-point by {np.rad2deg(change[joint]):.2f} degrees",
-        "compare the robot's own limits with the model's",
-        {
-            "joint": joint,
-            "off_rad": float(change[joint]),
-            "limit_rad": MAX_ALTERED,
-            "clipped": sent.clipped,
-        },
-    )
+    what = "the driver moved joint {joint}'s set-point by {off:.2f} degrees"
+    hint = "compare the robot's own limits with the model's"
+    failure = _beyond(sent.q - q, MAX_ALTERED, FailureKind.LIMIT_EXCEEDED, what, hint)
+    return failure and replace(failure, values={**failure.values, "clipped": sent.clipped})
 
 
 def _tracking_error(state: JointState, q: Array, limits: ExecutionLimits) -> Failure | None:
-    error = np.abs(state.q - q)
-    joint = int(error.argmax())
-    if error[joint] <= limits.tracking:
+    what = "joint {joint} is {off:.1f} degrees off its set-point"
+    hint = "look for an obstacle or a weak motor before you continue"
+    return _beyond(state.q - q, limits.tracking, FailureKind.TRACKING_ERROR, what, hint)
+
+
+def _beyond(off: Array, limit: float, kind: FailureKind, what: str, hint: str) -> Failure | None:
+    """Return a failure if the largest distance in `off` (joints,) exceeds the limit [rad]. what: names the
+    joint and the distance in degrees."""
+    joint = int(np.abs(off).argmax())
+    distance = float(np.abs(off[joint]))
+    if distance <= limit:
         return None
-    return Failure(
-        FailureKind.TRACKING_ERROR,
-        f"joint {joint} is {np.rad2deg(error[joint]):.1f} degrees off its set-point",
-        "look for an obstacle or a weak motor before you continue",
-        {"joint": joint, "off_rad": float(error[joint]), "limit_rad": limits.tracking},
-    )
+    values = {"joint": joint, "off_rad": distance, "limit_rad": limit}
+    return Failure(kind, what.format(joint=joint, off=np.rad2deg(distance)), hint, values)
+
+
+FROZEN_S = 0.1
+"""Positions of moving arms that are the same for longer than this are no readings [s]. Encoders have noise, and no
+arm follows its set-points without turning a joint by their resolution."""
+FROZEN_RAD = 0.005
+"""Positions count as frozen only if the set-points have moved at least this far in that time [rad]. Encoders of
+arms at rest may repeat their positions."""
+
+
+@dataclass(eq=False)
+class FrozenStateWatch:
+    """Tells joint states that have stopped changing although the arms are being moved: the last position that
+    differed from the one before, the time of its reading, and the set-point then.
+
+    The tracking error finds such a state only when the set-points have gone far enough, and never near the end of
+    a motion.
+    """
+
+    _q: Array | None = None
+    _since: float = 0.0
+    _setpoint: Array | None = None
+
+    def check(self, state: JointState, setpoint: Array) -> Failure | None:
+        """Return STALE_STATE if the positions (joints,) have been exactly the same for more than FROZEN_S, by
+        their stamps, while the set-points (joints,) have moved by FROZEN_RAD. Called once per set-point."""
+        if self._q is None or self._setpoint is None or not np.array_equal(state.q, self._q):
+            self._q, self._since, self._setpoint = state.q, state.stamp, setpoint
+            return None
+        seconds, moved = state.stamp - self._since, float(np.abs(setpoint - self._setpoint).max())
+        if seconds <= FROZEN_S or moved < FROZEN_RAD:
+            return None
+        return Failure(
+            FailureKind.STALE_STATE,
+            f"the arms' positions have been exactly the same for {seconds * 1e3:.0f} ms, "
+            f"while the set-points moved by {np.rad2deg(moved):.1f} degrees",
+            "check the connection to the robot, and that its encoders are read",
+            {"frozen_s": seconds, "moved_rad": moved},
+        )

@@ -26,12 +26,8 @@ class HandRecord:
 
     _begun: bool = False
     _readings: deque[tuple[float, Array, tuple[float, ...]]] = field(default_factory=lambda: deque(maxlen=LONGEST))
-    _freed: dict[Side, float] = field(default_factory=dict)
-
-    @property
-    def clung_until(self) -> Mapping[Side, float]:
-        """The time until which cloth clung to a finger of each open hand [s]."""
-        return dict(self._freed)
+    clung_until: dict[Side, float] = field(default_factory=dict)
+    """The time until which cloth clung to a finger of each open hand [s]."""
 
     def begin(self) -> None:
         """Record from now on, because the hands lift cloth."""
@@ -45,12 +41,12 @@ class HandRecord:
     def freed(self, side: Side) -> None:
         """Note that this hand came free of cloth just now, although it was open before."""
         if self._readings:
-            self._freed[side] = self._readings[-1][0]
+            self.clung_until[side] = self._readings[-1][0]
 
     def forget(self) -> None:
         """Forget the readings, and record no others."""
         self._readings.clear()
-        self._freed.clear()
+        self.clung_until.clear()
         self._begun = False
 
     def add(self, state: JointState, openings: Mapping[Side, float]) -> None:

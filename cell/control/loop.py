@@ -13,13 +13,11 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from cell.control.checks import ExecutionLimits, followed, fresh_state, start_mismatch, stopped
-from cell.control.frozen_state import FrozenStateWatch
-from cell.control.last_command import LastCommand
+from cell.control.checks import ExecutionLimits, FrozenStateWatch, followed, fresh_state, start_mismatch, stopped
 from cell.control.motion import Feedback, Motion, SetPoint
 from cell.control.path_clock import PathControl
-from cell.control.path_record import PathRecord
 from cell.control.pausing import Interruptions
+from cell.control.set_points import LastCommand, PathRecord
 from cell.control.ticks import Ticks
 from robots.errors import FailureKind
 from robots.ports import JointState, Ports

@@ -10,7 +10,6 @@ from scipy.optimize import minimize_scalar
 
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
-from cell.states.transition_table import Event
 from robots.model import JointLimits
 from robots.ports import ArmTrajectory, Array
 from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
@@ -40,15 +39,6 @@ class PathControl:
     waited_s: float = 0.0
     stop_s: float = STOP_TIME
 
-    def pending_command(self) -> Event | None:
-        return self.commands.take(frozenset({Event.PAUSE, Event.ABORT})) if self.commands else None
-
-    def answer(self) -> Event | None:
-        """Wait for the command that ends a pause. Returns None if no such command comes within a tick of real
-        time."""
-        assert self.commands is not None
-        return self.commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
-
 
 class PathClock:
     """The motion's own clock. It can run, slow to a stop, rest and start again. The motion never leaves its path,
@@ -72,10 +62,6 @@ class PathClock:
     @property
     def resting(self) -> bool:
         return self._goal == 0.0 and self._warp is None
-
-    @property
-    def stopping(self) -> bool:
-        return self._goal == 0.0 and self._warp is not None
 
     @property
     def arrived(self) -> bool:

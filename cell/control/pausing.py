@@ -6,7 +6,7 @@ from cell.control.checks import ExecutionLimits, start_mismatch
 from cell.control.motion import Order, SetPoint
 from cell.control.path_clock import PathControl
 from cell.control.ticks import TICK_S
-from cell.states.commands import ABORTED
+from cell.states.commands import ABORTED, CommandQueue
 from cell.states.transition_table import Event
 from robots.errors import Failure
 from robots.ports import Array, Clock, JointState
@@ -57,9 +57,9 @@ class Interruptions:
         if control is None or control.commands is None:
             return None
         if self.resting:
-            return self._rest(control, following, q, state)
+            return self._rest(control, control.commands, following, q, state)
         if not self._stopping:
-            command = control.pending_command()
+            command = control.commands.take(frozenset({Event.PAUSE, Event.ABORT}))
             if command is Event.PAUSE:
                 control.tell("pausing: the arms are coming to rest")
                 self._asked = self._clock.now()
@@ -69,15 +69,17 @@ class Interruptions:
                 self._bring_to_rest()
         return None
 
-    def _rest(self, control: PathControl, following: SetPoint, q: Array, state: JointState) -> Failure | None:
-        """Perform one tick of a pause. The journal gets the pause only when the arms rest, because a slow disk
-        must not delay moving arms."""
+    def _rest(
+        self, control: PathControl, commands: CommandQueue, following: SetPoint, q: Array, state: JointState
+    ) -> Failure | None:
+        """Perform one tick of a pause, which waits as long for a command in real time. The journal gets the pause
+        only when the arms rest, because a slow disk must not delay moving arms."""
         control.waited_s += TICK_S
         if self._asked is not None:
             control.note("paused", {"asked_s": self._asked, "path_s": following.path_s})
             control.tell("paused during a motion: resume, or end the run")
             self._asked = None
-        command = control.answer()
+        command = commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
         if command is Event.RESUME:
             mismatch = start_mismatch(state, q, self._limits)
             if mismatch:

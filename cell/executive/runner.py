@@ -84,10 +84,9 @@ class Runner:
             step = self._advance(event)
             entered = clock.now()
             self._note_entry(entered, step)
-            if step.target in TERMINAL:
-                self._perform(step, self._context)
-                return step.target
             result = self._perform(step, self._context)
+            if step.target in TERMINAL:
+                return step.target
             self._context, event = result.context, result.event
             self._times[step.target.value] = self._times.get(step.target.value, 0.0) + clock.now() - entered
             ended = clock.now()  # read once: the number of clock readings must not depend on the observers

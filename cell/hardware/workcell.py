@@ -12,10 +12,9 @@ import numpy as np
 from cell.config.cell_settings import CellSettings
 from cell.control.checks import ExecutionLimits, stopped
 from cell.control.hand_record import HandRecord
-from cell.control.last_command import LastCommand
 from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
-from cell.control.path_record import PathRecord
+from cell.control.set_points import LastCommand, PathRecord
 from cell.states.commands import CommandQueue
 from cell.view import Recorder
 from robots.errors import DriverError, FailureKind

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.ports import Array, CameraFrame, Side
+from robots.ports import Array, CameraFrame, Side, frozen
 from skills.cloth.mesh import ClothMesh
+from skills.fold_plan.plan import rigid_motion, translate_plan
 from skills.fold_plan.repair import RepairGoal, RepairPlan
 from skills.garments.garment import Garment
 from skills.motion.moves.fold import FoldMotion
@@ -30,6 +31,7 @@ __all__ = [
     "Recognition",
     "Repair",
     "Spread",
+    "with_drift",
 ]
 
 
@@ -71,6 +73,26 @@ class Plan:
     steps: tuple[FoldStep, ...]
     mesh: ClothMesh
     vertices: Array
+
+    def drifted(self, seen: Inspection) -> Plan:
+        """Return the plan after a drift: its flat garment, fold steps, believed shape and material coordinates are
+        moved by the observed drift."""
+        return replace(
+            self,
+            flat=replace(
+                self.flat,
+                contour=with_drift(self.flat.contour, seen),
+                keypoints={name: with_drift(point, seen) for name, point in self.flat.keypoints.items()},
+            ),
+            steps=translate_plan(self.steps, seen.drift, seen.drift_rad, seen.drift_about),
+            mesh=replace(self.mesh, rest=with_drift(self.mesh.rest, seen)),
+            vertices=frozen(np.column_stack([with_drift(self.vertices[:, :2], seen), self.vertices[:, 2]])),
+        )
+
+
+def with_drift(points: Array, seen: Inspection) -> Array:
+    """Return points (..., 2) [m], moved by the observed drift."""
+    return frozen(rigid_motion(points, seen.drift, seen.drift_rad, seen.drift_about))
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 __all__ = [
     "HANDS_CARRY_CLOTH",
-    "HANDS_ON_CLOTH",
     "REENTRIES",
     "TERMINAL",
     "TRANSITIONS",
@@ -160,11 +159,6 @@ S, E, Do = State, Event, Effect
 
 TERMINAL = frozenset({S.FOLDED, S.NOT_FOLDED, S.STOPPED, S.FAULT})
 
-HANDS_ON_CLOTH = frozenset(
-    {S.APPROACHING, S.GRASPING, S.LIFTING, S.FOLDING, S.RELEASING, S.RETREATING, S.PRESSING, S.LAYING_BACK}
-)
-"""States whose failure leaves the hands near the garment. After such a failure, CLEARING first moves the hands
-away."""
 HANDS_CARRY_CLOTH = frozenset({S.LIFTING, S.FOLDING})
 """States in which the hands carry the garment. After a failure, an abort or a crash of the program, LAYING_BACK
 first lays it down."""

@@ -14,9 +14,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from cell.control.hand_record import HandRecord
-from cell.control.last_command import LastCommand, blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, SetPoint, Tick, Watch
+from cell.control.set_points import LastCommand, blend
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import RobotModel

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cell.control.last_command import LastCommand, blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, SetPoint, Tick, Watch
+from cell.control.set_points import LastCommand, blend
 from cell.control.ticks import TICK_S
 from robots.errors import Failure
 from robots.ports import JointState

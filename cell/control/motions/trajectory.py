@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from cell.control.checks import SETTLE_S, SETTLED, start_mismatch
-from cell.control.last_command import blend
 from cell.control.loop import ControlLoop
 from cell.control.motion import Motion, Order, SetPoint, Tick, Watch
 from cell.control.path_clock import PathClock, PathControl
+from cell.control.set_points import blend
 from cell.control.ticks import TICK_S
 from robots.ports import ArmTrajectory, JointState
 from skills.vocabulary import Outcome

@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from cell.control.motion import Motion
-from cell.control.motions.descent import GuardedHand, guarded_descent
-from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
-from cell.control.motions.guarded_push import push_down
+from cell.control.motions.guarded_motions import (
+    FingertipForceMonitor,
+    GuardedHand,
+    Lowering,
+    guarded_descent,
+    push_down,
+)
 from cell.control.motions.hands import commanding, each_hand
-from cell.control.motions.lowering import Lowering
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment

@@ -8,13 +8,12 @@ import numpy as np
 
 from cell.executive.effects.adapting import adapt
 from cell.executive.effects.claiming import claim_failure, fold_target, make_claim
-from cell.executive.effects.drift import apply_drift, moved_contour
 from cell.executive.effects.pressing import plan_pressing
 from cell.executive.effects.recovery.estimating import note_estimate
 from cell.hardware.workcell import Workcell
 from cell.states.fold_context import FoldContext
 from cell.states.run_context import Result, RunContext, effect
-from cell.states.stages import Attempt, Plan
+from cell.states.stages import Attempt, Plan, with_drift
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
 from robots.ports import CameraFrame
@@ -181,10 +180,10 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
             figures(inspection),
         )
         return context.failed(failure, figures(inspection))
-    context = replace(context, plan=apply_drift(plan, inspection))
+    context = replace(context, plan=plan.drifted(inspection))
     if context.disturbed and context.first_look is not None:
         # the claim judges only what the cell has displaced: the place of the first look moves with the garment
-        moved = moved_contour(context.first_look.contour, inspection)
+        moved = with_drift(context.first_look.contour, inspection)
         context = replace(context, first_look=replace(context.first_look, contour=moved))
     found = replace(context, disturbed=False, fold=replace(context.fold, touched=False))
     return Result(Event.DONE, found, figures(inspection))
@@ -259,4 +258,4 @@ def _with_step_note(context: RunContext, inspecting: bool) -> RunContext:
         return replace(context, done=(*context.done, note), plan=plan)
     if note.inspected is None:
         return replace(context, plan=plan)
-    return replace(context, done=(*context.done, note), plan=apply_drift(plan, note.inspected))
+    return replace(context, done=(*context.done, note), plan=plan.drifted(note.inspected))

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from cell.control.motion import Tick
-from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
+from cell.control.motions.guarded_motions import FingertipForceMonitor
 from cell.control.motions.hands import each_hand
 from cell.control.motions.trajectory import stream
 from cell.executive.effects.checked_motion import move, pausable, with_waiting_time
-from cell.executive.effects.drift import apply_drift
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import Result, RunContext, effect
 from cell.states.stages import Attempt, Plan, PressPlan
@@ -49,7 +48,7 @@ def plan_pressing(
     step = plan.steps[index]
     if not _should_press(cell, step, plan, attempt, inspection):
         return None
-    observed_plan = apply_drift(replace(plan, vertices=attempt.predicted.vertices), inspection)
+    observed_plan = replace(plan, vertices=attempt.predicted.vertices).drifted(inspection)
     observed_step = observed_plan.steps[index]
     dabs, highest = _dabs(cell, observed_step, observed_plan, inspection)
     if not dabs:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.frozen_state import FROZEN_RAD, FROZEN_S, FrozenStateWatch
-from cell.control.last_command import LastCommand
+from cell.control.checks import FROZEN_RAD, FROZEN_S, ExecutionLimits, FrozenStateWatch
 from cell.control.loop import ControlLoop
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
+from cell.control.set_points import LastCommand
 from cell.control.ticks import TICK_S
 from robots.errors import Failure, FailureKind
 from robots.model import JointLimits

@@ -10,17 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.last_command import LastCommand
+from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
-from cell.control.motions.descent import GuardedHand, guarded_descent
-from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
-from cell.control.motions.guarded_push import push_down
+from cell.control.motions.guarded_motions import (
+    FingertipForceMonitor,
+    GuardedHand,
+    Lowering,
+    guarded_descent,
+    push_down,
+)
 from cell.control.motions.hands import Hands, each_hand
 from cell.control.motions.hold_position import wait
-from cell.control.motions.lowering import Lowering
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
+from cell.control.set_points import LastCommand
 from cell.control.ticks import LOST_S, TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.last_command import LastCommand
+from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
-from cell.control.path_record import SPACING, PathRecord
 from cell.control.rest import REST_S, STILL_S, await_rest, stand_by
+from cell.control.set_points import SPACING, LastCommand, PathRecord
 from cell.control.ticks import TICK_S
 from robots.errors import FailureKind
 from robots.model import JointLimits

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.last_command import LastCommand, blend
 from cell.control.motions.hands import Hands, control_hands, each_hand
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
+from cell.control.set_points import LastCommand, blend
 from cell.hardware.workcell import Workcell
 from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side

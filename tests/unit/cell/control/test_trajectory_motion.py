@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.control.checks import SETTLE_S, come_to_rest, hold
-from cell.control.last_command import LastCommand
+from cell.control.checks import ExecutionLimits, come_to_rest, hold
 from cell.control.loop import ControlLoop
 from cell.control.motion import Tick
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import OFF_PATH, stream
 from cell.control.path_clock import PathControl
+from cell.control.set_points import LastCommand
 from cell.control.ticks import TICK_S
 from cell.states.commands import CommandQueue
 from cell.states.transition_table import Event

@@ -556,35 +556,14 @@ def test_events_within_an_effect_are_recorded_between_its_intent_and_result(rig:
     assert entries[k + 1].answers == entries[k - 1].sequence
 
 
-def test_a_motion_postponed_by_a_pause_starts_after_the_pause(rig: Rig) -> None:
-    rig.after[Effect.GRASP] = rig.say(Event.PAUSE)
-    rig.answer(Effect.WAIT, rig.say(Event.RESUME))
-    assert rig.run().state is State.FOLDED
-    assert rig.performed.count(Effect.LIFT) == 1
-    at = rig.performed.index(Effect.WAIT)
-    assert rig.performed[at + 1] is Effect.LIFT
-
-
 def test_a_run_can_be_paused_twice(rig: Rig) -> None:
     rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
     rig.after[Effect.FOLD] = rig.say(Event.PAUSE)
     rig.answer(Effect.WAIT, rig.say(Event.RESUME), rig.say(Event.RESUME))
     assert rig.run().state is State.FOLDED
     assert rig.performed.count(Effect.WAIT) == 2
-
-
-def test_a_paused_run_can_be_aborted(rig: Rig) -> None:
-    rig.after[Effect.LOOK] = rig.say(Event.PAUSE)
-    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
-    assert rig.run().state is State.NOT_FOLDED
-    assert rig.performed[-4:] == [Effect.LOOK, Effect.WAIT, Effect.MAKE_SAFE, Effect.NOTHING]
-
-
-def test_an_abort_in_a_pause_with_cloth_in_the_hands_lays_it_back(rig: Rig) -> None:
-    rig.after[Effect.LIFT] = rig.say(Event.PAUSE)
-    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
-    assert rig.run().state is State.NOT_FOLDED
-    assert rig.performed[-5:] == [Effect.LIFT, Effect.WAIT, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+    resumed = [rig.performed[k + 1] for k, effect in enumerate(rig.performed) if effect is Effect.WAIT]
+    assert resumed == [Effect.RECOGNISE, Effect.RELEASE], "the postponed effect follows, once"
 
 
 def test_a_paused_run_can_be_stopped(rig: Rig) -> None:
@@ -601,27 +580,29 @@ def test_the_result_names_the_final_cause_and_not_a_recovered_failure(rig: Rig) 
     assert end.context.failure.kind is K.ABORTED and end.context.failure.hint
 
 
-@pytest.mark.parametrize("effect", [Effect.PREPARE, Effect.RECOGNISE, Effect.FOLD])
-def test_an_abort_between_two_effects_makes_the_cell_safe(rig: Rig, effect: Effect) -> None:
-    rig.after[effect] = rig.say(Event.ABORT)
-    assert rig.run().state is State.NOT_FOLDED
-    assert rig.performed[-3:] == [effect, Effect.MAKE_SAFE, Effect.NOTHING]
-
-
-def test_an_abort_during_a_motion_is_not_followed_by_a_question(rig: Rig) -> None:
+@pytest.mark.parametrize(
+    ("fails", "after", "tail"),
+    [
+        ({}, {Effect.PREPARE: Event.ABORT}, [Effect.PREPARE]),
+        ({}, {Effect.RECOGNISE: Event.ABORT}, [Effect.RECOGNISE]),
+        ({}, {Effect.FOLD: Event.ABORT}, [Effect.FOLD]),
+        ({}, {Effect.LOOK: Event.PAUSE}, [Effect.LOOK, Effect.WAIT]),
+        ({}, {Effect.LIFT: Event.PAUSE}, [Effect.LIFT, Effect.WAIT, Effect.LAY_BACK]),
+        ({Effect.FOLD: K.ABORTED}, {}, [Effect.FOLD, Effect.LAY_BACK]),
+        ({Effect.FOLD: K.SLIPPED, Effect.LAY_BACK: K.ABORTED}, {}, [Effect.FOLD, Effect.LAY_BACK]),
+    ],
+)
+def test_an_abort_makes_the_cell_safe_and_lays_cloth_in_the_hands_back_before(
+    rig: Rig, fails: dict[Effect, FailureKind], after: dict[Effect, Event], tail: list[Effect]
+) -> None:
+    """Between two effects, in a pause, during a motion and while cloth is laid back. No question follows."""
     rig.attended()
-    rig.special[Effect.FOLD] = failing(K.ABORTED)
+    rig.special |= {effect: failing(kind) for effect, kind in fails.items()}
+    rig.after = {effect: rig.say(event) for effect, event in after.items()}
+    rig.answer(Effect.WAIT, rig.say(Event.ABORT))
     end = rig.run()
     assert end.state is State.NOT_FOLDED and end.context.failure.kind is K.ABORTED
-    assert rig.performed[-4:] == [Effect.FOLD, Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
-    assert rig.transitions()[-3] == ("abort", "laying_back")
-
-
-def test_an_abort_of_laying_back_opens_the_hands_at_once(rig: Rig) -> None:
-    rig.special[Effect.FOLD] = failing(K.SLIPPED)
-    rig.special[Effect.LAY_BACK] = failing(K.ABORTED)
-    assert rig.run().state is State.NOT_FOLDED
-    assert rig.performed[-3:] == [Effect.LAY_BACK, Effect.MAKE_SAFE, Effect.NOTHING]
+    assert rig.performed[-len(tail) - 2 :] == [*tail, Effect.MAKE_SAFE, Effect.NOTHING]
 
 
 def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from cell.executive.machine import Executive, complete_table
 from cell.states.transition_table import (
     HANDS_CARRY_CLOTH,
-    HANDS_ON_CLOTH,
     REENTRIES,
     TERMINAL,
     Effect,
@@ -21,6 +20,16 @@ from cell.states.transition_table import (
 from robots.errors import InternalError
 
 ROWS = complete_table()
+HANDS_ON_CLOTH = {
+    row.target
+    for row in ROWS
+    if row.effect
+    in {
+        Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS,
+        Effect.LAY_BACK,
+    }
+}  # fmt: skip
+"""States whose failure leaves the hands near the garment."""
 WORKING = [s for s in State if s not in TERMINAL and s is not State.IDLE]
 
 
@@ -98,11 +107,6 @@ def test_every_working_state_has_a_failure_transition(state: State) -> None:
 def test_a_failure_with_hands_on_the_cloth_leads_to_clearing() -> None:
     """Cloth in the hands is laid down before. A failed clearing is tried once more, before the cell is made safe
     in any case."""
-    at_work = {
-        Effect.APPROACH, Effect.GRASP, Effect.LIFT, Effect.FOLD, Effect.RELEASE, Effect.RETREAT, Effect.PRESS,
-        Effect.LAY_BACK,
-    }  # fmt: skip
-    assert {r.target for r in ROWS if r.effect in at_work} == HANDS_ON_CLOTH
     failing = {r.state: r.target for r in ROWS if r.event is Event.FAILED}
     for s in HANDS_ON_CLOTH - HANDS_CARRY_CLOTH:
         assert failing[s] is State.CLEARING

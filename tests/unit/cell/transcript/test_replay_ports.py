@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 import robots.ports
-from cell.control.last_command import LastCommand
+from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl
+from cell.control.set_points import LastCommand
 from cell.hardware.workcell import Workcell
 from cell.journal.frame_store import FRAMES
 from cell.states.commands import CommandQueue

@@ -12,7 +12,7 @@ import pytest
 
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
-from cell.control.last_command import LastCommand
+from cell.control.set_points import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
 from cell.states.recovery_table import RECOVERIES, Adjustment

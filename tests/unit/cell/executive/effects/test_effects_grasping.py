@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.motions.fingertip_force_monitor import FingertipForceMonitor
+from cell.control.motions.guarded_motions import FingertipForceMonitor
 from cell.control.motions.hands import Hands
 from cell.executive.effects import EFFECTS, grasping, lifting
 from cell.hardware.workcell import Workcell

@@ -11,8 +11,8 @@ import pytest
 
 from cell.config.cell_settings import load_settings
 from cell.control.motion import Tick
+from cell.control.motions.guarded_motions import Lowering
 from cell.control.motions.hands import Hands
-from cell.control.motions.lowering import Lowering
 from cell.executive.effects import EFFECTS, checked_motion, folding, grasping, lifting, moving
 from cell.executive.effects.recovery import freeing, parking, ways_out
 from cell.executive.effects.recovery.ways_out import FREEING_TRIES

@@ -13,7 +13,7 @@ import cell.executive.effects.moving as moving
 import cell.executive.effects.recovery.parking as parking
 import cell.executive.effects.recovery.ways_out as ways_out
 from cell.config.cell_settings import load_settings
-from cell.control.last_command import LastCommand
+from cell.control.set_points import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.checked_motion import move
 from cell.executive.effects.moving import clear, clear_again, hold_still, make_safe, prepare, retreat

@@ -117,40 +117,35 @@ def cell_with(tmp_path: Path, **keys: float) -> Any:
     return fake_workcell(FakeCell(), settings=load_settings(path))
 
 
-def test_a_fold_that_stands_high_is_pressed(tmp_path: Path) -> None:
-    workcell = cell_with(tmp_path, max_attempts=1, min_excess_height=0.007)
-    planned = plan_pressing(workcell, seen(0.030))
-    assert planned is not None and planned.dabs > 2
-    heap = {"diagnosis": FailureKind.PILING, "claim": None}
-    assert plan_pressing(workcell, seen(FLAT + 0.0071, **heap)) is not None
-    assert plan_pressing(workcell, seen(FLAT + 0.0069, **heap)) is None
-    assert plan_pressing(workcell, seen(float("nan"))) is None, "an unknown height is not pressed"
+HEAP = {"diagnosis": FailureKind.PILING, "claim": None}
 
 
-@pytest.mark.parametrize("claim", [a_claim(flat=True), None])
-def test_a_crease_as_high_as_its_fabric_makes_it_is_not_pressed(tmp_path: Path, claim: Any) -> None:
-    """The last fold if it is flat enough for the claim, and earlier folds."""
-    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.030, claim=claim)) is None
-
-
-def test_the_settings_limit_how_often_a_fold_is_pressed(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, max_attempts=0), seen(0.030)) is None
-    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.025, pressed=(0.030,))) is None
-    assert plan_pressing(cell_with(tmp_path, max_attempts=2), seen(0.025, pressed=(0.030,))) is not None
-
-
-def test_a_press_attempt_without_contact_counts_as_an_attempt(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, max_attempts=1), seen(0.030, press_tries=0)) is not None
-    tried = context_with(seen(0.030), press_tries=1)
-    assert plan_pressing(cell_with(tmp_path, max_attempts=1), tried) is None
-
-
-def test_a_fold_is_not_pressed_if_the_operator_skips_it(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, max_attempts=1), context_with(seen(0.030), unpressed=True)) is None
-
-
-def test_a_fold_that_pressing_did_not_lower_is_not_pressed_again(tmp_path: Path) -> None:
-    assert plan_pressing(cell_with(tmp_path, max_attempts=3), seen(0.0295, pressed=(0.030,))) is None
+@pytest.mark.parametrize(
+    ("attempts", "height", "known", "pressed"),
+    [
+        (1, 0.030, {}, True),
+        (1, FLAT + 0.0071, HEAP, True),
+        (1, FLAT + 0.0069, HEAP, False),
+        # an unknown height; flat enough for the claim; an earlier fold, as high as its fabric makes it
+        (1, float("nan"), {}, False),
+        (1, 0.030, {"claim": a_claim(flat=True)}, False),
+        (1, 0.030, {"claim": None}, False),
+        # the settings limit the number of attempts, also of those without contact
+        (0, 0.030, {}, False),
+        (1, 0.025, {"pressed": (0.030,)}, False),
+        (2, 0.025, {"pressed": (0.030,)}, True),
+        (1, 0.030, {"press_tries": 1}, False),
+        # the operator skipped it; the pressing before did not lower it
+        (1, 0.030, {"unpressed": True}, False),
+        (3, 0.0295, {"pressed": (0.030,)}, False),
+    ],
+)
+def test_a_fold_is_pressed_if_it_stands_high_and_pressing_may_help(
+    tmp_path: Path, attempts: int, height: float, known: dict[str, Any], pressed: bool
+) -> None:
+    workcell = cell_with(tmp_path, max_attempts=attempts, min_excess_height=0.007)
+    planned = plan_pressing(workcell, seen(height, **known))
+    assert (planned is not None and planned.dabs > 2) is pressed
 
 
 @pytest.mark.parametrize("high", [(0.45, 0.46), None])
@@ -387,29 +382,22 @@ def test_a_failure_while_a_pushed_hand_brakes_is_reported(tmp_path: Path, monkey
     assert result.event is Event.FAILED and result.context.failure is lag
 
 
-@pytest.mark.parametrize("where", ["move", "each_hand", "plan_arc"])
-def test_a_hand_that_did_not_arrive_does_not_press(
+@pytest.mark.parametrize("where", ["move", "each_hand", "plan_arc", "stream"])
+def test_a_fault_ends_the_pressing_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    """The failure occurs on the way above the fold, during the tare, or because no free path down is found."""
+    """On the way above the fold, during the tare, because no free path down is found, and while the hand presses:
+    only then it has pressed."""
     workcell = cell_with(tmp_path, max_attempts=1)
     context = standing_by(workcell, monkeypatch)
     why = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
     failed = why if where == "move" else Outcome[Any](failure=why)
-    monkeypatch.setattr(pressing, where, lambda *_, **__: failed)
     monkeypatch.setattr(pressing, "stream", lambda *_: pytest.fail("the hand does not press"))
+    monkeypatch.setattr(pressing, where, lambda *_, **__: failed)
     result = press(workcell, context)
     assert result.event is Event.FAILED and result.context.failure is why
-    assert result.context.fold.attempt.press_tries == 1 and result.context.fold.attempt.pressed == ()
-
-
-def test_a_fault_while_pressing_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    workcell = cell_with(tmp_path, max_attempts=1)
-    context = standing_by(workcell, monkeypatch)
-    lag = Failure(FailureKind.TRACKING_ERROR, "the arm lags")
-    monkeypatch.setattr(pressing, "stream", lambda *_: Outcome(failure=lag))
-    result = press(workcell, context)
-    assert result.event is Event.FAILED and result.context.failure is lag
+    assert result.context.fold.attempt.press_tries == 1
+    assert len(result.context.fold.attempt.pressed) == (where == "stream")
 
 
 def standing_by(workcell: Any, monkeypatch: pytest.MonkeyPatch) -> RunContext:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cell.config.garments.garment_file import load_garment
-from cell.executive.effects.drift import apply_drift
 from cell.states.stages import Plan
 from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.plan import plan_folds
@@ -32,7 +31,7 @@ def test_drift_moves_the_whole_plan_with_the_outline(turn: float) -> None:
 
     towel = load_garment("medium_towel")
     flat = towel.flat_state(*towel.poses.middle)
-    after = apply_drift(Plan(towel, towel, flat, (step,), mesh, vertices), seen)
+    after = Plan(towel, towel, flat, (step,), mesh, vertices).drifted(seen)
 
     def moved(xy: np.ndarray) -> np.ndarray:
         return xy @ R.T + t
@@ -61,7 +60,7 @@ def test_a_plan_made_from_the_drifted_garment_equals_the_drifted_plan() -> None:
     )
     plan = Plan(towel, towel, flat, steps, mesh, np.zeros((0, 3)))
     seen: Any = SimpleNamespace(drift=np.array([0.02, -0.01]), drift_rad=0.05, drift_about=np.array([0.6, 0.1]))
-    after = apply_drift(plan, seen)
+    after = plan.drifted(seen)
     for anew, moved in zip(plan_folds(after.flat, towel).unwrap(), after.steps, strict=True):
         assert set(anew.grasps) == set(moved.grasps) and anew.variant == moved.variant
         for i, grasp in anew.grasps.items():
