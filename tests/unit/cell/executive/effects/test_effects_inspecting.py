@@ -178,7 +178,7 @@ def test_a_last_fold_whose_claim_does_not_hold_is_not_folded(
     result = inspect_fold(workcell, again.context)
     assert EFFECTS[Effect.CHOOSE_RECOVERY](workcell, result.context).event is Event.GIVE_UP
     note = result.context.notes()["quarter"]
-    assert not note.accepted and note.claim is not None and not note.claim.holds
+    assert not note.accepted and note.attempt.claim is not None and not note.attempt.claim.holds
 
 
 @pytest.mark.parametrize("drifted", [None, K.DRIFT])
