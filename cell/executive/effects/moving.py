@@ -25,8 +25,8 @@ __all__ = ["approach", "clear", "clear_again", "hold_still", "make_safe", "prepa
 
 HEAD_TURN_S = 1.5
 QUICK_STOP_S = 0.1
-"""Time in which hands that leave the garment come to rest, if the joints can [s]: meanwhile they drag cloth on a
-finger along."""
+"""Time in which hands that leave the garment come to rest, if the joints can [s]. Until they rest, they drag cloth
+that hangs on a finger."""
 BRAKING_S = 1.5
 """Longest wait for arms that were stopped or commanded to hold [s]. They need at most 0.3 s."""
 

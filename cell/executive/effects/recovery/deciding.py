@@ -121,8 +121,8 @@ def _value(failed: Failure, name: str, otherwise: float) -> float:
 
 
 def _dwell(cell: Workcell, seconds: float) -> Failure | None:
-    """Hold the arms for `seconds`. If their state falls silent meanwhile, the rest is waited without set-points,
-    because it may come back: whether it has is checked when the next motion begins."""
+    """Hold the arms for `seconds`. If their state becomes stale, the wait goes on without set-points, because the
+    state may come back. The next motion checks whether it has."""
     clock = cell.ports.clock
     until = clock.now() + seconds
     for _ in range(DWELL_PARTS):
