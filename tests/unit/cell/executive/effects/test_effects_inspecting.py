@@ -278,7 +278,9 @@ def test_a_fold_neither_carried_nor_seen_leaves_the_assumed_shape_unchanged() ->
     ("left", "why"), [((), None), (("half",), "half"), (("half", "quarter"), "half, quarter")]
 )
 def test_a_run_is_folded_only_if_every_fold_was_made(left: tuple[str, ...], why: str | None) -> None:
-    notes: Any = tuple(SimpleNamespace(name=s.name, claim=None) for s in STEPS if s.name not in left)
+    notes: Any = tuple(
+        SimpleNamespace(name=s.name, attempt=SimpleNamespace(claim=None)) for s in STEPS if s.name not in left
+    )
     after = context_with(steps=STEPS, index=1, done=notes, failure=Failure(K.SLIPPED, "lost"))
     result = next_step(fake_workcell(FakeCell()), after)
     assert result.event is (Event.GIVE_UP if left else Event.ALL_FOLDED)
