@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.checks import FROZEN_RAD, FROZEN_S, ExecutionLimits, FrozenStateWatch
+from cell.control.checks import FROZEN_RAD, FROZEN_S, FrozenStateWatch
 from cell.control.loop import ControlLoop
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motion import Feedback, Motion, Order, SetPoint, Tick
 from cell.control.motions.guarded_motions import (

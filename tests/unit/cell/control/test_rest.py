@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motions.trajectory import stream
 from cell.control.path_clock import PathControl

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.control.checks import ExecutionLimits, come_to_rest, hold
+from cell.control.checks import SETTLE_S, come_to_rest, hold
 from cell.control.loop import ControlLoop
 from cell.control.motion import Tick
 from cell.control.motions.hold_position import wait

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import robots.ports
-from cell.control.checks import ExecutionLimits
 from cell.control.loop import ControlLoop
 from cell.control.motions.hold_position import wait
 from cell.control.motions.trajectory import stream

@@ -55,7 +55,7 @@ def made(**changes: Any) -> RunContext:
 
 def look(monkeypatch: pytest.MonkeyPatch, looked: Inspection) -> None:
     """Every inspection has this result; nothing is pressed and nothing learned."""
-    monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(looked))
+    monkeypatch.setattr(inspecting, "inspect", lambda *_, **__: Outcome(looked))
     monkeypatch.setattr(inspecting, "plan_pressing", lambda *_: None)
     monkeypatch.setattr(inspecting, "adapt", lambda cell, index, plan, *_: (plan.garment, {}))
 
@@ -77,7 +77,9 @@ def test_a_second_look_is_averaged_with_the_first_unless_the_fold_was_pressed(
 ) -> None:
     first, given = seen(K.SAG), []
     look(monkeypatch, seen())
-    monkeypatch.setattr(inspecting, "inspect", lambda *arguments: given.append(arguments[-1]) or Outcome(seen()))
+    monkeypatch.setattr(
+        inspecting, "inspect", lambda *_, **looks: given.append(looks["earlier"]) or Outcome(seen())
+    )
     context = made(inspection=first, pressed=(first,) if pressed else ())
     inspect_fold(fake_workcell(FakeCell()), context)
     assert given == [None if pressed else first]
@@ -308,7 +310,7 @@ def test_an_inspection_without_a_visible_garment_fails(
     effect: Effect, index: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost = Failure(K.NO_GARMENT, "the garment is not seen on the table any more")
-    monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(failure=lost))
+    monkeypatch.setattr(inspecting, "inspect", lambda *_, **__: Outcome(failure=lost))
     frame: Any = object()
     result = EFFECTS[effect](fake_workcell(FakeCell()), made(frame=frame, index=index))
     assert result.event is Event.FAILED and result.context.failure is lost

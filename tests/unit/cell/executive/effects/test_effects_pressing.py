@@ -216,7 +216,7 @@ def high(
     looked = replace(
         context.fold.attempt.inspection, diagnosis=diagnosis, iou_aligned=0.95, edge_deviation_m=outline_off
     )
-    monkeypatch.setattr(inspecting, "inspect", lambda *_: Outcome(looked))
+    monkeypatch.setattr(inspecting, "inspect", lambda *_, **__: Outcome(looked))
     nothing = Outcome[Any](failure=Failure(FailureKind.NO_GARMENT, "nothing is estimated here"))
     monkeypatch.setattr(inspecting, "note_estimate", lambda *_: nothing)
     return context, cell_with(tmp_path, max_attempts=1)
