@@ -178,7 +178,7 @@ def test_a_recognised_garment_keeps_its_category(monkeypatch: pytest.MonkeyPatch
     """In a run with `auto`, a towel that was released half folded looks like a smaller flat one."""
     expected: list[str | None] = []
 
-    def perceiving(*given: Any) -> Outcome[Any]:
+    def perceiving(*given: Any, **_: Any) -> Outcome[Any]:
         expected.append(given[5])
         return Outcome(failure=Failure(FailureKind.CATEGORY_MISMATCH, "it is smaller"))
 
@@ -198,7 +198,7 @@ def test_the_first_look_at_the_garment_is_kept_until_it_is_laid_again(monkeypatc
     garment = load_garment("small_towel")
     tops = iter((0.004, 0.006, 0.005))
 
-    def perceiving(*_: Any) -> Outcome[Any]:
+    def perceiving(*_: Any, **__: Any) -> Outcome[Any]:
         mask = np.ones((100, 100), bool)
         height = np.full(mask.shape, next(tops), np.float32)
         state = garment.flat_state(0.6, 0.0)
@@ -229,7 +229,7 @@ def test_between_two_folds_the_folded_garment_is_located_and_not_recognised_agai
     monkeypatch.setattr("cell.executive.effects.seeing.find_folded", lambda *_: found)
     monkeypatch.setattr(
         "cell.executive.effects.seeing.perceive",
-        lambda *_: pytest.fail("a folded garment is not recognised as a flat one"),
+        lambda *_, **__: pytest.fail("a folded garment is not recognised as a flat one"),
     )
     workcell, _ = seeing()
     assert recognise(workcell, context_with(look(workcell, RunContext()).context, index=index, steps=())) is found
