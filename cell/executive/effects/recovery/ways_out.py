@@ -136,7 +136,10 @@ def lead_out(
         for _ in range(way.tries):
             if stand_still_s is not None:
                 stand_by(cell.ports, stand_still_s)
-                failure = await_rest(cell.ports, cell.execution, note=cell.hands.note) or failure
+                moving = await_rest(cell.ports, cell.execution, note=cell.hands.note)
+                if moving and moving.kind in _FINAL:
+                    return moving
+                failure = moving or failure
             planned, stand_still_s = way.plan(cell, course), None
             if planned is None:
                 break
