@@ -51,8 +51,8 @@ class PortRecorder:
 
         def method(channel: Channel, sides: tuple[Side, ...]) -> Callable[..., Any]:
             port = getattr(ports, channel.port)
-            asked = getattr(port[sides[0]] if sides else port, channel.method)
-            return lambda *arguments: self.record(channel, (*sides, *arguments), asked, *arguments)
+            asked = port[sides[0]] if sides else port
+            return lambda *given: self.record(channel, (*sides, *given), getattr(asked, channel.method), *given)
 
         return RecordedPorts(build_ports(constants, method, ports.stop), _Commands(self, commands))
 

@@ -193,8 +193,10 @@ class SimulatedCamera:
             )
 
     def _with_slabs(self, picture: Picture, slabs: Sequence[Slab], shot: Shot) -> Picture:
+        if not slabs:
+            return picture
         scene = self._renderer.scene
-        return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre) if slabs else picture
+        return with_slabs(picture, slabs, shot.T_base_camera, scene.focal, scene.centre)
 
     @property
     def sequence(self) -> int:

@@ -146,7 +146,7 @@ def test_a_resumed_build_makes_the_same_library_after_a_kill(tmp_path: Path, ser
     code = (
         "from pathlib import Path; from cell.planning.unfinished_build import UnfinishedBuild\n"
         "from cell.planning.trajectory_library_build import *\n"
-        "from test_library_build import *\n"
+        "from test_trajectory_library_build import *\n"
         f"part = UnfinishedBuild(Path({str(tmp_path / 'library.json')!r}), BOTH)\n"
         "build_library([TOWEL, SMALL], METHOD, Bowl(0.02), lambda b: part.keep(b.entry), budget=BUDGET)\n"
     )

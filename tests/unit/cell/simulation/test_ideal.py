@@ -187,14 +187,14 @@ def test_the_thread_ends_with_the_recorder_also_without_a_score() -> None:
 
 def test_a_run_that_was_stopped_does_not_wait_for_the_ideal(towel: GarmentTruth) -> None:
     found, source = recorder(towel)
-    figures = found.score(whole=False)
-    assert figures is not None and not figures["shape"] and not figures["passed"]
-    assert figures["flat"] is None and figures["ideal"] is None
+    result = found.score(whole=False)
+    assert result is not None and not result.shape and not result.passed
+    assert result.flat is None and result.ideal is None
     assert source.tell is None and not at_work()
 
 
 def test_a_garment_of_the_mujoco_world_has_no_ideal(towel: GarmentTruth) -> None:
     found, _ = recorder(replace(towel, solver="mujoco"))
     assert not at_work()
-    figures = found.score()
-    assert figures is not None and figures["flat"] is None and figures["passed"] is figures["shape"]
+    result = found.score()
+    assert result is not None and result.flat is None and result.passed is result.shape

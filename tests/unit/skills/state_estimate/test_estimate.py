@@ -16,6 +16,7 @@ from skills.state_estimate.hypothesis import FoldState, Hypothesis
 from skills.state_estimate.observation import observe
 from skills.state_estimate.wording import describe
 from skills.vocabulary import FailureKind, GraspId
+from tests.builders.shipped_settings import PERCEPTION
 
 LEFT, RIGHT = GraspId.LEFT, GraspId.RIGHT
 
@@ -91,7 +92,9 @@ def test_a_dropped_garment_lies_in_a_heap(fold, rng):
 
 
 def test_a_clear_picture_needs_no_simulation(fold):
-    seen = observe(fold.shoot(fold.at_start()), fold.calibration, TABLE, fold.reference).unwrap()
+    seen = observe(
+        fold.shoot(fold.at_start()), fold.calibration, TABLE, fold.reference, settings=PERCEPTION
+    ).unwrap()
     found = estimate_state(seen, fold.before, fold.after, [LEFT, RIGHT], never, fold.lift)
     assert found.simulations == 0 and len(found.fits) == 2
 
@@ -99,20 +102,23 @@ def test_a_clear_picture_needs_no_simulation(fold):
 def test_the_silhouette_tells_the_ends_of_the_fold_apart_without_depth(fold):
     for vertices, state in ((fold.at_start(), FoldState.BEFORE), (fold.interrupted({}), FoldState.AFTER)):
         frame = fold.shoot(vertices)
-        seen = observe(frame, fold.calibration, TABLE, fold.reference).unwrap()
+        seen = observe(frame, fold.calibration, TABLE, fold.reference, settings=PERCEPTION).unwrap()
         blind = replace(seen, height=np.full_like(seen.height, np.nan))
         assert estimate_state(blind, fold.before, fold.after, [LEFT, RIGHT], never).state is state
 
 
 def test_an_empty_table_is_a_failure(fold):
     assert (
-        observe(fold.shoot(None), fold.calibration, TABLE, fold.reference).failure.kind is FailureKind.NO_GARMENT
+        observe(fold.shoot(None), fold.calibration, TABLE, fold.reference, settings=PERCEPTION).failure.kind
+        is FailureKind.NO_GARMENT
     )
 
 
 def test_a_hypothesis_is_moved_to_the_place_where_it_was_drawn(fold):
     """The fit of a mesh to its own rendering, moved by a known motion, finds that motion and leaves no misfit."""
-    seen = observe(fold.shoot(fold.at_start()), fold.calibration, TABLE, fold.reference).unwrap()
+    seen = observe(
+        fold.shoot(fold.at_start()), fold.calibration, TABLE, fold.reference, settings=PERCEPTION
+    ).unwrap()
     found = fit(seen, Hypothesis(FoldState.BEFORE, fold.before), fold.lift)
     moved = replace(fold.before, vertices=shoved(found.shape.vertices, 0.05, 0.3, 1.0))
     back = fit(seen, Hypothesis(FoldState.BEFORE, moved), fold.lift)
@@ -123,7 +129,7 @@ def test_a_hypothesis_is_moved_to_the_place_where_it_was_drawn(fold):
 
 def test_the_drawing_shows_each_state_that_has_a_candidate(fold):
     frame = fold.shoot(fold.interrupted({}, 0.6))
-    seen = observe(frame, fold.calibration, TABLE, fold.reference).unwrap()
+    seen = observe(frame, fold.calibration, TABLE, fold.reference, settings=PERCEPTION).unwrap()
     found = estimate(fold, frame)
     picture = draw_estimate(seen, found.condensed())
     assert len(found.condensed().fits) == 3 and picture.dtype == np.uint8

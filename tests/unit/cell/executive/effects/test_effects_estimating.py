@@ -35,7 +35,7 @@ def estimated(
     cell = FakeCell()
     workcell = fake_workcell(cell)
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None, GraspId.RIGHT: None})
-    monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(SimpleNamespace()))
+    monkeypatch.setattr(estimating, "observe", lambda *_, **__: Outcome(SimpleNamespace()))
     monkeypatch.setattr(estimating, "estimate_state", lambda *_, **__: found)
     monkeypatch.setattr(estimating, "draw_estimate", lambda *_: PICTURE)
     return EFFECTS[Effect.ESTIMATE](workcell, touched(cell))
@@ -91,7 +91,7 @@ def test_the_failure_says_what_lies_there(
 def test_a_picture_that_cannot_be_judged_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     unseen = Failure(FailureKind.NO_GARMENT, "the garment is not visible")
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {})
-    monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(failure=unseen))
+    monkeypatch.setattr(estimating, "observe", lambda *_, **__: Outcome(failure=unseen))
     cell = FakeCell()
     result = EFFECTS[Effect.ESTIMATE](fake_workcell(cell), touched(cell))
     assert result.event is Event.FAILED and result.context.failure == unseen and not result.context.estimates
@@ -135,7 +135,7 @@ def test_a_fold_in_which_no_loss_was_noticed_is_probably_made(
     found = StateEstimate(FoldState.AFTER, 1.0, None, dict.fromkeys(FoldState, 0.0), (), 0, FLAT[:, :2])
     cell = FakeCell()
     monkeypatch.setattr(estimating, "simulated_paths", lambda *_: {GraspId.LEFT: None})
-    monkeypatch.setattr(estimating, "observe", lambda *_: Outcome(SimpleNamespace()))
+    monkeypatch.setattr(estimating, "observe", lambda *_, **__: Outcome(SimpleNamespace()))
     monkeypatch.setattr(estimating, "estimate_state", lambda *given, **_: (used.append(given[-1]), found)[1])
     monkeypatch.setattr(estimating, "draw_estimate", lambda *_: PICTURE)
     context = touched(cell, carried=carried)

@@ -59,7 +59,7 @@ def sees(monkeypatch: pytest.MonkeyPatch, contour: Array, height: float = 0.006)
     cv2.fillPoly(mask, [np.round(view.to_pixel(contour)).astype(np.int32)], (1.0,))
     field = np.where(mask > 0, height, 0.0).astype(np.float32)
     seen = Observation(view, mask > 0, field, contour, np.zeros((*view.shape, 3), np.uint8))
-    monkeypatch.setattr(spreading, "observe", lambda *_: Outcome(seen))
+    monkeypatch.setattr(spreading, "observe", lambda *_, **__: Outcome(seen))
 
 
 def heaped(**changes: Any) -> RunContext:
