@@ -54,8 +54,8 @@ REFINEMENTS = 3  # number of times that the distance between these moments is ha
 # counts as that state [m]
 SAME = 0.030
 DRIFT, TURN = 0.060, 0.25  # standard deviations of the garment's displacement [m] and turn [rad]
-# Angles from which alignments of the shapes before and after the fold begin, if the first one explains nothing
-# [rad]
+# The shape before or after the fold is first aligned with the picture from angle 0. If the result does not explain
+# the picture, the alignment begins again from each of these angles [rad].
 TURNS = (-0.5, 0.5)
 
 
