@@ -45,8 +45,8 @@ HEAP = 0.8  # misfit for each cell with cloth that a heap has
 # Misfit for each cell below which the measured course of the hands explains the picture. It is larger than that of
 # shapes before and after the fold, because a shape half way is less certain.
 AS_MEASURED = 0.4
-# If the misfit for each cell and the unexplained area [m2] of the shape before or after the fold are smaller,
-# nothing else is simulated
+# If the shape before or after the fold has a smaller misfit for each cell and a smaller unexplained area [m2], no
+# interrupted fold is simulated
 EXPLAINED, EXPLAINED_M2 = 0.15, 0.0030
 MOMENTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of the hands' way at which interruptions are simulated at first
 REFINEMENTS = 3  # number of times that the distance between these moments is halved at the best one
@@ -101,11 +101,11 @@ def estimate_state(
 ) -> StateEstimate:
     """Estimate the state of a garment.
 
-    before, after: shapes before the fold and after it, as believed and predicted. grasps: of the hands of the
-    fold. simulate: simulates interrupted folds; it is called only if neither shape explains the picture. lift:
-    height by which the camera sees the flat garment above its mesh [m]. several_layers: whether the hands grasp
-    more than one layer, so that one can be missed. measured: whether the course of the hands is known, so that it
-    can be simulated; the other interruptions are simulated only if the result does not explain the picture.
+    before, after: shapes before the fold and after it, as believed and predicted. grasps: the grasps of the fold.
+    simulate: simulates interrupted folds; it is called only if neither shape explains the picture. lift: height by
+    which the camera sees the flat garment above its mesh [m]. several_layers: whether the hands grasp more than
+    one layer, so that a layer can be missed. measured: whether the course of the hands is known. If so, it is
+    simulated first. The other interruptions are simulated only if it does not explain the picture.
     """
 
     def fitted(hypothesis: Hypothesis) -> Fit:
@@ -175,8 +175,8 @@ def _between(best: Interruption, distance: float) -> tuple[Interruption, ...]:
 
 
 def _state_of(shape: PredictedShape, before: PredictedShape, after: PredictedShape) -> FoldState:
-    """Return the state that a simulated shape amounts to. A hand that opens shortly before the target completes
-    the fold; cloth that is released early falls back."""
+    """Return the state to which a simulated shape belongs. For example, a fold in which a hand opens shortly
+    before the target is completed, and cloth that is released early falls back."""
     for state, end in ((FoldState.AFTER, after), (FoldState.BEFORE, before)):
         distance = np.linalg.norm(shape.vertices - end.vertices, axis=1)
         if np.quantile(distance, NEARLY_ALL) < SAME:
@@ -210,8 +210,8 @@ def _measured(found: Fit) -> bool:
 def _judge(
     seen: Observation, fits: Sequence[Fit], simulations: int, priors: Mapping[FoldState, float]
 ) -> StateEstimate:
-    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, but the
-    measured course of the hands has half of it: nothing is guessed in it."""
+    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, with one
+    exception: the measured course of the hands has half of it, because it contains no guess."""
     ordered = tuple(sorted(fits, key=_cost))
     cells = min(f.cells for f in fits)
     score = {FoldState.HEAP: [np.log(priors[FoldState.HEAP]) - HEAP * cells / TEMPERATURE]}
