@@ -64,9 +64,10 @@ class RepairPlan:
     target [rad]; the hand turns from one to the other.
 
     patches: the cloth that each hand is to take. A real hand counts the layers between its pads before it lifts
-    them, and opens if there are too many. In a simulation, layers of the stack below may stand up between the
-    grasped layers, for example beside the crease of an earlier fold. A single held point of such a layer would
-    drag the whole stack along. Therefore the hands of a prediction take the cloth of the patch alone."""
+    them, and opens if it finds other layers than planned. In a simulation, layers of the stack below may stand up
+    between the grasped layers, for example beside the crease of an earlier fold. A single held point of such a
+    layer would drag the whole stack along. Therefore the hands of a prediction take the cloth of the patch
+    alone."""
 
     goal: RepairGoal
     step: FoldStep

@@ -2,7 +2,7 @@
 the heights.
 
 The height of unpressed cloth depends on its fabric. The heights are therefore compared with those of an ideal fold
-of the same garment: without pressing, no cell can be required to fold flatter.
+of the same garment. A fold that is not pressed cannot be required to be flatter than that.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ COVERAGE = 0.25
 HEIGHT, HEIGHT_SHARE = 0.002, 0.35
 SHIFT = 0.012  # distance by which an edge of an upper layer may lie beside its predicted place [m]
 FREEDOM = 3.0  # degrees of freedom of Student's t
-OVERLAP = 0.3  # smallest share of a cell that must be cloth in both for its height to be compared
+OVERLAP = 0.3  # a height is compared if more than this share of the cell is cloth in picture and hypothesis
 BAD = 2.0  # A cell with a larger misfit counts as unexplained
 
 

@@ -21,7 +21,7 @@ Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 ONE_HAND = 2  # the loss of the cloth by one hand is simulated at every second moment
 NEARLY_ALL = 0.98  # share of the vertices that decides which state a simulated shape amounts to
 MEASURED = Interruption(measured=True)
-REACTION = 0.12  # share of the way that the hands cover from the slip of one until the other opens, at first
+REACTION = 0.12  # share of the way between the slip of one hand and the opening of the other, at first
 
 
 # Priors of the states
@@ -41,7 +41,7 @@ COMPLETED: Mapping[FoldState, float] = {
 # Misfit that changes the odds of a hypothesis by a factor of e. It makes the confidence agree with the share of
 # correct estimates (docs/results/state_estimate.md).
 TEMPERATURE = 12.0
-HEAP = 0.8  # misfit for each cell with cloth that a heap has
+HEAP = 0.8  # misfit of a heap for each cell with cloth
 # Misfit for each cell below which the measured course of the hands explains the picture. It is larger than that of
 # shapes before and after the fold, because a shape half way is less certain.
 AS_MEASURED = 0.4
@@ -49,7 +49,7 @@ AS_MEASURED = 0.4
 # interrupted fold is simulated
 EXPLAINED, EXPLAINED_M2 = 0.15, 0.0030
 MOMENTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of the hands' way at which interruptions are simulated at first
-REFINEMENTS = 3  # number of times that the distance between these moments is halved at the best one
+REFINEMENTS = 3  # number of times that the distance between moments is halved around the best one
 # If NEARLY_ALL vertices of an interrupted fold lie nearer than this to the shape before or after the fold, it
 # counts as that state [m]
 SAME = 0.030
@@ -175,8 +175,8 @@ def _between(best: Interruption, distance: float) -> tuple[Interruption, ...]:
 
 
 def _state_of(shape: PredictedShape, before: PredictedShape, after: PredictedShape) -> FoldState:
-    """Return the state to which a simulated shape belongs. For example, a fold in which a hand opens shortly
-    before the target is completed, and cloth that is released early falls back."""
+    """Return the state to which a simulated shape belongs. For example, the fold is completed although a hand
+    opens shortly before the target, or the cloth falls back because it is released early."""
     for state, end in ((FoldState.AFTER, after), (FoldState.BEFORE, before)):
         distance = np.linalg.norm(shape.vertices - end.vertices, axis=1)
         if np.quantile(distance, NEARLY_ALL) < SAME:

@@ -24,7 +24,7 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # x allowed angle: at this angle an edge becomes a ridge, as the angle may grow until the next search
+SHARE = 0.5  # x allowed angle: from this angle on an edge is a ridge, as the angle may grow until the next search
 MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is
 WIDE = np.uint32(LANES)
 
