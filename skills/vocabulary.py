@@ -1,8 +1,8 @@
-"""The values exchanged between rooms. All are frozen, with read-only arrays, in metres, radians and seconds.
+"""The values that packages exchange. All are frozen, with read-only arrays, in metres, radians and seconds.
 
 All coordinates are in the table frame (see robots.ports): x forward, y left, z = 0 on the table. A point of the
 garment is given either by its present position (table frame) or by its material coordinates, its position in the
-flat garment before the first fold. The two agree until then.
+flat garment before the first fold. Before the first fold, the two are equal.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ class Table:
 class CameraCalibration:
     """The calibration of the camera. T_table_camera: (4, 4), camera to table.
 
-    head_pan: the angle at which it was calibrated [rad]; pictures from another angle are refused.
+    head_pan: the pan angle of the head at which the camera was calibrated [rad]; pictures from another angle are
+    refused.
     """
 
     intrinsics: Intrinsics
@@ -125,7 +126,8 @@ class Material:
     crease_set: float = CREASE_SET
 
     def with_friction(self, mu: float) -> Material:
-        """The same fabric on a table with static coefficient `mu`, dynamic in the same proportion."""
+        """The same fabric on a table with the static coefficient `mu`. The dynamic coefficient changes in the same
+        proportion."""
         ratio = self.friction_dynamic / self.friction_static
         return replace(self, friction_static=mu, friction_dynamic=mu * ratio)
 
@@ -150,7 +152,7 @@ class GarmentState:
 class FoldLine:
     """A directed line: the part to the LEFT of point -> point + direction moves, the rest stays.
 
-    In the garment's position at that step. point: (2,), direction: (2,) unit.
+    It refers to the garment as it lies before this fold. point: (2,), direction: (2,) unit.
     """
 
     point: Array

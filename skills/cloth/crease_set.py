@@ -13,15 +13,15 @@ a crease that is pressed flat loses its set by the same law. The law is linear i
 180 degrees of a pressed crease into one row of hinges or into several; the set of the crease then does not depend
 on their number. Friction in bending acts beside the set (elasticity.py).
 
-What is known is one figure: `crease_set`, the share of `beyond` that is set after the standard test (AATCC 66
+Only one figure is known: `crease_set`. It is the share of `beyond` that is set after the standard test (AATCC 66
 kind: STANDARD_PRESSURE for STANDARD_TIME). The form of the law, its times and its yield are assumed. Models in
 print have friction, plasticity and dwell (arXiv 2502.13491), but no figures for a short load. Ranges: shortest
 time 0.3 to 3 s (`crease_time`); yield curvature 20 to 80 /m, about the 23 to 54 /m that friction holds in denims.
 A dab of a second by a fingertip follows the same law with the same constants; nobody has measured it.
 
-The pressure is that of bodies which press on the cloth (`ClothSimulation.press`). Contact forces of the solver do
-not count: the weight of cloth on cloth is a thousandth of the standard load (an 8-layer stack of jeans: 31 Pa).
-And the solver pushes cloth away from fingers by positions, by at most 0.6 mm a substep, which is no true force.
+Only bodies that press on the cloth cause pressure (`ClothSimulation.press`). Contact forces of the solver do not
+count: the weight of cloth on cloth is a thousandth of the standard load (an 8-layer stack of jeans: 31 Pa). And
+the solver pushes cloth away from fingers by positions, by at most 0.6 mm a substep, which is no true force.
 """
 
 from __future__ import annotations
@@ -71,8 +71,9 @@ class CreaseLaw(NamedTuple):
 
 
 def set_share(equivalent_time: float, crease_time: float) -> float:
-    """Return how far the set has grown, from 0 to 1 (after any time). equivalent_time [s]: time under the standard
-    pressure, or the integral of pressure over STANDARD_PRESSURE over time; crease_time [s]: shortest time."""
+    """Return the share to which the set has grown: from 0 at the beginning towards 1 after a very long time.
+    equivalent_time [s]: time under the standard pressure, or the integral of pressure over STANDARD_PRESSURE over
+    time; crease_time [s]: shortest of the times of the law."""
     return float(np.mean(-np.expm1(-equivalent_time / _times(crease_time))))
 
 
@@ -96,10 +97,10 @@ def _times(crease_time: float) -> Array:
 
 @njit(nogil=True)
 def advance_set(law, hinge, x, pressure, seconds, side, parts, rest):
-    """Advance the set of all hinges by `seconds` at the present shape x. The step is exact for any length of time
-    in which shape and pressure do not change. pressure: (n,) of the vertices [Pa]; side: (h,) see `aim_hinges`;
-    parts: (h, MODES) of the set [rad]; rest: (h,) signed length of K x at rest [m], which is the edge times
-    2 sin(set / 2)."""
+    """Advance the plastic set of every hinge by `seconds`, at the present shape x. The step is exact for any
+    length of time in which shape and pressure do not change. pressure: (n,) pressure on the vertices [Pa]; side:
+    (h,) see `aim_hinges`; parts: (h, MODES) the parts of each hinge's set [rad]. rest: (h,) the signed length that
+    the hinge's bending vector K x (elasticity.py) has at rest [m]: the length of the edge times 2 sin(set / 2)."""
     for e in range(len(rest)):
         a, b, c, d = hinge[e, 0], hinge[e, 1], hinge[e, 2], hinge[e, 3]
         p = 0.25 * (pressure[a] + pressure[b] + pressure[c] + pressure[d])
@@ -133,9 +134,10 @@ def _angle(x, a, b, c, d):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def aim_hinges(n, which, hinge, weight, axis, turn, rest, side, x, target):
-    """Compute the rest value of K x, a vector, of the hinges which[:n] into target (n, 3), after `measure_turns`.
-    It has the direction of the present K x, so that the elastic force exerts no torque on the cloth. In nearly
-    flat hinges, whose K x has no sure direction, it is perpendicular to the cloth.
+    """Write to target (n, 3) the vector that K x is at rest, for each of the hinges which[:n]. `measure_turns` has
+    to be called before. The vector has the direction of the present K x, so that the elastic force exerts no
+    torque on the cloth. In nearly flat hinges, the direction of K x is not certain, so the vector is perpendicular
+    to the cloth.
 
     side: (h,) sign of each turn when it was last below FOLDED. A pressed hinge may pass 180 degrees, since its own
     two triangles do not collide. Its measured turn then has the wrong sign, which is corrected here."""

@@ -199,9 +199,9 @@ def turns(hinge: NDArray[np.int32], x: Array) -> Array:
 
 
 def stretch_excess(mesh: ClothMesh, material: Material, step: float, anisotropy: float) -> float:
-    """Estimate how much longer than the material the cloth hangs, as a fraction of the length, for a substep of
-    `step` [s]. The reason is that an edge cannot be stiffer than one sweep allows. The estimate agrees with the
-    hang test within a third."""
+    """Estimate how much more the simulated cloth stretches than the material when it hangs, as a fraction of its
+    length, for a substep of `step` [s]. It stretches more because an edge cannot be stiffer than one sweep allows.
+    The estimate agrees with the hang test within a third."""
     stiffness = _stiffness(mesh, material, anisotropy)
     inverse_mass = 1.0 / (material.areal_mass * mesh.vertex_area)
     sweep = step**2 * inverse_mass[mesh.edges].sum(axis=1)

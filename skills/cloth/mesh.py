@@ -132,7 +132,8 @@ class ClothMesh:
 @dataclass(frozen=True, eq=False)
 class FineBands:
     """Bands of a finer mesh along creases. segments: (c, 2, 2) ends of the creases in material coordinates [m];
-    width: distance from a crease up to which the mesh is fine [m]; edge_length: there [m]."""
+    width: distance from a crease up to which the mesh is fine [m]; edge_length: edge length within this distance
+    [m]."""
 
     segments: Array
     width: float

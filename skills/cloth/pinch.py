@@ -1,11 +1,12 @@
-"""Model of a pinch: finds the cloth that two closing pads grasp, a line of material about which the cloth can
-turn.
+"""Model of a pinch: finds the cloth that two closing pads grasp. This cloth is a line of material, about which the
+other cloth can turn.
 
 The pads close along the tool's y axis over `stroke` and draw cloth from anywhere in the stroke to the middle,
 where they hold it along the tool's x axis over `width`. They take every layer between the fingertips (the tool
 centre point) and the upper end of the pads, `depth` above the fingertips. A hand that is lowered less takes fewer
-layers. `stroke`, `width` and `depth` are fields of `PadGeometry`. There is no other selection of layers, except in
-the prediction of a repair, whose hands let go if they feel other layers: they take the cloth of a `Patch` alone.
+layers. `stroke`, `width` and `depth` are fields of `PadGeometry`. Layers are not selected in any other way, with
+one exception: in the prediction of a repair, the hands take only the cloth of a `Patch`, because real hands let go
+if they feel other layers.
 """
 
 from __future__ import annotations
@@ -133,8 +134,8 @@ def _along_stroke(
     below: float,
     patch: Patch | None,
 ) -> list[tuple[int, Array, Array]]:
-    """Find, in the plane tool x = `x`, the point of each layer that is nearest to the middle of the stroke.
-    Returns (triangle, bary, offset) for each layer."""
+    """Cut the cloth with the plane x = `x` of the tool frame. Find, for each layer in this plane, the point
+    nearest to the middle of the stroke. Returns (triangle, bary, offset) for each layer."""
     candidates = []
     for t in near:
         p = q[mesh.triangles[t]]

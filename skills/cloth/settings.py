@@ -45,10 +45,9 @@ class SolverSettings:
     their geometric mean. residual_curvature [1/m], 0 to 1000: bending friction, given as the largest curvature
     that released cloth keeps; with 0, cloth keeps no bend. This curvature is HB / B, as measured by the KES-F
     bending test: B is the rigidity, and the hysteresis loop is 2 HB high (six denims: 23 to 54, Journal of
-    Textiles 2016, 4614168).
-    crease_set: share of the turn beyond the elastic bend that a crease has taken as a plastic set after 5 min
-    under 500 g on 15 x 18 mm; 0: creases take no set, only friction holds them. crease_time [s]: shortest of the
-    times of that law under this load (crease_set.py has the law).
+    Textiles 2016, 4614168). crease_set: share of the turn beyond the elastic bend that a crease has taken as a
+    plastic set after 5 min under 500 g on 15 x 18 mm; 0: creases take no set, only friction holds them.
+    crease_time [s]: shortest of the times of the law of the set (crease_set.py), under the same load.
     """
 
     frame_rate: int = 60

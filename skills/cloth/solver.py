@@ -63,12 +63,14 @@ MOST_PAIRS = 120
 lost its shape, and the lists would grow until the memory is full."""
 
 HASTY = 1.0
-"""Speed of a hand that holds cloth, or of the cloth itself, from which positions may get lost [m/s]: in a substep,
-cloth then turns and moves by a part of an edge. Folds are slower."""
+"""If a hand that holds cloth, or the cloth itself, is faster than this, the positions may get lost [m/s]: in a
+substep, cloth then turns and moves by a part of an edge. Folds are slower."""
 UNSOUND = 2.0
-"""Multiple of the largest speed at which vertices move freely. Contacts, pads and edges add less than this."""
+"""The positions count as lost if a vertex is faster than this multiple of the largest speed of free vertices
+(`max_speed`). Contacts, pads and edges add less than this."""
 FINER = 2, 4
-"""Factors of the substeps with which frames are repeated in which the positions were lost."""
+"""Frames in which the positions were lost are repeated with more substeps. These factors of their number are tried
+in turn."""
 
 
 RELEASE_SPEED = 0.1  # [m/s] largest speed of held points when the pads open
@@ -156,7 +158,8 @@ class ClothSimulation:
 
     def press(self, pressure: Array | float) -> None:
         """Let bodies press on the cloth with `pressure` [Pa], (n,) or equal for all vertices, until the next call.
-        Creases take a set meanwhile (`SolverSettings.crease_set`). The pressure moves nothing: capsules do."""
+        Creases take a set meanwhile (`SolverSettings.crease_set`). The pressure itself moves no cloth; capsules
+        do."""
         if len(self._state.pressure):
             self._state.pressure[:] = pressure
 

@@ -266,7 +266,8 @@ def new_state(
     n: int, edges: int, bounds: int, hinges: int, friction_hinges: int, clusters: Clusters, set_hinges: int = 0
 ) -> State:
     """Make the state of n vertices, all awake; the positions are not yet set. bounds: length of batch_start.
-    friction_hinges, set_hinges: number of hinges with friction and with a set, 0 or all."""
+    friction_hinges: number of hinges with bending friction, either 0 or all hinges. set_hinges: number of hinges
+    with a plastic set (crease_set.py), either 0 or all hinges."""
     m, corners = len(clusters.tri), len(clusters.corner)
 
     def f(*shape: int) -> Array:

@@ -28,7 +28,7 @@ TURN = np.deg2rad(45.0)
 """If the direction of the surface near an edge changes by more than this angle, the edge is beside a crease [rad].
 The angle is halfway between cloth that lies and cloth that stands upright."""
 BESIDE = 0.040
-"""Nearer than this to a crease, strain is not measured [m]. On coarse meshes, `reach` is larger."""
+"""Strain is not measured nearer than this to a crease [m]. On coarse meshes, `reach` is larger."""
 MOST_STRAIN = 0.05
 """Largest acceptable strain of an edge away from creases, as a fraction."""
 IGNORED = 0.01

@@ -21,9 +21,9 @@ CREASE_MARGIN = 0.040
 
 @dataclass(frozen=True)
 class FoldFigures:
-    """Figures of a folded garment. iou: overlap with the target seen from above; height, crease_height: 95th
-    percentile of the height away from the creases and beside them [m]; layers: 95th percentile of the number of
-    layers of the target away from the creases."""
+    """Figures of a folded garment. iou: overlap with the target seen from above; height: 95th percentile of the
+    height away from the creases [m]; crease_height: the same beside the creases [m]; layers: 95th percentile of
+    the number of layers of the target away from the creases."""
 
     iou: float
     height: float
@@ -37,8 +37,8 @@ def measure_fold(
     material: Array,
     lines: Sequence[FoldLine],
 ) -> FoldFigures:
-    """Measure a garment with the flat rest shape `material` (n, 2) that lies at `vertices` (n, 3), folded about
-    `lines` [m]."""
+    """Measure a folded garment. vertices: (n, 3) where it lies [m]. material: (n, 2) its flat rest shape [m].
+    lines: the lines about which it was folded."""
     folded = fold_mesh(material, triangles, lines, vertices)
     return measure_cut_fold(folded, folded.attributes)
 
@@ -59,6 +59,7 @@ def measure_cut_fold(folded: FoldedMesh, x: Array) -> FoldFigures:
 
 
 def _percentile(image: NDArray[Any], silhouette: NDArray[np.bool_], part: NDArray[np.bool_]) -> float:
-    """Return the 95th percentile over a part of the silhouette, or over all of it if that part is empty."""
+    """Return the 95th percentile over a part of the silhouette, or over the whole silhouette if that part is
+    empty."""
     where = silhouette & part
     return float(np.percentile(image[where if where.any() else silhouette], 95.0))

@@ -24,8 +24,8 @@ class FoldedMesh:
     """A mesh cut along the fold lines and folded flat.
 
     attributes: (n', k) attributes of the cut mesh's vertices, interpolated from the given attributes. triangles:
-    (m', 3). target: (n', 2) folded positions of the vertices. area: (m',) of the triangles in the rest shape [m2].
-    creases: (c, 2, 2) end points of the creases' segments in the target.
+    (m', 3). target: (n', 2) folded positions of the vertices. area: (m',) areas of the triangles in the rest shape
+    [m2]. creases: (c, 2, 2) end points of the creases' segments in the target.
     """
 
     attributes: Array
@@ -123,7 +123,7 @@ def _creases(triangles: NDArray[np.int32], distance: Array) -> NDArray[np.int64]
 
 
 def doubled_area(xy: Array, triangles: NDArray[np.int32]) -> Array:
-    """Return twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2); negative if upside
-    down."""
+    """Return twice the signed areas (m,) of the triangles [m2], for vertices xy (n, 2). The area of a triangle
+    that lies upside down is negative."""
     a, b, c = np.moveaxis(xy[triangles], 1, 0)
     return cross(b - a, c - a)

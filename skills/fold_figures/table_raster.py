@@ -55,8 +55,8 @@ class TableRaster:
 def rasterise(
     xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
 ) -> tuple[Array, NDArray[np.int32]]:
-    """Return the highest z and the number of triangles at each pixel centre. xy: in pixels. A shared edge counts
-    once."""
+    """Return the highest z and the number of triangles at each pixel centre. xy: vertices, in pixels. A pixel on a
+    shared edge belongs to one triangle only."""
     top = np.full((rows, columns), -np.inf)
     count = np.zeros((rows, columns), dtype=np.int32)
     for t in range(len(triangles)):

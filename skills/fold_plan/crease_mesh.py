@@ -1,7 +1,7 @@
 """Meshes of a garment that are fine near the creases of its plan.
 
-A crease is as high as its fabric makes it only if the mesh resolves its loop, which is 4.7 bending lengths long. A
-mesh that is fine everywhere would cost too much.
+A simulated crease has the height that its fabric gives it only if the mesh resolves the crease's loop. This loop
+is 4.7 bending lengths long. A mesh that is fine everywhere would cost too much.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ def mesh_near_creases(
     bending_length: float,
     edge: float | None = None,
 ) -> ClothMesh:
-    """Mesh a garment with edges of `edge` [m] near its creases (c, 2, 2), by default EDGE_SHARE bending lengths,
-    and with edges up to `coarsest` [m] elsewhere. The other arguments are those of `mesh_from_contour`."""
+    """Mesh a garment finely near its creases (c, 2, 2). edge: length of the edges near creases [m], by default
+    EDGE_SHARE bending lengths. coarsest: largest length of the edges elsewhere [m]. The other arguments are those
+    of `mesh_from_contour`."""
     finest = EDGE_SHARE * bending_length if edge is None else edge
     bands = FineBands(creases, LOOP_SHARE * bending_length + ASTRAY, finest)
     return mesh_from_contour(contour, max(coarsest, finest), layers, rotate, bands)

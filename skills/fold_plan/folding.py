@@ -34,11 +34,12 @@ __all__ = [
 ]
 
 COVERED = 0.25
-"""A layer that covers at least this share of the open pads is counted as one that they take."""
+"""The open pads take a layer if it covers at least this share of their footprint."""
 SPACING = 0.004
 """Distance between points on a crease [m]."""
 TOUCH = 1e-6
-"""A point up to this distance outside the sheet's edge counts as on the sheet [m], because reflections round."""
+"""A point up to this distance outside the sheet's edge counts as on the sheet [m], because reflections have
+rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +68,8 @@ def fold_points(
     """Compute the positions of material points (n, 2) after the folds, and the number of layers beneath each.
 
     outline: (k, 2) polygon of the flat garment (default: the convex hull of the points). Layers are counted only
-    within it; a sleeve that is folded to a place beside the body therefore lies at the height of the table.
-    sheets: number of layers of the flat garment. sheet: (n,) the layer of each point, 0 at the table.
+    within this polygon; a sleeve that is folded to a place beside the body therefore lies at the height of the
+    table. sheets: number of layers of the flat garment. sheet: (n,) the layer of each point, 0 at the table.
     """
     xy = np.asarray(xy, dtype=float)
     sheet = np.zeros(len(xy), dtype=int) if sheet is None else np.asarray(sheet, dtype=int)
@@ -150,7 +151,8 @@ def folded_creases(lines: Sequence[FoldLine], outline: Array) -> Array:
 
 
 def _unfolded(lines: Sequence[FoldLine], moved: Sequence[bool], xy: Array) -> Array:
-    """Return the flat sheet's coordinates of places xy (n, 2) on a piece that the folds `moved`."""
+    """Return the coordinates in the flat sheet of places xy (n, 2) on one piece of the folded sheet. moved: for
+    each fold, whether it moved this piece."""
     for line, by_it in zip(reversed(lines), reversed(moved), strict=True):
         xy = line.reflect(xy) if by_it else xy
     return xy
@@ -164,7 +166,8 @@ def outline_of(mesh: ClothMesh) -> Array:
 
 @lru_cache(maxsize=16)
 def _outline(triangles: bytes) -> Array:
-    """Return the silhouette (k, 2) of triangles (m, 3, 2). A search asks for it once a simulation."""
+    """Return the silhouette (k, 2) of triangles (m, 3, 2). It is cached, because a search needs it in every
+    simulation."""
     silhouette = shapely.union_all(shapely.polygons(np.frombuffer(triangles).reshape(-1, 3, 2)))
     parts = shapely.get_parts(silhouette)
     return np.array(max(parts, key=lambda g: g.area).exterior.coords)[:-1]

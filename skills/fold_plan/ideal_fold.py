@@ -1,6 +1,7 @@
-"""Makes the ideal folds of a garment without grippers: each fold is turned over and then settles.
+"""Simulates the ideal folds of a garment; no grippers take part. In each fold, the moving part is turned over
+about the fold line, and then the cloth settles.
 
-The caller gives the cloth: the simulated cell gives its own garment, a predictor its mesh and the nominal fabric.
+The caller supplies the cloth: the simulated cell its own garment, a predictor its mesh and the nominal fabric.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ def settled_fold(
     settle_s: float = SETTLE_S,
     go_on: Callable[[], None] = lambda: None,
 ) -> IdealFold:
-    """Let a garment settle whose last fold was just turned over, from `turned` (n, 3), and measure it."""
+    """Let a garment settle after its last fold was turned over, and measure it. turned: (n, 3) its vertices after
+    the turn [m]."""
     simulation = ClothSimulation(mesh, material, turned, settings)
     frames = max(1, round(REST_S * settings.frame_rate))
     rounds, most = max(1, round(settle_s / REST_S)), round((settle_s + MORE_S) / REST_S)

@@ -19,13 +19,14 @@ RESIDUAL_CURVATURE = 44.0
 """Bending friction of an unknown fabric [1/m]: mean of six denims (Journal of Textiles 2016, 4614168, Table 5)."""
 SETTLE_S = 1.5
 COUNT = 5
-"""Number of bending lengths over a range."""
+"""Number of bending lengths that `bending_lengths` returns."""
 
 
 @dataclass(frozen=True)
 class IdealFoldHeights:
-    """Heights of ideal folds with one bending length [m]. height, crease_height: after the last step, away from
-    the creases and beside them (95th percentiles); first_crease: beside the crease after the first step."""
+    """Heights of ideal folds with one bending length [m], as 95th percentiles. height: away from the creases after
+    the last step. crease_height: beside the creases after the last step. first_crease: beside the crease after the
+    first step."""
 
     bending_length: float
     height: float

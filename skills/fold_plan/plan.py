@@ -45,10 +45,10 @@ def plan_folds(
 ) -> Outcome[tuple[FoldStep, ...]]:
     """Compute the fold steps of a flat garment.
 
-    state: always that of the flat garment before its first fold; the places of later steps are computed from the
-    earlier folds. After a drift, move the plan with `translate_plan`. variants: step name -> name of the variant
-    to use in place of the first one (when an arm cannot reach). pads: their width and stroke determine which
-    layers a hand finds; None: the default pads.
+    state: the flat garment before its first fold, whichever steps are still to be made; the places of later steps
+    are computed from the earlier folds. After a drift, move the plan with `translate_plan`. variants: step name ->
+    name of the variant to use in place of the first variant (when an arm cannot reach). pads: the width and the
+    stroke of the pads determine which layers a hand finds; None: the default pads.
 
     Fails with CATEGORY_MISMATCH when the garment is of another category; with LOW_CONFIDENCE when key points are
     missing or do not span the fold line, or when the line does not divide the garment that the earlier folds
@@ -225,7 +225,8 @@ def _footprint(point: Array, heading: float, pads: PadGeometry) -> Array:
 
 
 def _landing(step: PlanStep, line: FoldLine, point: Array, points: Sequence[Array]) -> Array:
-    """Return the release point (2,) of a grasp: its mirror image, shifted by the step's tension."""
+    """Return the release point (2,) of a grasp: the mirror image of the grasp point, shifted by the step's
+    tension."""
     past, apart = step.tension
     along = float((point - np.mean(points, axis=0)) @ line.direction)
     return line.reflect(point) - past * line.normal + apart * np.sign(round(along, 6)) * line.direction
@@ -248,8 +249,9 @@ def _grasp_point(
 
 
 def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:
-    """Choose the ids of the grasps: as the plan states, otherwise by position. The left grasp is the one with the
-    larger y. If the two grasps are in line along x (IN_LINE), the left one is the one farther from the robot."""
+    """Return the ids that the plan states for the grasps. If it states none, choose them by position. The left
+    grasp is the one with the larger y. If the two grasps are in line along x (IN_LINE), the left one is the one
+    farther from the robot."""
     named = [g.grasp_id for g in grasps]
     if len(named) == 1:
         return [named[0] or (GraspId.LEFT if points[0][1] >= 0 else GraspId.RIGHT)]

@@ -67,9 +67,9 @@ def crease_dabs(
 ) -> tuple[Dab, ...]:
     """Plan dabs where the crease of the last fold, at `line`, stands high. The two fingers lie across the crease.
 
-    places: (k, 2) that are higher than the flat stack by above (k,) [m]. flat: function that returns the height of
-    the flat stack at a place (2,) [m]. inside: function that returns whether a place (2,) lies on the garment,
-    away from its edges.
+    places: (k, 2) places where the cloth is higher than the flat stack [m]. above: (k,) how much higher it is [m].
+    flat: function that returns the height of the flat stack at a place (2,) [m]. inside: function that returns
+    whether a place (2,) lies on the garment, away from its edges.
     """
     beside = -line.signed_distance(places)
     crease = (beside >= 0.0) & (beside < BAND)
@@ -119,8 +119,8 @@ def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[
 
 
 def _spread(along: Array) -> Array:
-    """Choose evenly spaced positions along a crease: PITCH apart, or wider if there would be more than MOST.
-    Only positions near one of the raised places along (k,) [m] are returned."""
+    """Choose evenly spaced positions along a crease: PITCH apart, or farther apart if PITCH would give more than
+    MOST positions. Only positions near one of the raised places along (k,) [m] are returned."""
     if len(along) == 0:
         return along
     low, high = float(along.min()), float(along.max())

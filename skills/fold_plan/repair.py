@@ -1,8 +1,8 @@
-"""Plans where the hands grasp to repair a half-made fold: on the moved edge, where it lies now. They carry it back
+"""Plans the repair of a half-made fold. The hands grasp the moved edge where it lies now. They carry it back to
 where it lay before the fold, or on to the target of the fold.
 
 The hands take the material that they held in the fold. Its present place and direction follow from the believed
-shapes before the fold and now, which have the same vertices.
+shapes before the fold and now. Both shapes have the same vertices.
 """
 
 from __future__ import annotations
@@ -52,20 +52,22 @@ COVERED = 0.3
 """Cloth counts as covered if the middle of a layer lies higher than its top by this share of a thickness. The
 middle of the next layer lies half a thickness higher."""
 OWN = (0.010, 0.040)
-"""Cloth that lay nearer to a grasp than half the way that the grasped cloth has come, within this range, is this
-cloth itself [m]. Cloth below it that stayed lay as far from the grasp as the grasped cloth has come."""
+"""Cloth counts as the grasped cloth if it lay near the grasp before the fold: nearer than half the distance by
+which the grasped cloth has moved, limited to this range [m]. Cloth that stayed and now lies below the grasped
+cloth is as far from the grasp as the grasped cloth has moved."""
 
 
 @dataclass(frozen=True, eq=False)
 class RepairPlan:
     """goal: where the moved cloth is carried. step: the repair as a fold step: grasps where this cloth lies now,
-    targets where it has to lie. headings: of the held line at the grasp and at the target [rad]; the hand turns
-    between them.
+    targets where it has to lie. headings: for each hand, the heading of the held line at the grasp and at the
+    target [rad]; the hand turns from one to the other.
 
     patches: the cloth that each hand is to take. A real hand counts the layers between its pads before it lifts
-    them, and opens if there are others. In a simulation, layers of the stack below may stand up between those of
-    the grasp (beside the crease of an earlier fold), and a single held point of them would drag the whole stack
-    along. So the hands of a prediction take the cloth of the patch alone."""
+    them, and opens if it finds other layers than planned. In a simulation, layers of the stack below may stand up
+    between the grasped layers, for example beside the crease of an earlier fold. A single held point of such a
+    layer would drag the whole stack along. Therefore the hands of a prediction take the cloth of the patch
+    alone."""
 
     goal: RepairGoal
     step: FoldStep
@@ -78,11 +80,12 @@ def plan_repair(
 ) -> Outcome[RepairPlan]:
     """Plan the repair of a fold that is half made.
 
-    before, now: (n, 3) believed vertices before the fold and now, table frame [m]; a garment that was displaced as
-    a whole is displaced in both. step: the fold, displaced in the same way. thickness: of a layer [m]. Only the
-    hands whose cloth is MISPLACED take part.
+    before, now: (n, 3) believed vertices before the fold and now, table frame [m]. step: the fold. If the garment
+    was displaced as a whole, `before` and `step` are displaced in the same way. thickness: of a layer [m]. Only
+    the hands whose cloth is MISPLACED take part.
 
-    Fails with HALF_FOLDED if no cloth of a grasp is misplaced, or if it lies under other cloth or is rumpled.
+    Fails with HALF_FOLDED if the cloth of no grasp is misplaced, or if misplaced cloth lies under other cloth or
+    is rumpled.
     """
     grasps: dict[GraspId, Grasp] = {}
     targets: dict[GraspId, Array] = {}
@@ -126,15 +129,16 @@ def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: floa
 
 
 def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float, float]:
-    """Return the present place (3,) of the middle of a grasped line [m], its heading [rad], within a quarter turn
-    of the one before, and its length seen from above relative to the one before.
+    """Return three values of a grasped line: the present place (3,) of its middle [m]; its present heading [rad],
+    within a quarter turn of its heading before the fold; its present length seen from above, relative to its
+    length before the fold.
 
-    They are those of the affine map that fits the vertices near the grasp best, weighted by their distance.
-    before, now: (n, 3) vertices [m].
+    They follow from the affine map that best fits the motion of the vertices near the grasp. Vertices that are
+    farther from the grasp have less weight. before, now: (n, 3) vertices [m].
     """
     offset = before[:, :2] - grasp.point
     squared = (offset**2).sum(axis=1)
-    # with vertices far apart, those of the nearest triangles decide
+    # on a coarse mesh, the standard deviation is the distance of the sixth nearest vertex
     reach = max(REACH, float(np.sqrt(np.partition(squared, 5)[5])) if len(squared) > 5 else REACH)
     weight = np.exp(-0.5 * squared / reach**2)
     root = np.sqrt(weight)[:, None]
@@ -148,7 +152,8 @@ def locate_grasp(before: Array, now: Array, grasp: Grasp) -> tuple[Array, float,
 
 
 def _grasped_cloth(before: Array, grasp: Array, place: Array) -> Patch:
-    """Return the cloth that lay near a grasp (2,) before the fold, and now lies at a place (2,) (OWN) [m]."""
+    """Return the cloth that lay near a grasp (2,) before the fold, and now lies at a place (2,) [m]. OWN limits
+    its radius."""
     reach = float(np.clip(0.5 * np.linalg.norm(place - grasp), *OWN))
     return Patch(frozen(before[:, :2]), frozen(grasp), reach)
 

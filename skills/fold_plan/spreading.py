@@ -3,8 +3,8 @@ under other cloth (quasi-static smoothing or flattening of fabric by pulling its
 al. 2015). It needs no mesh, no simulation and no hypothesis about the folds of the cloth.
 
 Corners of the silhouette are taken for corners of the garment. A corner that lies where the flat garment has one
-is left alone and holds the garment by its friction. The other corners are pulled to the places without one, slowly
-and low over the table, two at a time if possible, so that they also pull against each other.
+is left alone and holds the garment by its friction. The other corners are pulled to the places at which no corner
+lies, slowly and low over the table, two at a time if possible, so that they also pull against each other.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from skills.vocabulary import (
 __all__ = ["AWAY", "Pull", "plan_pulls", "pulls_home", "spread_arcs", "spread_step"]
 
 AWAY = 0.030
-"""A corner that lies nearer than this to its place is there [m]. Recognition moves the plan by as much, and a
-garment that is folded anew may lie as inexactly (`skills/fold_plan/repair.py`)."""
+"""A corner that lies nearer than this to its place counts as lying there [m]. Recognition moves the plan by as
+much, and a garment that is folded anew may lie as inexactly (`skills/fold_plan/repair.py`)."""
 LONGEST = 0.35
-"""Longest pull [m]. Which corner of the garment a corner of a heap is, is uncertain if it lies further from its
-place; pulled to a wrong place, it would fold the garment over."""
+"""Longest pull [m]. If a corner of a heap lies further than this from a place, it is uncertain whether it belongs
+there. A corner that is pulled to a wrong place would fold the garment over."""
 STRETCH = 0.02
-"""Cloth is not longer than it was flat: two of its corners lie at most as far apart, and this much for the errors
-of both [m]."""
+"""Two corners of a garment lie at most as far apart as in the flat garment. This tolerance is added for the errors
+of both corners [m]."""
 APART = 0.10
 """Least distance between the two grasps and between their targets [m], so that the hands do not meet."""
 MARGIN = 0.05
@@ -55,7 +55,8 @@ stays on the table and holds it."""
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """The way of one hand. grasp, target: (2,) middle of the held line [m]."""
+    """The path of one hand in a pull. grasp, target: (2,) middle of the held line at its start and at its end
+    [m]."""
 
     grasp: Array
     target: Array
@@ -67,7 +68,8 @@ class Pull:
 
 @dataclass(frozen=True, eq=False)
 class _Match:
-    """A corner of the silhouette and the index of the place to which it may belong. away: its distance [m]."""
+    """A corner of the silhouette and the index of the place to which it may belong. away: distance of the corner
+    from this place [m]."""
 
     corner: Corner
     place: int
@@ -83,13 +85,13 @@ def plan_pulls(
 ) -> Outcome[tuple[Pull, ...]]:
     """Choose one or two corners of a silhouette and pull them to the places of the garment's corners.
 
-    contour: (n, 2) of the silhouette [m]; corners: of it; places: the corners of the flat garment where it would
-    lie if it were spread. table: its edges bound the pulls. takeable: whether a hand can take all cloth at a point
-    (2,).
+    contour: (n, 2) boundary of the silhouette [m]. corners: corners of this boundary. places: where the corners of
+    the garment would lie if it were spread. table: its edges bound the pulls. takeable: whether a hand can take
+    all cloth at a point (2,).
 
-    A pull may drag the whole heap along, so that one that would drag it over the table's edge is not made. Of all
-    couples of corners that cloth of this size can have there, the one that is nearest to its places is
-    chosen: what is nearest is least doubtful. Fails with HEAPED, with the reason, if no corner can be pulled.
+    A pull may drag the whole heap along. Therefore a pull that would drag the heap over the table's edge is not
+    planned. Of all pairs of corners that can be pulled at once, the pair that is nearest to its places is chosen,
+    because it is the least doubtful. Fails with HEAPED, with the reason, if no corner can be pulled.
     """
     if not all(_on(table, place.point) for place in places):
         return Outcome(failure=_impossible("it would reach over the table's edge"))
@@ -119,10 +121,11 @@ def plan_pulls(
 
 
 def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -> Outcome[tuple[Pull, ...]]:
-    """Plan how a garment that lies spread is drawn back to where it lay: two hands pull the edge that leads.
+    """Plan the pull of a spread garment back to where it lay. Two hands pull its leading edge: the edge that faces
+    the direction of the pull.
 
-    places, home: its corners now and before, in the same order around the garment. Fails with HEAPED if no edge
-    leads there.
+    places, home: corners of the garment now and before, in the same order around the garment. Fails with HEAPED if
+    no edge leads, or if the pull would be too long or too near the table's edge.
     """
     here, there = (np.array([c.point for c in cs]) for cs in (places, home))
     way = (there - here).mean(axis=0)
@@ -145,8 +148,8 @@ def pulls_home(places: Sequence[Corner], home: Sequence[Corner], table: Table) -
 
 def spread_step(name: str, index: int, pulls: Sequence[Pull], thickness: float) -> FoldStep:
     """Return the pulls as a fold step, which the hands perform like a fold. They take all layers down to the
-    table, at least one, with the held line across the pull. thickness: of a layer [m]. The line only marks the
-    direction."""
+    table, at least one, with the held line across the pull. thickness: of a layer [m]. The fold line only marks
+    the direction of the pull."""
     ordered = sorted(pulls, key=lambda p: -float(p.grasp[1]))
     ids = (GraspId.LEFT, GraspId.RIGHT) if len(ordered) == 2 else (_side(ordered[0]),)
     by_id = dict(zip(ids, ordered, strict=True))

@@ -37,7 +37,8 @@ FLAT, CLEARANCE = 0.002, 0.02
 if it is further than CLEARANCE from cloth that is not flat [m]."""
 ESCORTED = 0.8
 """Share of the turn up to which earlier creases in the moving part are turned with it. Limp cloth that moved
-freely from the start would fall back over the crease. From here on it falls on to its place."""
+freely from the start would fall back over the crease. After this share of the turn, the cloth falls on to its
+place."""
 KEPT = 0.9
 """Share of its velocity that the free cloth retains from one frame to the next, which damps its motion."""
 

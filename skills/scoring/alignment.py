@@ -50,10 +50,10 @@ class FinalGarment:
 class AlignedGarment:
     """A final garment, moved onto its target. error: (m,) distances of the barycentres of the cut mesh's triangles
     from their places in the target [m]; drift: displacement (2,) of the centroid from its place in the target [m];
-    turn: of the shape against the target [rad].
+    turn: rotation of the shape against the target [rad].
 
     folded: the garment's mesh, cut at the fold lines, with its final vertices as attributes. Raises InternalError
-    if these are not finite or too far apart.
+    if these vertices are not finite or too far apart.
     """
 
     def __init__(self, garment: FinalGarment, folded: FoldedMesh) -> None:

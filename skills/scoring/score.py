@@ -74,9 +74,9 @@ def score_plan(
     """Score a folded garment against its plan. keypoints: the true key points, name -> (2,) material coordinates.
     The heights are not judged yet (`Score.with_ideal`).
 
-    A step of a plan may have several variants (either half onto the other). The garment is scored against the
-    combination of variants whose target is nearest to its final shape, measured without alignment. Raises
-    InternalError like `score`.
+    A step of a plan may have several variants (for example, either half folded onto the other). The garment is
+    scored against the combination of variants whose target is nearest to its final shape, measured without
+    alignment. Raises InternalError like `score`.
     """
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     finals = [

@@ -1,8 +1,8 @@
 """The figures of a score, their limits, and the two verdicts: `shape` concerns the figures seen from above, `flat`
 the heights.
 
-How high unpressed cloth stands depends on its fabric, so the heights are compared with those of an ideal fold of
-the same garment: nothing that does not press can be asked for more.
+The height of unpressed cloth depends on its fabric. The heights are therefore compared with those of an ideal fold
+of the same garment. A fold that is not pressed cannot be required to be flatter than that.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ class IdealHeights:
     """Heights of an ideal fold [m], measured as those of the garment, and figures that show whether this fold can
     serve as the ideal.
 
-    flaw: why it cannot, in words; None if it can. crossings: number of places where layers pass through each
-    other; strain: largest strain of an edge away from creases, as a fraction; motion: largest displacement of a
-    vertex in the last 0.1 s [m]; iou: overlap with the target. NaN: not known, because the fold cannot be made.
+    flaw: the reason why it cannot serve as the ideal, in words; None if it can. crossings: number of places where
+    layers pass through each other; strain: largest strain of an edge away from creases, as a fraction; motion:
+    largest displacement of a vertex in the last 0.1 s [m]; iou: overlap with the target. A figure is NaN if it is
+    not known because the fold cannot be made.
     """
 
     height: float
@@ -48,9 +49,9 @@ class IdealHeights:
 
 @dataclass(frozen=True)
 class ScoreLimits:
-    """Limits of the figures for a pass. correspondence: fraction of the garment's diagonal; height: above the flat
-    stack, ideal_height, ideal_crease_height: above those of the ideal fold [m]; edges, keypoints, drift [m];
-    drift_angle [rad]."""
+    """Limits of the figures for a pass. correspondence: as a fraction of the garment's diagonal; height: above the
+    flat stack [m]; ideal_height, ideal_crease_height: above the heights of the ideal fold [m]; edges, keypoints,
+    drift [m]; drift_angle [rad]."""
 
     iou: float = 0.90
     correspondence: float = 0.025
@@ -114,7 +115,8 @@ class Score:
 
     @property
     def passed(self) -> bool:
-        """Shape and flat. A run whose ideal fold has a flaw has not passed."""
+        """Whether the shape passes, and the heights if they are judged. A run whose ideal fold has a flaw has not
+        passed."""
         return self.shape and (self.ideal is None or self.flat is True)
 
     @property

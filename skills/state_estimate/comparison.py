@@ -35,7 +35,7 @@ COVERAGE = 0.25
 HEIGHT, HEIGHT_SHARE = 0.002, 0.35
 SHIFT = 0.012  # distance by which an edge of an upper layer may lie beside its predicted place [m]
 FREEDOM = 3.0  # degrees of freedom of Student's t
-OVERLAP = 0.3  # smallest share of a cell that must be cloth in both for its height to be compared
+OVERLAP = 0.3  # a height is compared if more than this share of the cell is cloth in picture and hypothesis
 BAD = 2.0  # A cell with a larger misfit counts as unexplained
 
 
@@ -43,9 +43,9 @@ BAD = 2.0  # A cell with a larger misfit counts as unexplained
 class Fit:
     """A hypothesis, moved to where it fits the picture best.
 
-    about: (2,) centre of its outline [m]; drift: (2,) displacement of this centre [m]; drift_rad: angle of the
-    motion. outline: (k, 2) its outline after the motion [m]. misfit: sum over the cells; cells: number of cells
-    with cloth, in the picture or in the hypothesis; unexplained_m2: area of the cells with a large misfit.
+    about: (2,) centre of its outline [m]; drift: (2,) displacement of this centre [m]; drift_rad: angle by which
+    it is turned. outline: (k, 2) its outline after the motion [m]. misfit: sum over the cells; cells: number of
+    cells with cloth, in the picture or in the hypothesis; unexplained_m2: area of the cells with a large misfit.
     """
 
     hypothesis: Hypothesis
@@ -72,7 +72,7 @@ class Fit:
         return frozen(np.column_stack([moved, vertices[:, 2]]))
 
     def taken_back(self, vertices: Array) -> Array:
-        """Return the vertices (n, 3) [m] that `placed` displaces to these."""
+        """Reverse `placed`: return the vertices (n, 3) [m] that it displaces to `vertices`."""
         back = (vertices[:, :2] - self.about - self.drift) @ rotation(self.drift_rad) + self.about
         return frozen(np.column_stack([back, vertices[:, 2]]))
 
@@ -164,7 +164,7 @@ def _neighbourhood(
 
 def _gain(height: Array, expected: Array) -> float:
     """Estimate the ratio of the observed heights (n,) to the expected ones, as the median weighted by the expected
-    heights, within the ratio that a fabric's thickness can cause (LOFTY)."""
+    heights. The result is limited to the ratios that a fabric's thickness can cause (LOFTY)."""
     ratio = height / np.maximum(expected, 1e-4)
     order = np.argsort(ratio)
     weight = np.cumsum(expected[order])

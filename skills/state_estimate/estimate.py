@@ -21,7 +21,7 @@ Simulate = Callable[[Sequence[Interruption]], Sequence[Array]]
 ONE_HAND = 2  # the loss of the cloth by one hand is simulated at every second moment
 NEARLY_ALL = 0.98  # share of the vertices that decides which state a simulated shape amounts to
 MEASURED = Interruption(measured=True)
-REACTION = 0.12  # share of the way that the hands cover from the slip of one until the other opens, at first
+REACTION = 0.12  # share of the way between the slip of one hand and the opening of the other, at first
 
 
 # Priors of the states
@@ -41,21 +41,21 @@ COMPLETED: Mapping[FoldState, float] = {
 # Misfit that changes the odds of a hypothesis by a factor of e. It makes the confidence agree with the share of
 # correct estimates (docs/results/state_estimate.md).
 TEMPERATURE = 12.0
-HEAP = 0.8  # misfit for each cell with cloth that a heap has
+HEAP = 0.8  # misfit of a heap for each cell with cloth
 # Misfit for each cell below which the measured course of the hands explains the picture. It is larger than that of
 # shapes before and after the fold, because a shape half way is less certain.
 AS_MEASURED = 0.4
-# If the misfit for each cell and the unexplained area [m2] of the shape before or after the fold are smaller,
-# nothing else is simulated
+# If the shape before or after the fold has a smaller misfit for each cell and a smaller unexplained area [m2], no
+# interrupted fold is simulated
 EXPLAINED, EXPLAINED_M2 = 0.15, 0.0030
 MOMENTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of the hands' way at which interruptions are simulated at first
-REFINEMENTS = 3  # number of times that the distance between these moments is halved at the best one
+REFINEMENTS = 3  # number of times that the distance between moments is halved around the best one
 # If NEARLY_ALL vertices of an interrupted fold lie nearer than this to the shape before or after the fold, it
 # counts as that state [m]
 SAME = 0.030
 DRIFT, TURN = 0.060, 0.25  # standard deviations of the garment's displacement [m] and turn [rad]
-# Angles from which alignments of the shapes before and after the fold begin, if the first one explains nothing
-# [rad]
+# The shape before or after the fold is first aligned with the picture from angle 0. If the result does not explain
+# the picture, the alignment begins again from each of these angles [rad].
 TURNS = (-0.5, 0.5)
 
 
@@ -101,11 +101,11 @@ def estimate_state(
 ) -> StateEstimate:
     """Estimate the state of a garment.
 
-    before, after: shapes before the fold and after it, as believed and predicted. grasps: of the hands of the
-    fold. simulate: simulates interrupted folds; it is called only if neither shape explains the picture. lift:
-    height by which the camera sees the flat garment above its mesh [m]. several_layers: whether the hands grasp
-    more than one layer, so that one can be missed. measured: whether the course of the hands is known, so that it
-    can be simulated; the other interruptions are simulated only if the result does not explain the picture.
+    before, after: shapes before the fold and after it, as believed and predicted. grasps: the grasps of the fold.
+    simulate: simulates interrupted folds; it is called only if neither shape explains the picture. lift: height by
+    which the camera sees the flat garment above its mesh [m]. several_layers: whether the hands grasp more than
+    one layer, so that a layer can be missed. measured: whether the course of the hands is known. If so, it is
+    simulated first. The other interruptions are simulated only if it does not explain the picture.
     """
 
     def fitted(hypothesis: Hypothesis) -> Fit:
@@ -175,8 +175,8 @@ def _between(best: Interruption, distance: float) -> tuple[Interruption, ...]:
 
 
 def _state_of(shape: PredictedShape, before: PredictedShape, after: PredictedShape) -> FoldState:
-    """Return the state that a simulated shape amounts to. A hand that opens shortly before the target completes
-    the fold; cloth that is released early falls back."""
+    """Return the state to which a simulated shape belongs. For example, the fold is completed although a hand
+    opens shortly before the target, or the cloth falls back because it is released early."""
     for state, end in ((FoldState.AFTER, after), (FoldState.BEFORE, before)):
         distance = np.linalg.norm(shape.vertices - end.vertices, axis=1)
         if np.quantile(distance, NEARLY_ALL) < SAME:
@@ -210,8 +210,8 @@ def _measured(found: Fit) -> bool:
 def _judge(
     seen: Observation, fits: Sequence[Fit], simulations: int, priors: Mapping[FoldState, float]
 ) -> StateEstimate:
-    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, but the
-    measured course of the hands has half of it: nothing is guessed in it."""
+    """Compute the probabilities of the states. The prior of a state is shared equally by its hypotheses, with one
+    exception: the measured course of the hands has half of it, because it contains no guess."""
     ordered = tuple(sorted(fits, key=_cost))
     cells = min(f.cells for f in fits)
     score = {FoldState.HEAP: [np.log(priors[FoldState.HEAP]) - HEAP * cells / TEMPERATURE]}

@@ -16,16 +16,18 @@ from skills.vocabulary import GraspId
 __all__ = ["HandCourse", "held_until", "without_gaps"]
 
 AT_FIRST_S = 0.2
-"""For this time after the beginning, the hands hold their cloth; its openings are the ones with cloth [s]."""
+"""The hands are assumed to hold their cloth for this time after the beginning. The openings in this time are the
+openings with cloth [s]."""
 OPENED = 0.0015
-"""A hand has let go if its opening is larger than with the cloth by this [m]."""
+"""A hand has let go if its opening exceeds its opening with cloth by more than this [m]."""
 LONGEST_GAP_S = 0.5
-"""Longest time between two readings in which the hands move; the rest of a longer gap is left out [s]."""
+"""If the time between two readings is longer than this, it counts as this long [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandCourse:
-    """The measured course of the hands of a fold, from the lift on; each value by the grasp of the hand.
+    """The measured course of the hands of a fold, from the lift on. The mappings have the grasp of the hand as
+    key.
 
     t: (n,) times [s] from 0; position: (n, 3) of the tool in the table frame [m]; rotation: (n, 3, 3)
     R_table_tool; until: the time until which the hand held its cloth [s].
@@ -40,8 +42,9 @@ class HandCourse:
         """Return the poses of both hands at the bounds of the frames until the last hand loses its cloth:
         positions (frames + 1, 2, 3), rotations (frames + 1, 2, 3, 3).
 
-        heights: of each tool when it grasps [m]. A measured height has an error of some millimetres; it is
-        measured from the one at the beginning. Tips that press on the table press no cloth through it.
+        heights: of each tool when it grasps [m]. Measured heights have errors of some millimetres, so only their
+        rise since the beginning is used. It is added to `heights` and is never negative, because tips that press
+        on the table press no cloth through it.
         """
         last = max(1, round(max(self.until.values()) / frame_s))
         t = np.minimum(np.arange(last + 1) * frame_s, self.t[-1])
@@ -59,16 +62,16 @@ class HandCourse:
 
 
 def without_gaps(stamps: Array) -> Array:
-    """Return times from 0 (n,) [s] whose steps are at most LONGEST_GAP_S: a clock that was set ahead moves no
-    hand."""
+    """Return times from 0 (n,) [s] whose steps are at most LONGEST_GAP_S. A hand does not move because a clock was
+    set ahead."""
     return np.asarray(np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(stamps), LONGEST_GAP_S))]))
 
 
 def held_until(t: Array, opening: Array, empty: float, slip_fraction: float) -> float:
     """Return the time at which a hand loses its cloth or opens [s]; the last time if it does neither.
 
-    t: (n,) [s]; opening: (n,) between the pads [m]. empty: opening of closed, empty pads [m]. slip_fraction: share
-    of the opening with cloth that is left when the cloth is gone.
+    t: (n,) [s]; opening: (n,) between the pads [m]. empty: opening of closed, empty pads [m]. slip_fraction: the
+    cloth is gone if the opening, less `empty`, is below this share of the opening with cloth, less `empty`.
     """
     known = np.isfinite(opening)
     if not known.any():

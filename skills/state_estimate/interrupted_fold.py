@@ -1,4 +1,4 @@
-"""Simulates folds that end early: cloth slips out of a hand, hands open on the way, or hold one layer less."""
+"""Simulates folds that end early: a hand loses its cloth, hands open on the way, or they hold one layer less."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def simulate_interruptions(
 
     The fold up to the first difference from the plan is simulated only once. proceed: called before each
     interruption is simulated; it may raise an exception to end the computation. pads: of the hands; None: the
-    default pads. course: of the hands, for the interruptions that were measured.
+    default pads. course: measured course of the hands, which a measured interruption needs.
     """
     fold = _Fold(mesh, positions, material, paths, grip_force, pads)
     results: dict[int, Array] = {}
@@ -115,7 +115,7 @@ class _Fold:
         return frozen(self._simulation.positions)
 
     def end_by(self, how: Interruption) -> Array:
-        """Simulate the rest of the fold with an interruption, and return to the present moment."""
+        """Simulate the rest of the fold with an interruption, then restore the state of the present moment."""
         saved, now = self._simulation.checkpoint(), self._now
         losses = sorted((self.frame_at(share), grasp_id) for grasp_id, share in how.lost.items())
         for frame, grasp_id in losses:

@@ -15,7 +15,7 @@ __all__ = ["plain_paths", "plain_trajectory"]
 
 def plain_trajectory(step: FoldStep, garment: Garment, max_speed: float) -> GraspTrajectory:
     """Compute the optimiser's plain arc (PLAIN_H, lower for a long fold) of each grasp. max_speed: of the tools
-    [m/s]. Its dissimilarity is not known."""
+    [m/s]. The dissimilarity of the trajectory is not known."""
     frames = frames_of(step, garment.material.thickness)
     height = min(PLAIN_H, MAX_HEIGHT / (0.75 * max(f.distance for f in frames.values())))
     controls = {i: arc_controls(f.start, f.end, height, 0.0) for i, f in frames.items()}

@@ -1,5 +1,5 @@
-"""Library of optimised arcs, which are stored normalised and with their provenance, and are looked up and scaled
-to the present fold."""
+"""Library of optimised arcs. They are stored in normalised form, with their provenance. An arc that was looked up
+is scaled to the present fold."""
 
 from __future__ import annotations
 

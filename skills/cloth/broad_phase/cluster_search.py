@@ -113,8 +113,9 @@ def _points_within(geo, r, box, slab, b, near, horizon):
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
-    """Return, for points at x with speeds u along axis d, their least distances from the box of cluster g x LANES
-    + c within +-sweep [s], minus `near` [m]. A negative number means that the point may come within `near`."""
+    """Return the least distances along axis d of points from the box of cluster g x LANES + c within +-sweep [s],
+    minus `near` [m]. x, u: positions and speeds of the points along this axis. A negative number means that the
+    point may come within `near`."""
     away = vabs(x - splat_f32x16(box[g, d, c])) - sweep * vabs(u - splat_f32x16(box[g, d + 6, c]))
     return away - splat_f32x16(box[g, d + 3, c] + near)
 

@@ -1,17 +1,17 @@
 # mypy: allow-untyped-defs, allow-incomplete-defs
 """Finds the edges that can touch other edges: rims, and ridges, where the cloth is bent.
 
-An edge between two nearly coplanar triangles needs no contacts with other edges. Vertex-triangle contacts hold the
-ends of a crossing edge a thickness above these triangles, so the straight line between the ends is about as far
-away. With an angle a between the triangles and a crossing edge of length l, the line can come nearer by a l / 4
-(as the ridge of a roof rises above the line between its eaves). Up to a = 4 (thickness - d) / l, the two edges
-stay apart by the contact distance d of edges. A contact with such a flat edge would bear no load, so only pairs of
-ridges or rims are searched. In a folded shirt, a third of the pairs remain.
+An edge between two nearly coplanar triangles needs no contacts with other edges. Consider an edge of length l that
+crosses it. Vertex-triangle contacts hold both ends of the crossing edge one thickness above the triangles. If the
+triangles are coplanar, the whole crossing edge is therefore one thickness away. If there is an angle a between
+them, its middle can come nearer by a l / 4, as the ridge of a roof rises above the line between its eaves. The
+edge distance d of contacts is kept up to a = 4 (thickness - d) / l. A contact with such a flat edge would bear no
+load, so only pairs of ridges or rims are searched. In a folded shirt, a third of the pairs remain.
 
 Edges are classified in the state predicted for the middle of the search horizon. A cluster with new ridges since
-its last search is included in the next search. If an edge bends faster than the margin (SHARE) allows, the edge
-becomes a ridge a frame late, in this next search; until this search, vertex-triangle contacts keep the edge apart
-from other edges.
+its last search is included in the next search. An edge becomes a ridge at the share SHARE of this largest angle a,
+which leaves a margin until the next search. If an edge bends faster than the margin allows, that next search finds
+it one frame late. Until then, vertex-triangle contacts keep it apart from other edges.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
 
-SHARE = 0.5  # x allowed angle: at this angle an edge becomes a ridge, as the angle may grow until the next search
+SHARE = 0.5  # x allowed angle: from this angle on an edge is a ridge, as the angle may grow until the next search
 MOST_ANGLE = 0.5  # [rad] at a larger angle an edge is always a ridge, however thick the cloth is
 WIDE = np.uint32(LANES)
 

@@ -18,8 +18,8 @@ __all__ = ["repair_arcs", "turned_paths"]
 def repair_arcs(
     controls: Mapping[GraspId, Array], plan: RepairPlan, thickness: float
 ) -> tuple[dict[GraspId, Array], ...]:
-    """Return candidates for the control points (n + 1, 3) of a repair: the arcs of the fold, scaled to begin where
-    the cloth lies now and reversed for the way back, and the plain initial arcs.
+    """Return candidates for the control points (n + 1, 3) of a repair: first the arcs of the fold, scaled to begin
+    where the cloth lies now, and reversed if the cloth is carried back; then plain initial arcs.
 
     controls: (n + 1, 3) of the fold's arcs [m]; thickness: of a layer [m]. The tips begin in the middle of the
     lowest grasped layer, so that they leave the layers below it.
@@ -37,8 +37,8 @@ def repair_arcs(
 def turned_paths(
     paths: Mapping[GraspId, ToolPath], headings: Mapping[GraspId, tuple[float, float]]
 ) -> dict[GraspId, ToolPath]:
-    """Return the paths with the tool turning smoothly between two headings, at the grasp and at the release
-    [rad]."""
+    """Return the paths with a tool that turns smoothly. headings: for each grasp, the heading at the grasp and at
+    the release [rad]."""
 
     def turned(path: ToolPath, begin: float, end: float) -> ToolPath:
         step = np.linalg.norm(np.diff(path.position, axis=0), axis=1)

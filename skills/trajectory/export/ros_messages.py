@@ -32,8 +32,8 @@ def joint_trajectory(names: Sequence[str], t: Array, q: Array, qd: Array) -> dic
 def pose_trajectory(frame: str, tools: Mapping[str, tuple[Array, Array, Array]]) -> dict[str, Any]:
     """Return a trajectory_msgs/MultiDOFJointTrajectory: the poses of tools over time, for a robot of any build.
 
-    frame: in which the poses are. tools: name -> (t (n,) [s], position (n, 3) [m], quaternion (n, 4), scalar
-    last). All tools have the same times.
+    frame: name of the frame of the poses. tools: name -> (t (n,) [s], position (n, 3) [m], quaternion (n, 4),
+    scalar last). All tools have the same times.
     """
     times = next(iter(tools.values()))[0]
     points = [

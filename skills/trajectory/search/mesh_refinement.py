@@ -18,7 +18,8 @@ from skills.vocabulary import Array
 __all__ = ["carried", "refined"]
 
 EDGE_QUANTILES = (0.25, 0.95)
-"""Quantiles of the areas of a mesh's triangles that are taken as those near creases and away from them."""
+"""Two quantiles of the areas of a mesh's triangles. The first is taken as the area of a triangle near creases, the
+second as the area of one away from creases."""
 
 
 def refined(problem: FoldProblem, share: float) -> FoldProblem:

@@ -258,7 +258,8 @@ def _initial(problem: FoldProblem) -> Controls:
 
 
 def _capped(problem: FoldProblem, height: float) -> float:
-    """Return `height` of both inner points, reduced so that the arc's top (3/4 of it) stays within MAX_HEIGHT."""
+    """Return `height` of both inner control points, as a fraction of the fold's distance. It is reduced if the arc
+    would rise above MAX_HEIGHT. The top of the arc lies at 3/4 of the inner points' height."""
     distance = max(f.distance for f in problem.frames.values())
     return min(height, MAX_HEIGHT / (0.75 * distance))
 
