@@ -72,7 +72,8 @@ class Claim:
 
     @property
     def too_high(self) -> bool:
-        """Whether a measured height is above its limit. A height that is not visible is not."""
+        """Whether a measured height is above its limit. A height that is not visible does not count as too
+        high."""
         return self.height_m > self.height_limit_m or self.crease_height_m > self.crease_height_limit_m
 
 

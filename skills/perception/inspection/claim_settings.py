@@ -32,8 +32,8 @@ class ClaimSettings:
     crease_sigma: float
     """Error of an observed height after the camera's bias was subtracted."""
     first_crease_sigma: float
-    """Error with which the first crease shows the bending length: of the observation, and because the fold is not
-    ideal."""
+    """Error of the first crease's height as a measure of the bending length. It includes the error of the
+    observation and the difference from an ideal fold."""
     ideal_sigma: float
     """Error of the ideal fold's heights for a known bending length, relative to no other figure."""
     thickness_spread: float
