@@ -35,7 +35,7 @@ class ClaimSettings:
     """Error of the first crease's height as a measure of the bending length. It includes the error of the
     observation and the difference from an ideal fold."""
     ideal_sigma: float
-    """Error of the ideal fold's heights for a known bending length, relative to no other figure."""
+    """Error of the ideal fold's heights for a known bending length."""
     thickness_spread: float
     """Error of the stated thickness of a layer, as a share of it, for garments without a class of fabrics."""
     camera_bias: float

@@ -90,9 +90,9 @@ def standing_parts(empty: RectifiedView, pixel: float) -> Mask:
 
 
 def _levelled(seen: RectifiedView) -> Field:
-    """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. Its median
-    is 0, because the calibration may be a few centimetres off, and most of the view shows the table or a flat
-    garment."""
+    """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. The median
+    of the view is subtracted, because the calibration may be a few centimetres off, and most of the view shows the
+    table or a flat garment."""
     mean = np.where(seen.valid, smooth_height(seen.height, _WINDOW, KNOWN_SHARE), np.float32(np.nan))
     measured = mean[np.isfinite(mean)]
     return mean - (float(np.median(measured)) if len(measured) else 0.0)
