@@ -24,8 +24,8 @@ __all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty", "start_empty_check"
 MET_READINGS = 5
 """Number of readings of the opening that are averaged."""
 MET = 1 / 3
-"""Pads have met if their distance is less than this share of a layer. A layer of 0.5 mm that is stated as 0.8 mm
-is overlooked only if the error is 3.5 sigma, at the usual noise of a reading (0.15 mm)."""
+"""Pads have met if their distance is less than this share of a layer. With the usual noise of a reading (0.15 mm),
+a layer of 0.5 mm that is stated as 0.8 mm is overlooked only at an error of 3.5 sigma."""
 HELD_READINGS = 5
 """Number of readings in a row in which both pads must feel the grip."""
 STILL = 0.0008

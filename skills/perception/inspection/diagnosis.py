@@ -161,8 +161,8 @@ def _corner_lag(seen: Inspection) -> float:
 
 
 def _min_left_behind(seen: Inspection) -> float:
-    """Smallest known value of `Inspection.left_behind` [m]; NaN if it is not known at every grasp. The middle
-    alone may be unseen."""
+    """Smallest known value of `Inspection.left_behind` [m]; NaN if it is unknown at any grasp. The value in the
+    middle may be unknown."""
     at_grasps = _at_grasps(seen)
     if not len(at_grasps) or np.isnan(at_grasps).any():
         return float("nan")

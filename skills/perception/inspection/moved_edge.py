@@ -107,8 +107,8 @@ class MovedEdge:
     @staticmethod
     def _end(lag: Array, sure: bool) -> float:
         """Lag of the end at which `lag` begins [m]: the median of the first three visible strips in the first
-        third of the edge, or the smaller lag of the first two. A single misplaced strip does not count, neither as
-        a false alarm nor by hiding a corner. NaN if no strip is visible there. sure: the first strip cannot be
+        third of the edge, or the smaller lag of the first two. Thus a single misplaced strip neither causes a
+        false alarm nor hides a corner. NaN if no strip is visible there. sure: the first strip cannot be
         misplaced, so that the end lags by no more than this strip."""
         seen = lag[: len(lag) // 3]
         seen = np.sort(seen[np.isfinite(seen)][:3])

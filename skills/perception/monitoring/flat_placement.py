@@ -39,8 +39,8 @@ FURTHEST, MOST_TURNED = 0.40, np.deg2rad(60.0)
 """Largest displacement [m] and turn [rad] of the garment as a whole. If a garment with symmetries turned further,
 its orientation would be ambiguous."""
 UNMOVED = 0.03
-"""A garment that lies where it lay is preferred, if another place explains the boundary better by less than this
-share of it."""
+"""The garment's earlier place is preferred, unless the share of the boundary that another place explains is larger
+by at least this."""
 STEP = 0.005
 
 
