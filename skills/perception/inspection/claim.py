@@ -27,11 +27,11 @@ __all__ = ["Claim", "Displacement", "claim_fold", "claim_to_dict", "displacement
 IOU_SIGMA = 0.010
 DRIFT_SIGMA = 0.004
 DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
-"""Errors of the figures of the shape."""
+"""Standard deviations of the figures of the shape: overlap, displacement [m] and angle [rad]."""
 
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
-"""Diagnoses that do not concern the shape: the claim has its own limit for the drift, and piled cloth is not
-flat."""
+"""Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns
+flatness."""
 
 
 @dataclass(frozen=True)

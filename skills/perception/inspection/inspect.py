@@ -172,8 +172,8 @@ def _second_garment(found: Segmentation, planned: NDArray[np.bool_], view: Table
 def averaged_height(
     height: NDArray[np.float32], mask: NDArray[np.bool_], earlier: Inspection
 ) -> NDArray[np.float32]:
-    """Return the mean of the height (H, W) and that of an earlier look [m], where both are known; the height
-    itself if the garment (mask, (H, W)) lies elsewhere or differently now. A second look is then more accurate
+    """Return the mean of the height (H, W) and that of an earlier look [m], where both are known. If the garment
+    (mask, (H, W)) now lies elsewhere or differently, return the height itself. A second look is then more accurate
     than the first, instead of being only another sample of the same noise."""
     if earlier.mask.shape != mask.shape:
         return height

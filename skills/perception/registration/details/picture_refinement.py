@@ -42,7 +42,8 @@ def refine_by_picture(
     garment: with its limbs as in its template and not swung, because a notch is recognised by legs that lie close
     together in the template. contour: (n, 2) observed boundary [m].
     """
-    # The search for a seam begins at the armpit of the outline, because this armpit is near the end of the seam.
+    # Shoulders are moved first. The search for a seam begins at the armpit where the outline puts it, because this
+    # place is near the end of the seam.
     return _set_notches(_set_shoulders(registration, garment, contour, picture), garment, picture)
 
 

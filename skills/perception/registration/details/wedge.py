@@ -83,8 +83,8 @@ class Wedge:
 
 
 def fit_wedge(strip: Strip, starts: list[Array], prior: WedgePrior, count: int) -> Wedge:
-    """Fit the wedge to the strip. The fit starts from the `count` best of the start values (7,) whose tips are
-    apart."""
+    """Fit the wedge to the strip, from each of the `count` best start values (7,) whose tips are apart. Return the
+    fit of lowest cost."""
     ranked = sorted(starts, key=lambda p: _first_cost(p, strip))
     chosen: list[Array] = []
     for p in ranked:
