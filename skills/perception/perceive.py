@@ -32,7 +32,8 @@ from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKi
 __all__ = ["Perception", "perceive"]
 
 SURE_FIT = 0.82
-"""A proposal that fits so well (`candidate.fit_quality`) is accepted before the others are tried."""
+"""A proposal with at least this quality of fit (`candidate.fit_quality`) is accepted before the others are
+tried."""
 ACCURATE_WITHIN = 0.010
 """The confidence is the probability that all key points lie within this distance of their true places, on a
 garment of its nominal size."""

@@ -173,8 +173,8 @@ def averaged_height(
     height: NDArray[np.float32], mask: NDArray[np.bool_], earlier: Inspection
 ) -> NDArray[np.float32]:
     """Return the mean of the height (H, W) and that of an earlier look [m], where both are known. If the garment
-    (mask, (H, W)) now lies elsewhere or differently, return the height itself. A second look is then more accurate
-    than the first, instead of being only another sample of the same noise."""
+    (mask, (H, W)) now lies elsewhere or differently, return the height itself. A second look at a garment at rest
+    thus has less noise than the first."""
     if earlier.mask.shape != mask.shape:
         return height
     if mask_iou(mask, earlier.mask) < STILL_IOU:
