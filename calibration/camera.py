@@ -25,7 +25,7 @@ PINHOLE = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZER
 RADIAL = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 MIN_VIEWS = 5
 PICTURES_PER_VIEW = 2
-"""At most the wanted number of views times this number of images are taken."""
+"""The largest number of images that are taken is this number times the wanted number of views."""
 MIN_CORNERS = 10
 """Smallest number of corners in an accepted image."""
 MAX_RMS = 1.0

@@ -50,7 +50,7 @@ RADIUS = 0.5
 LOOP = 0.003
 """Radius of the bend with which the coupon is laid [m]."""
 SUBSTEPS = 128
-"""Per frame. With 64, coupons of fabrics that stretch by less than 1.1 % become unstable."""
+"""Substeps per frame. With 64, coupons of fabrics that stretch by less than 1.1 % become unstable."""
 DRAG = 30.0
 """Drag of the air [1/s], which lets the limbs come to rest without swinging."""
 LOWER_S, DWELL_STEPS, RISE_S, RECOVER_S = 0.5, 8, 0.25, 1.5

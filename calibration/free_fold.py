@@ -32,7 +32,7 @@ from skills.vocabulary import FoldLine, Material
 __all__ = ["FreeFold", "bending_length_of_fold", "calibrate_free_fold", "elastica_height", "free_fold"]
 
 THICKNESSES = 1.5
-"""Height of the strip's own thickness at the crease, in thicknesses."""
+"""Height that the strip's thickness adds to the crease, in thicknesses."""
 MIN_LENGTH, MAX_LENGTH = 0.003, 0.10
 """Shortest and longest accepted bending length [m]."""
 AGREEMENT = 0.10
@@ -42,8 +42,8 @@ EDGES_EACH = 2.0
 FLAT, WIDTH = 6.0, 8.0
 """Length of each half and width of the virtual strip, in bending lengths."""
 SLICES = 8
-"""The height is the median of the highest places in this number of slices of the strip's width, without the two at
-its borders, which curl."""
+"""The strip's width is divided into this number of slices. The height of the fold is the median of their highest
+places. The two slices at the borders are omitted, because the borders curl."""
 SETTLE_S = 1.5
 
 

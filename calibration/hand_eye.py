@@ -44,7 +44,7 @@ makes an error visible."""
 
 
 POSES_PER_VIEW = 4
-"""At most the wanted number of views times this number of poses are tried per hand."""
+"""The largest number of poses that are tried per hand is this number times the wanted number of views."""
 MIN_CORNERS = 10
 """Smallest number of corners in a view."""
 LEAN = 0.6

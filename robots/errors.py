@@ -36,7 +36,7 @@ class FailureKind(StrEnum):
     NOT_FLAT = "not_flat"
     LOW_CONFIDENCE = "low_confidence"
     CAMERA_FAULT = "camera_fault"
-    GARMENT_MOVED = "garment_moved"  # since it was planned, without the cell's doing
+    GARMENT_MOVED = "garment_moved"  # moved after the plan was made, and not by the cell
     # planning
     OPTIMISER_FAILED = "optimiser_failed"
     PREDICTION_POOR = "prediction_poor"

@@ -81,8 +81,8 @@ class RobotModel:
     commissioning: the slow limits; protective: limits of the hardware in a protective stop. q_park: (joints,) both
     arms out of the camera's view [rad]. head_pan: nominal angle of the head [rad]. floor: height of the floor in
     the base frame [m]. fingertips: collision objects of each arm that may touch the table in a grasp.
-    contact_effort: change of a joint's effort in a descent that counts as a contact [Nm]; it has to exceed what
-    the arm's own weight changes within a second.
+    contact_effort: change of a joint's effort in a descent that counts as a contact [Nm]; it has to exceed the
+    change that the arm's own weight causes within a second.
     """
 
     name: str

@@ -25,7 +25,8 @@ the camera's view (tested), and about a radian from the start and the end of a t
 PARK_RIGHT = tuple(
     float(turn - angle) for turn, angle in zip((0.0, -np.pi, 0.0, -np.pi, 0.0, 0.0), PARK_LEFT, strict=True)
 )
-"""The mirror image. A shoulder lift or a first wrist joint at -pi / 2 is vertical, and mirrors about that."""
+"""Parked right arm [rad], the mirror image of the left one. Shoulder lift and first wrist joint are vertical at
+-pi / 2, so their angles are mirrored about this value."""
 
 DESCRIPTION = RobotDescription(
     name="ur5_pair",

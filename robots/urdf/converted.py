@@ -68,7 +68,7 @@ def seen_urdf(description: RobotDescription) -> Path:
         ET.SubElement(material, "color", rgba=" ".join(map(str, (*rgb, 1.0))))
 
     def _brightened(stem: str) -> tuple[float, ...]:
-        """The renderer shows colours brighter than a viewer."""
+        """Return a mesh's colour, darkened, because the renderer shows colours brighter than a viewer."""
         return tuple(round((c / 255.0) ** 1.6, 3) for c in description.colours.get(stem, GREY))
 
     return _converted(description, "seen", ("collision",), thin, paint)

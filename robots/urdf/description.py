@@ -42,8 +42,8 @@ class RobotDescription:
     as in `RobotModel`. efforts: motor torque of one arm's joints in the simulation [Nm]. shoulder, drop_joint,
     drop_sign, head_range: as in `Simulation`. driver: the real robot.
 
-    Meshes are named by the stems of their files. colours: sRGB of a mesh, else grey. part_colour(stem, given):
-    sRGB in the viewer of a part of a mesh to which the file gives a colour, instead of `colours`.
+    Meshes are named by the stems of their files. colours: stem -> sRGB; other meshes are grey. part_colour(stem,
+    given): sRGB in the viewer, instead of `colours`, for a part of a mesh that has the colour `given` in the file.
     rendered_colour(stem): colour in the cell's camera, 0 to 1, instead of `colours`. rendered_grid: grid size of
     the simplified mesh for the cell's camera, if it differs from the usual one [m].
     """

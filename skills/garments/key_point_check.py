@@ -35,8 +35,9 @@ UNLIKE = 2.0
 
 @dataclass(frozen=True)
 class KeyPointFinding:
-    """What is wrong with key points. names: those that it concerns, none if it concerns all. what, hint: in words.
-    refused: whether no garment can be made of them; otherwise they look wrong, and a person decides."""
+    """What is wrong with key points. names: the key points concerned; empty if all are. what, hint: in words.
+    refused: whether no garment can be made of the key points. If it is false, they only look wrong, and a person
+    decides."""
 
     names: tuple[str, ...]
     what: str
@@ -49,8 +50,9 @@ def check_key_points(
 ) -> tuple[KeyPointFinding, ...]:
     """Return what is wrong with key points, name -> (2,) in pixels of a picture (column, row).
 
-    like: garment with the same key points. outline: (n, 2) [px] of what the perception takes for the garment. It
-    may be wrong; None: not known. Shape and size are judged only if every key point is in the picture.
+    like: garment with the same key points. outline: (n, 2) [px] outline of the region that the perception takes
+    for the garment. It may be wrong; None: not known. Shape and size are judged only if every key point is in the
+    picture.
     """
     found = [*_names(points, like), *_places(points, like, picture)]
     if not found:

@@ -36,8 +36,8 @@ class PictureMeasure:
     to_laid: Callable[[Array], Array] = as_laid
 
     def template(self, pixels: Array, like: Array) -> Array:
-        """Return the template (k, 2) [m] that key points (k, 2) [px] give to a garment like the template `like`
-        (k, 2). Raises ValueError for points that give no scale."""
+        """Return the template (k, 2) [m] of a garment with key points at `pixels` (k, 2) [px]. like: (k, 2)
+        template of a similar garment. Raises ValueError for points that give no scale."""
         return fitted_template(self.to_laid(pixels), like, self.measured, self.length)
 
 

@@ -47,8 +47,8 @@ class MovingPads:
     openings: tuple[tuple[float, float], ...] = ()
 
     def after(self, reading: HandReading, bias: TactileBias, force: float, least: int) -> MovingPads:
-        """Return the readings with a new one. force: that both pads have to feel [N]. least: number of reports
-        that are kept, also if the gripper is slow and STILL_WINDOW contains fewer."""
+        """Return the readings with a new one. force: force that both pads have to feel [N]. least: minimum number
+        of reports that are kept, even if the gripper is slow and STILL_WINDOW contains fewer."""
         pads = self
         if reading.tactile.stamp > pads.tactile_stamp:
             pressed = pads.pressed + 1 if (bias.pads(reading) >= force).all() else 0
@@ -62,7 +62,8 @@ class MovingPads:
 
     @property
     def still(self) -> bool:
-        """Whether the opening has hardly changed over STILL_WINDOW: by the least-squares slope of its reports."""
+        """Whether the opening has hardly changed over STILL_WINDOW, judged by the least-squares slope of the
+        reports."""
         if len(self.openings) < MIN_SAMPLES or self.openings[-1][0] - self.openings[0][0] < 0.7 * STILL_WINDOW:
             return False
         t, x = (np.array(column) for column in zip(*self.openings, strict=True))

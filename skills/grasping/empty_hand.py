@@ -24,18 +24,18 @@ __all__ = ["NARROW", "Emptied", "EmptyCheck", "check_empty", "start_empty_check"
 MET_READINGS = 5
 """Number of readings of the opening that are averaged."""
 MET = 1 / 3
-"""Pads that are nearer to each other than this share of a layer have met. With the usual noise of a reading
-(0.15 mm), a layer of 0.5 mm that is stated as 0.8 mm is taken for none by an error of 3.5 sigma."""
+"""Pads have met if their distance is less than this share of a layer. With the usual noise of a reading (0.15 mm),
+a layer of 0.5 mm that is stated as 0.8 mm is overlooked only at an error of 3.5 sigma."""
 HELD_READINGS = 5
 """Number of readings in a row in which both pads must feel the grip."""
 STILL = 0.0008
 """Pads that press are at rest if the averaged openings differ by less than this [m]: more than twice the spread of
 their noise. Saturated pads seem to press, too, but move on until they meet."""
 CLEAR = 0.012
-"""Height above the one at which the hand begins to close, below which the pads do not close further than NARROW
-[m]: a hand that a pause, or slow arms, keep low takes no cloth of the stack."""
+"""Until the hand is this far above the height at which it begins to close, the pads close only to NARROW [m]. If a
+pause or slow arms keep the hand low, it then takes no cloth of the stack."""
 NARROW = 0.012
-"""Distance of the pads at which no cloth that lies between them is gripped [m]."""
+"""At this distance, the pads do not grip cloth that lies between them [m]."""
 OPENED = 0.005
 """Pads that are this far apart do not touch each other or cloth between them [m]."""
 
@@ -57,7 +57,7 @@ class Emptied:
 @dataclass(frozen=True, eq=False)
 class EmptyCheck:
     """State of the check. layer: smallest thickness of a layer of the cloth [m]. above: height at which the hand
-    closes [m]. opening: to which it opens again [m]. since: start of the present phase [s]."""
+    closes [m]. opening: distance to which the pads open again [m]. since: start of the present phase [s]."""
 
     settings: GraspSettings
     bias: TactileBias

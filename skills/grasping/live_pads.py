@@ -26,7 +26,7 @@ def dead_pad(side: Side, readings: Array, settings: GraspSettings, part: str = "
     """Return TACTILE_FAULT if one pad of a hand gives constant readings, else None.
 
     readings: (n, 2) or (n, 2, rows, columns) successive readings of both pads [N], n >= 2. A pad is alive if any
-    of its values varies by `settings.live_noise`. part: what the values are of, for the message.
+    of its values varies by `settings.live_noise`. part: name of the sensor's part, for the message.
     """
     stack = np.asarray(readings)
     noise = stack.std(axis=0).reshape(2, -1).max(axis=1)

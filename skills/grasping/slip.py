@@ -28,7 +28,7 @@ SLIP_BASELINE_READINGS = 12
 """Number of readings from which a signal's baseline follows."""
 SLIP_SIGMAS = 5.5
 """Minimum distance between a signal's baseline and the value below which the cloth counts as lost, in standard
-deviations of the mean of the last readings. As many readings are averaged as this distance requires."""
+deviations of the mean of the last readings. The number of averaged readings follows from this distance."""
 SLIP_LEAST_READINGS = 3
 """Minimum number of readings in the mean, so that one wrong reading does not count as a slip."""
 SLIP_MOST_READINGS = 10

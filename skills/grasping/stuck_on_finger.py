@@ -1,8 +1,9 @@
-"""Controller that checks, after the release, whether cloth clings to a finger: with the hand at rest above the
-stack, and while it moves away. Light cloth is felt only then, when it drags the rest of the garment along.
+"""Controllers that check, after the release, whether cloth clings to a finger. One checks with the hand at rest
+above the stack, the other while the hand moves away. Only the second can feel light cloth, because the cloth then
+drags the rest of the garment along.
 
-Open, unloaded pads should read their bias. If a residual force on one pad is larger than noise, and drift since
-the tare, can explain, cloth clings to this pad.
+Open, unloaded pads should read their bias. If noise and the drift since the tare cannot explain the residual force
+on a pad, cloth clings to this pad.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ["Clear", "DragWatch", "StuckCheck", "check_stuck", "start_stuck_check
 STUCK_READINGS = 20
 """Number of readings that are averaged for the check."""
 STUCK_SIGMAS = 4.5
-"""A force that exceeds its expected error by this factor counts as cloth on the finger, in standard deviations."""
+"""A force counts as cloth on the finger if it exceeds this number of standard deviations of its expected error."""
 DRIFT_RATIO = 2.0
 """Ratio of a cell's slow drift to its noise, both as standard deviations. Noisier cells drift more."""
 DRIFT_TIME = 120.0
@@ -30,7 +31,8 @@ DRIFT_TIME = 120.0
 
 
 QUICK = 5
-"""Number of readings that show a strong pull. The hands move on meanwhile, and drag the garment along."""
+"""Number of readings that are averaged to detect a strong pull. It is small, because the moving hands drag the
+garment along until the pull is detected."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,9 @@ def check_stuck(reading: HandReading, state: StuckCheck) -> StuckCheck | Outcome
 
 @dataclass(frozen=True, eq=False)
 class DragWatch:
-    """check: with the latest readings. first: (2,) mean force of the pads when the hand began to move [N], from
-    which a pull is measured, so that the drift since the tare does not count; None until it is known."""
+    """State of the check while the hand moves away. check: contains the latest readings. first: (2,) mean force of
+    the pads when the hand began to move [N]; None until it is known. A pull is measured relative to this force, so
+    that the drift since the tare does not count."""
 
     check: StuckCheck
     first: Array | None = None
@@ -104,8 +107,8 @@ def watch_drag(reading: HandReading, state: DragWatch) -> DragWatch | Failure:
 
 
 def _lasting(forces: Array) -> bool:
-    """Whether most readings show the force that the mean shows: a single wrong reading is no pull. forces: (k, 2)
-    on the pads [N]."""
+    """Whether most readings agree with the mean force, so that a single wrong reading does not count as a pull.
+    forces: (k, 2) on the pads [N]."""
     loaded = forces[:, int(forces.mean(axis=0).argmax())]
     return bool(np.median(loaded) > 0.5 * loaded.mean())
 
@@ -120,7 +123,8 @@ def _with(reading: HandReading, state: StuckCheck) -> StuckCheck:
 def _judged(
     reading: HandReading, state: StuckCheck, forces: Array, unloaded: Array | float = 0.0
 ) -> Outcome[Clear]:
-    """forces: (k, 2) latest readings of the pads [N]. unloaded: force that they are compared with [N]."""
+    """Compare the mean force on the more loaded pad with its bound. forces: (k, 2) latest readings of the pads
+    [N]. unloaded: force of the unloaded pads, which is subtracted [N]."""
     mean = forces.mean(axis=0) - unloaded
     pad = int(mean.argmax())
     residual = float(mean[pad])
@@ -138,11 +142,11 @@ def _judged(
 
 
 def residual_bound(bias: TactileBias, now: float, settings: GraspSettings, readings: int) -> float:
-    """Largest mean force of an unloaded pad that noise, and drift since the tare, can explain [N].
+    """Return the largest mean force of an unloaded pad that noise and the drift since the tare can explain [N].
 
-    now: [s]. readings: number of readings in the mean. A cell that drifts with standard deviation sigma and period
-    T has changed by 2 sigma sin(pi t / T) after a time t (root mean square over its phases), and by at most 2
-    sigma.
+    now: present time [s]. readings: number of readings in the mean. A cell that drifts with standard deviation
+    sigma and period T has changed by 2 sigma sin(pi t / T) after a time t (root mean square over its phases), and
+    by at most 2 sigma.
     """
     cells = bias.cells[0].size
     phase = min(max((now - bias.stamp) / DRIFT_TIME, 0.0), 0.5)

@@ -1,4 +1,5 @@
-"""Tells pictures that no working camera makes: black, white, frozen, without depth, of the wrong size or place.
+"""Recognises pictures that no working camera makes: black, white, frozen, without depth, of the wrong size or of
+another place.
 
 Noise makes any two pictures of one scene differ, so equal pixels mean an old picture: a frozen sensor, or a driver
 that sends its buffer again with a fresh stamp.
@@ -95,8 +96,8 @@ def _frozen_camera(frame: CameraFrame, previous: CameraFrame) -> bool:
 
 
 def picture_digests(frame: CameraFrame) -> tuple[str, ...]:
-    """Return a digest of the colours and one of the depth. A picture of one colour, or without depth, has none:
-    such pictures are alike, and other checks refuse them."""
+    """Return a digest of the colours and one of the depth. Colours that are all equal, and depth without values,
+    have no digest, because such pictures are alike. Other checks refuse them."""
     digests = []
     if frame.rgb.min() != frame.rgb.max():
         digests.append(_digest(frame.rgb))

@@ -19,7 +19,7 @@ __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 POLYGON_IOU = 0.91
 """Minimum overlap of a silhouette with the polygon of its key points."""
 PROPOSED_POLYGON_IOU = 0.86
-"""The same for a proposal, whose limbs may be bent as well as swung."""
+"""Minimum overlap for a proposal of `propose_garments`, whose limbs may be bent as well as swung."""
 MAX_DISTORTION = 0.20
 """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
 logarithm of observed over template length."""
@@ -101,8 +101,7 @@ def misfit(registration: Registration, garment: GarmentOutline, contour: Array, 
 
     The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
     This polygon is therefore compared with the silhouette. proposed: whether `propose_garments` found the region.
-    LOW_CONFIDENCE: a key point that should be a sharp
-    corner lies where the outline has none.
+    LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     overlap = polygon_iou(polygon, contour)

@@ -32,7 +32,8 @@ from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKi
 __all__ = ["Perception", "perceive"]
 
 SURE_FIT = 0.82
-"""A proposal that fits so well (`candidate.fit_quality`) is accepted before the others are tried."""
+"""A proposal with at least this quality of fit (`candidate.fit_quality`) is accepted before the others are
+tried."""
 ACCURATE_WITHIN = 0.010
 """The confidence is the probability that all key points lie within this distance of their true places, on a
 garment of its nominal size."""
@@ -91,8 +92,8 @@ def perceive(
     """Segment, classify and register the garment in one picture.
 
     reference: picture of the empty table. garments: the candidates. expected: a garment's name, or None to accept
-    any of them. previous: an earlier picture, to detect a frozen camera. on_region: is given what was taken for
-    the garment in the end, also if it is refused.
+    any of them. previous: an earlier picture, to detect a frozen camera. on_region: called at the end with the
+    region that was taken for the garment, even if it is refused.
 
     Failures: CAMERA_FAULT, VIEW_OBSTRUCTED, NO_GARMENT, OUT_OF_VIEW, NOT_FLAT, UNKNOWN_GARMENT, CATEGORY_MISMATCH,
     LOW_CONFIDENCE. Raises ValueError when `expected` is not among `garments`.
@@ -125,7 +126,7 @@ _PROPOSAL = "proposal"
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What one region gives that may be the garment. method: by which it was found."""
+    """The result for one region that may be the garment. method: name of the method that found the region."""
 
     segmentation: Segmentation
     method: str

@@ -24,7 +24,8 @@ class PerceptionSettings:
     group `perception` of the cell's settings. Constants stand beside the functions that use them.
 
     method: 'reference', 'plain', 'grabcut' or 'watershed' (the paper's). Without a picture of the empty table,
-    'reference' means 'plain', if that finds no garment 'grabcut', and last the proposals of `propose_garments`.
+    'reference' means 'plain'. If that finds no garment, 'grabcut' is tried, and last the proposals of
+    `propose_garments`.
     """
 
     method: str
@@ -40,4 +41,4 @@ class PerceptionSettings:
     """A garment is refused if the probability that its key points are accurate is below this. It is low, because
     each fold that is planned with them is inspected."""
     depth_holes: float = 0.5
-    """Maximum share of the picture without depth. 1: for pictures that have none."""
+    """Maximum share of the picture without depth. The value 1 is for pictures that have no depth."""

@@ -42,7 +42,7 @@ def open_views(
     """Check and rectify a picture.
 
     reference: picture of the empty table. previous: an earlier picture, to detect a frozen camera. arms_in_view:
-    whether the robot's own arms are over the table, so that something reaches into the picture in any case.
+    whether the robot's own arms are over the table; the search for obstructions is then omitted.
 
     Fails with CAMERA_FAULT for an unusable picture, or with VIEW_OBSTRUCTED if something reaches into it.
     """

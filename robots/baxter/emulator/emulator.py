@@ -56,11 +56,11 @@ T = TypeVar("T")
 class Emulator:
     """Serves a cell's ports as a Baxter on ROS, with the cell's clock on /clock.
 
-    patience: wall time for which the loop waits for
-    the next command after a command [s], so that a program on a busy machine is not late. A real robot does not
-    wait. tell: called once for each kind of message that is not executed. past: the initial state, as an earlier
-    program left it. Before the topics open, the ports' time advances until they have reached this state.
-    `perform`, `press_button` and `release_button` may be called from any thread.
+    patience: wall time for which the loop waits for the next command after a command [s], so that a program on a
+    busy machine is not late. A real robot does not wait. tell: called once for each kind of message that is not
+    executed. past: the initial state, as an earlier program left it. Before the topics open, the ports' time
+    advances until they have reached this state. `perform`, `press_button` and `release_button` may be called from
+    any thread.
     """
 
     def __init__(

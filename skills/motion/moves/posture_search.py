@@ -52,8 +52,8 @@ ENOUGH_CANDIDATES = 3
 """Once an arm has this number of feasible postures, leans that cost over 1 more than the cheapest posture are not
 tried."""
 WIDE_CANDIDATES = 24
-"""Number of feasible postures per arm if both arms have some, but no two of them together: hands close to one
-another, as on the two ends of a cuff, need leans away from each other."""
+"""Number of feasible postures that are collected per arm if each arm has feasible postures, but no two of them fit
+together. Hands close to one another, such as on the two ends of a cuff, need leans away from each other."""
 MAX_CHOICES = 5
 """Maximum number of choices from one assignment of the arms."""
 AT_LIMIT_COST = 2.0
@@ -171,8 +171,8 @@ def _leans(kind: _Lean) -> tuple[tuple[float, float, float, float, bool], ...]:
 _SEARCHES = (
     (_Lean.UPRIGHT_GRASP, False), (_Lean.CONSTANT, False), (_Lean.CONSTANT, True), (_Lean.CHANGING, False),
 )  # fmt: skip
-"""The searches, in order: the kind of leans, and whether to collect WIDE_CANDIDATES. The first that finds a choice
-is the last."""
+"""The searches, in order: the kind of leans, and whether to collect WIDE_CANDIDATES. The first search that finds a
+choice ends the sequence."""
 
 
 def rank_postures(

@@ -1,5 +1,5 @@
-"""Plans a motion along a path that the arms have already followed, or along the rest of one: backwards after a
-failure, or forwards to its end."""
+"""Plans a motion along a given path: backwards along a path that the arms have followed, after a failure, or
+forwards along the rest of a path, to its end."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def plan_along(
 ) -> Outcome[ArmTrajectory]:
     """Plan the motion from q_now (joints,), at rest, to the end of `path` (n, joints).
 
-    The motion joins the path at its sample nearest to q_now, and the distance from it fades out; if this is in
-    collision, the arms first move straight to this sample. The fingers may touch the table. tool_speed: maximum
-    speed of the tools [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE (q_now is
-    too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
+    The motion joins the path at the sample nearest to q_now, and its distance from the path fades out. If this
+    motion is in collision, the arms first move straight to that sample. The fingers may touch the table.
+    tool_speed: maximum speed of the tools [m/s]. Failures: STALE_STATE (q_now is not a valid state), UNREACHABLE
+    (q_now is too far from the path), LIMIT_EXCEEDED, IN_COLLISION.
     """
     invalid = validate_state(model, q_now) or validate_tool_speed(tool_speed)
     if invalid:

@@ -19,9 +19,9 @@ __all__ = ["CAREFUL_RISE", "RETREAT_HEIGHT", "Retreat", "plan_retreat"]
 RETREAT_HEIGHT = 0.10
 """Height by which the hands rise after a fold [m]."""
 CAREFUL_RISE = 0.035
-"""Height up to which the hands rise slowly [m]. They close meanwhile, to feel cloth that has stayed on a finger.
-A corner of a small towel that is lifted by 40 mm and laid back lies within 1 mm of its place; if it is lifted by
-50 mm, within 13 mm; by 100 mm, 59 mm beside it, because it drags the towel along."""
+"""Height up to which the hands rise slowly [m]. They close meanwhile, to feel cloth that has stayed on a finger. A
+corner of a small towel that is lifted by 40 mm and laid back lies within 1 mm of its place. After a lift by 50 mm
+it lies within 13 mm, and after 100 mm 59 mm beside its place, because it drags the towel along."""
 HEIGHT_SHARES = (1.0, 0.7, 0.5, 0.35)
 """Shares of the retreat's height that are tried in turn. Even the smallest, 35 mm of 100 mm, clears every
 stack."""

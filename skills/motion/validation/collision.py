@@ -27,7 +27,7 @@ FINGERTIP_MARGIN = 0.02
 """Minimum distance between the table and the fingers while the arms move freely [m]. It is larger than the height
 of folded cloth."""
 ROUNDING = 1e-4
-"""Decrease of a distance that counts as none [m]."""
+"""A decrease of a distance by no more than this is ignored [m]."""
 
 
 @dataclass(frozen=True)
@@ -143,10 +143,10 @@ class CollisionChecker:
         return None
 
     def first_contact_after_parting(self, path: Array, *, allow_fingertips: bool = False) -> Contact | None:
-        """Return the first contact along joint vectors (n, joints) whose first one is in contact, or None.
+        """Return the first contact along joint vectors (n, joints) that begin in contact, or None.
 
-        The pairs that are too near at the start are no contact as long as their distance does not shrink from one
-        vector to the next, and is large enough at the end.
+        A pair that is too near at the start does not count as a contact while its distance does not shrink from
+        one vector to the next. It counts if it is still too near at the end.
         """
         near = self._near(path[0], allow_fingertips)
         for i, q in enumerate(path):

@@ -145,7 +145,7 @@ def contact_along(
 
     Samples about CHECK_STEP apart are checked. Planners use the same spacing, because two hands can pass through
     each other between samples that are further apart. Arms that a fault has brought too near to each other, or to
-    something else, may move apart: nothing else leads them out.
+    something else, may move apart, because no other motion can free them.
     """
     indices = _spaced_samples(trajectory.q, CHECK_STEP)
     contact = checker.first_collision(trajectory.q[indices], allow_fingertips=allow_fingertips)

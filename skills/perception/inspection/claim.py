@@ -27,11 +27,11 @@ __all__ = ["Claim", "Displacement", "claim_fold", "claim_to_dict", "displacement
 IOU_SIGMA = 0.010
 DRIFT_SIGMA = 0.004
 DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
-"""Errors of the figures of the shape."""
+"""Standard deviations of the figures of the shape: overlap, displacement [m] and angle [rad]."""
 
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
-"""Diagnoses that do not concern the shape: the claim has its own limit for the drift, and piled cloth is not
-flat."""
+"""Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns
+flatness."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ class Claim:
 
     @property
     def too_high(self) -> bool:
-        """Whether a measured height is above its limit. A height that is not visible is not."""
+        """Whether a measured height is above its limit. A height that is not visible does not count as too
+        high."""
         return self.height_m > self.height_limit_m or self.crease_height_m > self.crease_height_limit_m
 
 

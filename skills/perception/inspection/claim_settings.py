@@ -32,10 +32,10 @@ class ClaimSettings:
     crease_sigma: float
     """Error of an observed height after the camera's bias was subtracted."""
     first_crease_sigma: float
-    """Error with which the first crease shows the bending length: of the observation, and because the fold is not
-    ideal."""
+    """Error of the first crease's height as a measure of the bending length. It includes the error of the
+    observation and the difference from an ideal fold."""
     ideal_sigma: float
-    """Error of the ideal fold's heights for a known bending length, relative to no other figure."""
+    """Error of the ideal fold's heights for a known bending length."""
     thickness_spread: float
     """Error of the stated thickness of a layer, as a share of it, for garments without a class of fabrics."""
     camera_bias: float

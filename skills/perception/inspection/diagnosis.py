@@ -11,7 +11,8 @@ from skills.vocabulary import Array, FailureKind, FoldStep
 __all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "outline_matches"]
 
 CORNER_RADIUS = 0.07
-"""A deviation of the outline nearer than this to a corner of the target is one of the corner [m]."""
+"""If a deviation of the outline is nearer than this to a corner of the target, it counts as a deviation of this
+corner [m]."""
 MAX_LEFT_BEHIND = 0.035
 """Limit of `Inspection.left_behind` if the outline is not as predicted. If all values are larger, a layer was
 missed. If the values at the two grasps differ by more, one corner was dropped."""
@@ -30,9 +31,9 @@ two steps. A corner that is 40 mm behind is measured as 20 to 40 mm. In still pi
 15 mm, nearly all by less than 8 mm."""
 THIN_RISE = 0.0022
 MAX_LAG_THIN = 0.030
-"""For layers that raise the surface by less than `THIN_RISE`, the two limits grow in inverse proportion to the
-rise, and for an edge that is too short for wide strips with the noise of its strips, up to `MAX_LAG_THIN`:
-wrinkles of a millimetre then hide the edge."""
+"""Both limits grow in inverse proportion to the rise if the layers raise the surface by less than `THIN_RISE`,
+because wrinkles of a millimetre then hide the edge. If the edge is too short for wide strips, the limits also grow
+in proportion to the noise of its strips. No limit exceeds `MAX_LAG_THIN`."""
 
 
 def diagnose(
@@ -160,8 +161,8 @@ def _corner_lag(seen: Inspection) -> float:
 
 
 def _min_left_behind(seen: Inspection) -> float:
-    """Smallest known value of `Inspection.left_behind` [m]; NaN if it is not known at every grasp. The middle
-    alone may be unseen."""
+    """Smallest known value of `Inspection.left_behind` [m]; NaN if it is unknown at any grasp. The value in the
+    middle may be unknown."""
     at_grasps = _at_grasps(seen)
     if not len(at_grasps) or np.isnan(at_grasps).any():
         return float("nan")

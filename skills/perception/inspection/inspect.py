@@ -43,12 +43,13 @@ from skills.vocabulary import (
 __all__ = ["Inspection", "InspectionSettings", "averaged_height", "inspect"]
 
 APART = 0.04
-"""What lies nearer than this to the garment or its prediction may be a part of the garment [m]."""
+"""An object nearer than this to the garment or to its prediction may be a part of the garment [m]."""
 STILL_IOU = 0.97
-"""Least overlap of the silhouettes of a garment that lies still."""
+"""Least overlap of the silhouettes in two looks at a garment that lies still."""
 STILL_M, NEARLY_ALL = 0.002, 0.99
-"""Largest difference between its smoothed heights [m], on nearly all of its inner part. In pictures of a garment
-at rest it was 0.7 to 0.8 mm, after it had been pressed 6.6 mm."""
+"""Largest difference between the smoothed heights of such a garment in two looks, on nearly all of its inner part
+[m]. In pictures of a garment at rest the difference was 0.7 to 0.8 mm. After the garment had been pressed, it was
+6.6 mm."""
 RIM = 5
 """Width of the outer part, where the smoothed heights of cloth and table mix [pixels]."""
 
@@ -171,9 +172,9 @@ def _second_garment(found: Segmentation, planned: NDArray[np.bool_], view: Table
 def averaged_height(
     height: NDArray[np.float32], mask: NDArray[np.bool_], earlier: Inspection
 ) -> NDArray[np.float32]:
-    """Return the mean of the height (H, W) and that of an earlier look [m], where both are known; the height
-    itself if the garment (mask, (H, W)) lies elsewhere or differently now. A second look is then better founded
-    than the first, and not only another draw of the same noise."""
+    """Return the mean of the height (H, W) and that of an earlier look [m], where both are known. If the garment
+    (mask, (H, W)) now lies elsewhere or differently, return the height itself. A second look at a garment at rest
+    thus has less noise than the first."""
     if earlier.mask.shape != mask.shape:
         return height
     if mask_iou(mask, earlier.mask) < STILL_IOU:

@@ -28,9 +28,9 @@ SHORTEST = 0.08
 _STRIPS = 9
 """Smallest number of strips into which the moved edge is divided along its length."""
 _STRIP_WIDTH, _STRIP_RISE = 0.012, 0.0042
-"""A strip may be as narrow as `_STRIP_WIDTH` if the layers raise the surface by `_STRIP_RISE` or more, so that a
-small corner that is turned in is wider than two strips [m]. The noise of a strip's mean falls with the square root
-of its width: strips of thinner layers are wider by the square of the ratio of the rises."""
+"""Width of a strip if the layers raise the surface by `_STRIP_RISE` or more [m]. A small corner that is turned in
+is wider than two such strips. The noise of a strip's mean falls with the square root of its width. Strips of
+thinner layers are therefore wider by the square of the ratio of the rises."""
 _OUTSIDE, _INSIDE = 0.024, 0.120
 """The edge is searched from `_OUTSIDE` in front of its predicted place to `_INSIDE` behind this place [m]."""
 _CREASE = 0.045
@@ -58,8 +58,8 @@ class MovedEdge:
     """The place of the moved edge. lag: (n,) distance of the edge behind its predicted place in n strips from one
     end to the other [m], NaN where unknown. rise: height of the moved layers [m]. on_crease: whether the first and
     the last strip lie on the loop of an earlier crease. The step is several layers high there, and such a strip is
-    not misplaced by noise. noise: of the lag of a strip, relative to a strip that is as wide as its layers demand
-    (1 or more); an edge may be too short for such strips."""
+    not misplaced by noise. noise: noise of a strip's lag, relative to that of a strip that is as wide as its
+    layers require. It is larger than 1 if the edge is too short for such strips."""
 
     lag: Array
     rise: float
@@ -107,8 +107,8 @@ class MovedEdge:
     @staticmethod
     def _end(lag: Array, sure: bool) -> float:
         """Lag of the end at which `lag` begins [m]: the median of the first three visible strips in the first
-        third of the edge, or the smaller lag of the first two. A single misplaced strip does not count, neither as
-        a false alarm nor by hiding a corner. NaN if no strip is visible there. sure: the first strip cannot be
+        third of the edge, or the smaller lag of the first two. Thus a single misplaced strip neither causes a
+        false alarm nor hides a corner. NaN if no strip is visible there. sure: the first strip cannot be
         misplaced, so that the end lags by no more than this strip."""
         seen = lag[: len(lag) // 3]
         seen = np.sort(seen[np.isfinite(seen)][:3])
@@ -135,9 +135,9 @@ def moved_edge(
 
     height, before: (H, W) height in `view` after and before the fold, above the same empty table [m]. R (2, 2), t
     (2,) [m]: the rigid motion that aligns the prediction with the observation. It is assumed that the cloth below
-    has made the same motion. flat: the perfectly flat fold, with the triangles of `predicted`; it tells how thick
-    the moved layers are. Without it, they count as thick as they stand behind the edge. Loose layers stand higher
-    there than at their edge, which is then found too far behind.
+    has made the same motion. flat: the perfectly flat fold, with the triangles of `predicted`; it gives the
+    thickness of the moved layers. Without it, the rise behind the edge counts as this thickness. Loose layers
+    stand higher there than at their edge, so the edge is then found too far behind.
     """
     expected = _expected_edge(predicted, step)
     if expected is None:
@@ -177,8 +177,9 @@ def moved_edge(
 
 
 def _crossing_creases(rise: Array, pressed: NDArray[np.bool_], depth: Array, layer: float) -> NDArray[np.bool_]:
-    """Return for which rows the crease of the new layers visibly lies on the loop of the earlier crease, (n, 1):
-    well behind the edge, the surface rose by more than the layers. The loop is then not pressed flat there."""
+    """Return (n, 1) whether, in each row, the crease of the new layers visibly lies on the loop of the earlier
+    crease. It does where the surface well behind the edge rose by more than the layers. The loop is then not
+    pressed flat."""
     wide = max(1, round(_STRIP_WIDTH / _SAMPLE))
     inner = depth > 0.5 * _INSIDE
     rows = np.zeros(len(rise), dtype=bool)

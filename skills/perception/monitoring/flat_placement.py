@@ -1,5 +1,6 @@
-"""Finds where a garment of which parts still lie flat would lie if it were spread: the corners of its silhouette,
-and the place of the flat outline that agrees with most of the boundary.
+"""Finds the place of a garment's flat outline from a silhouette in which only some parts of the garment still lie
+flat. It is the place at which the flat outline agrees with most of the silhouette's boundary. Also finds the
+corners of a silhouette.
 
 Nothing is assumed about the other parts. Two corners of the silhouette that are as far apart as two corners of the
 flat garment suggest a place; the place at which the longest part of the boundaries coincides is taken.
@@ -35,18 +36,18 @@ silhouette and of the flat outline are each known to about 5 mm."""
 COINCIDES = 0.010
 """Boundaries that lie nearer to each other than this coincide [m]."""
 FURTHEST, MOST_TURNED = 0.40, np.deg2rad(60.0)
-"""Largest displacement [m] and turn [rad] of the garment as a whole. A garment with symmetries that is turned
-further could be taken for another of its own views."""
+"""Largest displacement [m] and turn [rad] of the garment as a whole. If a garment with symmetries turned further,
+its orientation would be ambiguous."""
 UNMOVED = 0.03
-"""A garment that lies where it lay is preferred, if another place explains the boundary better by less than this
-share of it."""
+"""The garment's earlier place is preferred, unless the share of the boundary that another place explains is larger
+by at least this."""
 STEP = 0.005
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A place of the flat garment: p -> R p + t moves it there from where it lay before. share: of its boundary
-    that coincides with that of the silhouette."""
+    """A place of the flat garment: p -> R p + t moves it there from where it lay before. share: share of its
+    boundary that coincides with the boundary of the silhouette."""
 
     R: Array
     t: Array

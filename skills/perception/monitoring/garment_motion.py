@@ -27,7 +27,7 @@ _RISE = 0.008
 """A place whose height has changed by more than this counts as changed [m]: five times the noise of the mean."""
 
 _ARM_HEIGHT = 0.020
-"""What stands higher than this above the earlier picture is an arm [m]."""
+"""A place that is higher than in the earlier picture by more than this shows an arm [m]."""
 _ARM_MARGIN = 0.050
 """The boundary is not judged nearer than this to an arm, where depth is missing and shadows are deep [m]."""
 _DISPLACED = 0.015
@@ -39,9 +39,9 @@ class GarmentMotion:
     """The motion of a garment between two pictures.
 
     R (2, 2), t (2,) [m]: the rigid motion p -> R p + t that aligns the earlier outline with the later one.
-    moved_m: largest displacement of a point of the outline by it [m]; turned_rad: its angle [rad]. deviation_m:
-    what remains between the outlines after it [m]. reshaped_m2: area inside the outline whose height has changed
-    [m2]; 0 if the outline itself has moved.
+    moved_m: largest displacement of a point of the outline by this motion [m]. turned_rad: angle of the motion
+    [rad]. deviation_m: deviation that remains between the outlines after this motion [m]. reshaped_m2: area inside
+    the outline whose height has changed [m2]; 0 if the outline itself has moved.
     """
 
     R: Array
@@ -60,8 +60,8 @@ class GarmentMotion:
 
 
 def measure_motion(before: Views, after: Views, settings: PerceptionSettings) -> Outcome[GarmentMotion]:
-    """Compare the garment's outlines in two pictures of one view. Both are found in the same way, so that what is
-    wrong in both cancels.
+    """Compare the garment's outlines in two pictures of one view. Both outlines are found in the same way, so that
+    errors that they share cancel.
 
     Failures: those of `find_silhouette`, for the later picture first.
     """

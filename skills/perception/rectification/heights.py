@@ -15,10 +15,10 @@ from skills.perception.rectification.table_view import RectifiedView
 __all__ = ["LOFTY", "garment_height", "height_above", "smooth_height", "table_height", "upper"]
 
 LOFTY = 1.4
-"""Largest ratio between the height of cloth and the one that its stated thickness gives: fabrics differ, and loose
-layers do not lie flat."""
+"""Largest ratio of the height of cloth to the height that follows from its stated thickness. The two differ,
+because fabrics differ and loose layers do not lie flat."""
 _FEWEST = 100
-"""A percentile is taken of more pixels than this."""
+"""A percentile is computed only if there are more pixels than this."""
 _REDUCTION = 4
 """Edge length of a coarse pixel, in view pixels. The height is smoothed on coarse pixels."""
 _SIGMA = 1.0

@@ -1,10 +1,10 @@
 """Estimates how accurate the key points are, from the picture at hand.
 
-The place of each key point has a standard deviation, which depends on how it was found: a sharp corner is certain,
-a blunt one as far as the outline bends there, a crotch as far as its gap is visible. Where the segmentation is
-wrong, as in a stripe of the table's colour, the boundary is rough. The roughness near a key point, times a factor,
-adds to its standard deviation. Errors relative to the standard deviation follow Student's t-distribution, because
-a few of them are large; they are taken as independent.
+The place of each key point has a standard deviation, which depends on how it was found. A sharp corner is certain.
+The certainty of a blunt corner grows with the bend of the outline, and that of a crotch with the visible part of
+its gap. Where the segmentation is wrong, as in a stripe of the table's colour, the boundary is rough. The
+roughness near a key point, times a factor, adds to its standard deviation. Errors relative to the standard
+deviation follow Student's t-distribution, because a few of them are large; they are taken as independent.
 
 The two factors were fitted by maximum likelihood to pictures of two independent generators: 209 photographs
 (`benchmarks.photographs`, seeds 7001 to 7214) and 165 scenes (`benchmarks.perception`, seeds 0 to 164).
@@ -33,8 +33,9 @@ _SMOOTH = 0.008
 """Standard deviation of the Gaussian that smooths the boundary [m]. The roughness is the root mean square distance
 of the boundary from the smooth one."""
 _NEAR = (0.015, 0.060)
-"""Roughness counts up to the second distance from a key point, but not within the first of any key point, because
-corners are not smooth [m, for a garment of its nominal size]."""
+"""Distances from a key point [m, for a garment of its nominal size]. The roughness is measured up to the second
+distance from the key point. Places within the first distance of any key point are excluded, because corners are
+not smooth."""
 
 
 def keypoint_sigmas(registration: Registration, garment: GarmentOutline, contour: Array) -> Mapping[str, float]:
@@ -49,7 +50,8 @@ def keypoint_sigmas(registration: Registration, garment: GarmentOutline, contour
     sigmas = {}
     for name, distance in zip(registration.keypoints, from_all, strict=True):
         near = between_corners & (distance < size * _NEAR[1])
-        # The boundary does not show the end of a gap, and was not used for what the picture shows.
+        # The boundary does not show the end of a gap, and key points that were located in the picture do not
+        # depend on it. Its roughness therefore does not count for them.
         rough = 0.0 if name in hidden or not near.any() else float(np.sqrt(np.mean(away[near] ** 2)))
         sigmas[name] = float(np.hypot(_BY_PLACE * registration.sigmas[name], _BY_ROUGHNESS * rough))
     return sigmas

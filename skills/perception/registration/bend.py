@@ -5,7 +5,7 @@ the boundary, y(x) = a + b x + c max(x, 0) + d max(x, 0)^2 + e min(x, 0)^2, wher
 place of the corner, the coefficients are integrated out (Bayesian linear regression; Bishop, Pattern Recognition
 and Machine Learning, section 3.5), which gives the likelihood of the place. Its product with the probability that
 the registration gives to the place is the posterior. A clear bend has a narrow posterior. If the boundary is
-nearly straight, the corner stays where the registration put it, with that uncertainty.
+nearly straight, the corner stays where the registration put it, with the uncertainty of the registration.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SEARCH = 0.035  # maximum displacement [m]
 _REACH = 0.05  # length of boundary that is used on each side of all places tried [m]
 _MARGIN = 0.012  # distance that is kept from the next corner [m]
 _NOISE = 0.0004  # standard deviation of the boundary's points [m]
-_CORRELATION = 0.02  # length over which their errors are correlated [m]
+_CORRELATION = 0.02  # length over which the errors of these points are correlated [m]
 _CURVATURE = 1.5  # standard deviation of d and e [1/m]
 _TURN_SIGMA = 0.25  # standard deviation of the corner's turn, around the turn in the template [rad]
 _FREEDOM = 8.0  # degrees of freedom of the t-distribution that replaces the normal one: outlines have wrinkles

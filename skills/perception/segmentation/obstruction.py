@@ -25,8 +25,8 @@ is at most `PerceptionSettings.flat_height` high, and a folded stack does not re
 MIN_AREA = 0.004
 """Smallest area of an obstruction [m2]: half a hand. The elbows of parked arms show at most 0.0016."""
 SPREAD = 0.03
-"""Length by which parts of the robot that the picture of the empty table shows are widened [m], because the arms
-do not park at exactly the same place again."""
+"""Parts of the robot in the picture of the empty table are widened by this length [m], because the arms do not
+park at exactly the same place again."""
 _WINDOW = 9
 """Side of the square over which the height is averaged [px]."""
 _BORDER = 5
@@ -90,9 +90,9 @@ def standing_parts(empty: RectifiedView, pixel: float) -> Mask:
 
 
 def _levelled(seen: RectifiedView) -> Field:
-    """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. Its median
-    is 0, because the calibration may be a few centimetres off, and most of the view shows the table or a flat
-    garment."""
+    """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. The median
+    of the view is subtracted, because the calibration may be a few centimetres off, and most of the view shows the
+    table or a flat garment."""
     mean = np.where(seen.valid, smooth_height(seen.height, _WINDOW, KNOWN_SHARE), np.float32(np.nan))
     measured = mean[np.isfinite(mean)]
     return mean - (float(np.median(measured)) if len(measured) else 0.0)

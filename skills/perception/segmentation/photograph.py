@@ -1,4 +1,5 @@
-"""Proposes garments in a photograph of an unknown place: a floor with a pattern, uneven light, no empty picture.
+"""Proposes garments in a photograph of an unknown place: a floor with a pattern, uneven light, no picture of the
+empty floor.
 
 No single rule tells cloth from every floor. Several segmentations are therefore made: by the distance of each
 colour from a smooth model of the floor, and by brightness and saturation alone. They are judged against each other
@@ -50,9 +51,9 @@ _SAME = 0.94
 _REACH = 2.5
 """Distance from the outline at which the colours on both sides are compared [px]."""
 _CLEAR_STEP = 30.0
-"""A step of colour (Lab) larger than this is not clearer [grey levels]."""
+"""A clear step of colour (Lab); larger steps count as this one [grey levels]."""
 _LEAST_CLEAR = 0.5
-"""A region whose outline is clearly visible on less than this share is a patch of the floor."""
+"""If less than this share of a region's outline is clearly visible, the region is a patch of the floor."""
 _COUNT = 6
 """Number of proposals."""
 _RIVAL = 0.7
@@ -167,8 +168,9 @@ def _add(regions: list[_Region], mask: Mask, lab: Field) -> None:
 
 
 def _score(mask: Mask, lab: Field) -> float:
-    """Compute how much a region looks like a garment: the mean step of colour across its outline, up to a clear
-    one, times a factor that falls with the outline's raggedness."""
+    """Compute how much a region looks like a garment (0..1). The score is the mean step of colour across the
+    outline, relative to a clear step. Larger steps count as clear ones. A factor reduces the score of a ragged
+    outline."""
     trace = longest_contour(mask)
     line = smooth_closed(trace, 1.5)
     normals = outward_normals(line)

@@ -91,8 +91,9 @@ class _Wanted:
 
 
 class _Patience:
-    """The end of a wait for a camera, `seconds` after its begin. A simulated robot on a busy machine has a slow
-    clock, and its camera is as slow: while this clock advances, the time is counted by it."""
+    """The end of a wait for a camera, `seconds` after its beginning. A simulated robot on a busy machine has a
+    slow clock and an equally slow camera. While the cell's clock advances, it therefore measures the wait, up to
+    `SLOWEST` times as much wall time."""
 
     def __init__(self, clock: RosClock, seconds: float) -> None:
         self._clock, self._seconds = clock, seconds

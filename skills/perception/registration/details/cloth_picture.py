@@ -1,4 +1,4 @@
-"""The picture in which details of a garment are located that its outline does not show."""
+"""The picture in which those details of a garment are located that its outline does not show."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ClothPicture:
     points (n, 2) of the garment [m] to pixels (n, 2), column and row.
 
     photo: (rows, columns, 3) uint8, the camera's own picture, which can be finer than `rgb`. to_photo: converts
-    points to its pixels.
+    points to pixels of `photo`.
     """
 
     rgb: NDArray[np.uint8]

@@ -1,8 +1,9 @@
 """Locates the end of the gap between two pieces of cloth in the picture: a crotch, or an armpit.
 
-Near its end the gap is narrower than what a segmentation resolves, so that the segmented boundary ends before it:
-centimetres at a crotch, up to two at an armpit. In the picture the gap can be followed further, because a narrow
-gap is a faint line. A wedge (`wedge`) is fitted to the picture; its tip is the key point.
+Near its end the gap is narrower than the resolution of a segmentation. The segmented boundary therefore ends some
+centimetres before the end of a crotch, and up to two centimetres before that of an armpit. In the picture the gap
+can be followed further, because a narrow gap is a faint line. A wedge (`wedge`) is fitted to the picture; its tip
+is the key point.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ __all__ = ["HOLLOW", "NARROW", "GapSettings", "locate_gap_end"]
 class GapSettings:
     """What differs between the kinds of gaps. Lengths [m], for a garment of its nominal size.
 
-    beyond: the gap is followed this far beyond the first guess into the garment. step: distance of the rows of
-    pixels that are looked at, and across: of the pixels of a row; side: half the width of a row. border: pixels
-    further than this from the middle of a row show cloth. wide: the wedge is fitted first up to this distance
-    after the place where the gap is wide; tip: and at last up to this distance from its tip. misfit: maximum
+    beyond: the gap is followed this far beyond the first guess into the garment. step: distance between rows of
+    pixels. across: distance between the pixels of a row. side: half the width of a row. border: pixels further
+    than this from the middle of a row show cloth. wide, tip: the wedge is fitted first up to the distance `wide`
+    after the place where the gap is wide, and then up to the distance `tip` from its tip. misfit: maximum
     difference of model and picture (root mean square), relative to the contrast. growth_log, curvature: see
     `WedgePrior`. round: radius of the rounding of the sewn end. starts: number of start values of the fit.
     """
@@ -58,11 +59,12 @@ HOLLOW = GapSettings(
 """For the corner between a sleeve and the body."""
 
 _CONTRAST, _FAINT = 1.9, 10.0
-"""Minimum difference of cloth and table [standard deviations of the pattern], and the same [grey levels]."""
+"""Minimum difference between the colours of cloth and table, in standard deviations of the pattern and in grey
+levels."""
 _NOISE = 2.0
 """Standard deviation of the noise of a pixel's colour [grey levels]."""
 _FAIR = 0.15
-"""The uncertainty grows with the misfit beyond this one."""
+"""If the misfit is larger than this, the uncertainty grows with it."""
 _PLACE_SIGMA = 0.020
 """Standard deviation of the first guess along the gap [m]."""
 _WIDTH_SIGMA = 0.0005
@@ -70,7 +72,7 @@ _WIDTH_SIGMA = 0.0005
 _TIP_SIGMA = 0.0020
 """Least standard deviation of the place of a tip [m]."""
 _DOUBT = 1.5
-"""Real errors over those that follow from the curvature of the cost alone."""
+"""Ratio of the real errors to the errors that follow from the curvature of the cost alone."""
 
 
 def locate_gap_end(
@@ -86,7 +88,7 @@ def locate_gap_end(
     Return its place (2,) and the standard deviation of the place [m]; None if the picture does not show it: the
     pieces of cloth touch, or cloth and table look alike.
 
-    growth: expected growth of the gap's width per length. size: of the garment, relative to the nominal one.
+    growth: expected growth of the gap's width per length. size: size of the garment, relative to the nominal size.
     """
     length = float(np.linalg.norm(opening - guess)) / size
     if not length > settings.side:
@@ -117,7 +119,8 @@ def locate_gap_end(
 
 
 def _segmented(cloth: Array, settings: GapSettings) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Where (n, m) the segmentation sees the gap, and where it is wide enough to show the table's own colour."""
+    """Return two masks (n, m): where the segmentation sees the gap, and where this gap is wide enough to show the
+    table's own colour."""
     is_cloth = cloth > 0.5
     between = np.maximum.accumulate(is_cloth, axis=1) & np.maximum.accumulate(is_cloth[:, ::-1], axis=1)[:, ::-1]
     gap = ~is_cloth & between

@@ -39,17 +39,19 @@ def refine_by_picture(
 ) -> Registration:
     """Return the registration with its notches and shoulders moved, as far as the picture shows them.
 
-    garment: with its limbs as in its template, not swung: legs lie close together there, by which notches are
-    known. contour: (n, 2) observed boundary [m].
+    garment: with its limbs as in its template and not swung, because a notch is recognised by legs that lie close
+    together in the template. contour: (n, 2) observed boundary [m].
     """
-    # A seam is looked for from the outline's armpit: it is known by the outline to be near the end of the seam.
+    # Shoulders are moved first. The search for a seam begins at the armpit where the outline puts it, because this
+    # place is near the end of the seam.
     return _set_notches(_set_shoulders(registration, garment, contour, picture), garment, picture)
 
 
 def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, ...]:
     """Return the names of the key points at the end of a gap between two limbs, or between a limb and the body.
 
-    A notch of the template is one in any pose. A limb can also lie close to the body, as a lowered sleeve.
+    A notch of the template is a notch in any pose. A limb that lies close to the body, such as a lowered sleeve,
+    makes a further notch.
     """
     lying = np.array([registration.keypoints[name] for name in garment.keypoints])
     angles = np.maximum(_interior_angles(np.asarray(garment.template, dtype=float)), _interior_angles(lying))
@@ -101,8 +103,8 @@ def _interior_angles(polygon: Array) -> NDArray[np.float64]:
 
 
 def _between(notch: Array, first: Array, second: Array) -> Array:
-    """A point (2,) in the middle of the gap whose edges run from the notch to two corners, as far away as the
-    nearer of them."""
+    """Return a point (2,) in the middle of a gap. The edges of the gap run from the notch to two corners. The
+    point is as far from the notch as the nearer corner."""
     length = min(float(np.linalg.norm(first - notch)), float(np.linalg.norm(second - notch)))
     first, second = (notch + length * (p - notch) / np.linalg.norm(p - notch) for p in (first, second))
     return np.asarray(0.5 * (first + second))

@@ -28,14 +28,16 @@ _MARGIN = 0.008  # distance from the outline at which a seam is looked for [m]
 _PART = 0.8  # share of the seam's length, from the shoulder, that is compared: the armpit is not known exactly
 _NOISE = 0.5  # standard deviation of the noise of a pixel's brightness [grey levels]
 _EVIDENCE = 30.0
-"""Minimum of the squared darkness of the line, relative to the variation of the cloth, times its length in units
-of 16 mm."""
+"""Minimum evidence for a seam: the squared darkness of the line, relative to the variation of the cloth, times its
+length in units of 16 mm."""
 _COMPLETE = 0.9
 """Minimum share of points that are dark."""
 _RIVAL, _ELSEWHERE = 0.75, 0.010
-"""Maximum evidence of a line that ends elsewhere, relative to that of the seam, and its least distance [m]."""
+"""If a line ends at least `_ELSEWHERE` [m] away from the end of the seam, its evidence must not exceed the share
+`_RIVAL` of the seam's evidence."""
 _SAMPLES, _BOWS = 36, 13
-"""Points on a curve, and curves of different curvature that end at one point of the boundary."""
+"""Number of points on a curve, and number of curves of different curvature that end at one point of the
+boundary."""
 _STRIDE = 2
 """Curves end at every second point of the boundary."""
 

@@ -33,10 +33,10 @@ _HIGH = np.array([0.2, 0.05, 1.0, 2.5, 0.9, 0.0035, 6.0])
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Colours along a gap. s: (n,) places along it, v: (m,) places across it [m]. colours: (n, m, 3), minus the
-    cloth's colour. table: (3,), the table's colour, and cloth: (n, 3), that of the cloth beside each row. All
-    colours are whitened by the pattern of the cloth; the unit is the contrast of table and cloth. round: radius r
-    of the rounding of the sewn tip [m]."""
+    """Colours along a gap. s: (n,) places along the gap, v: (m,) places across the gap [m]. colours: (n, m, 3),
+    minus the cloth's colour. table: (3,) colour of the table. cloth: (n, 3) colour of the cloth beside each row.
+    All colours are whitened by the pattern of the cloth; the unit is the contrast of table and cloth. round:
+    radius r of the rounding of the sewn tip [m]."""
 
     s: Array
     v: Array
@@ -51,8 +51,8 @@ class Strip:
 
 @dataclass(frozen=True)
 class WedgePrior:
-    """Standard deviation of the tip's place along the gap [m]; expected growth k and standard deviation of its
-    logarithm; standard deviation of the curvature c [1/m]."""
+    """place: standard deviation of the tip's place along the gap [m]. growth: expected growth k. growth_log:
+    standard deviation of the logarithm of k. curvature: standard deviation of the curvature c [1/m]."""
 
     place: float
     growth: float
@@ -60,7 +60,8 @@ class WedgePrior:
     curvature: float
 
     def residuals(self, p: Array) -> tuple[Array, Array]:
-        """Deviations (4,) from the prior [standard deviations], and their Jacobian (4, 7). Shade: 0.2 +- 0.4."""
+        """Deviations (4,) from the prior [standard deviations], and their Jacobian (4, 7). The prior of the shade
+        parameter d is fixed: mean 0.2, standard deviation 0.4."""
         r = np.array([
             p[0] / self.place, np.log(p[3] / self.growth) / self.growth_log,
             (p[4] - 0.2) / 0.4, p[6] / self.curvature,
@@ -72,8 +73,8 @@ class WedgePrior:
 
 @dataclass(frozen=True, eq=False)
 class Wedge:
-    """parameters: (7,), see `_LOW`. covariance: (7, 7) of them. misfit: root mean square difference of model and
-    picture near the gap, relative to the contrast. cost: of the fit."""
+    """parameters: (7,), see `_LOW`. covariance: (7, 7) of the parameters. misfit: root mean square difference of
+    model and picture near the gap, relative to the contrast. cost: of the fit."""
 
     parameters: Array
     covariance: Array
@@ -82,7 +83,8 @@ class Wedge:
 
 
 def fit_wedge(strip: Strip, starts: list[Array], prior: WedgePrior, count: int) -> Wedge:
-    """Fit the wedge to the strip, from the `count` best of the start values (7,) whose tips are apart."""
+    """Fit the wedge to the strip, from each of the `count` best start values (7,) whose tips are apart. Return the
+    fit of lowest cost."""
     ranked = sorted(starts, key=lambda p: _first_cost(p, strip))
     chosen: list[Array] = []
     for p in ranked:
