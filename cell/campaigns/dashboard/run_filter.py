@@ -53,8 +53,8 @@ class RunFilter:
         return counts.most_common()
 
     def query(self, **changes: Any) -> str:
-        """Return the query of an address for these conditions, with changes. If a condition changes, the first
-        page is shown."""
+        """Return the query of an address for these conditions, with changes. The address leads to the first page,
+        unless the changes name another."""
         changed = replace(self, **{"page": 1, **changes})
         stated = {f.name: getattr(changed, f.name) for f in fields(self)}
         return urlencode({k: v for k, v in stated.items() if v not in ("", 1)})

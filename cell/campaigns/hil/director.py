@@ -62,7 +62,7 @@ class Observations:
 
     @property
     def not_done(self) -> tuple[str, ...]:
-        """What did not happen although the script states it, in words."""
+        """Everything that the script states and that did not happen, in words."""
         return (*map(str, self.missed), *self.trouble)
 
 
