@@ -256,7 +256,7 @@ class _Prediction:
             limits = claim_limits(self.settings.inspection.claim_settings())
             seen, offsets = score(final, limits), keypoint_offsets(final)
         except CellError as e:
-            fabric = isinstance(e, ConfigurationError)  # then every other arc fails, too
+            fabric = isinstance(e, ConfigurationError)  # no other arc can help
             how = "this fabric cannot be simulated" if fabric else "its simulation comes to no end"
             reason = Reason(f"{how}: {e.what}", _FIGURES, arc=not fabric)
             return replace(fold, reasons=(*fold.reasons, *unreached, reason))

@@ -65,7 +65,7 @@ def perform(
                 return perform_campaign(
                     campaign, workers, lambda t: print(progress.line(t), file=out, flush=True), write=write
                 )
-        except ConfigurationError:  # the workers cannot be had: leave no campaign that never began
+        except ConfigurationError:  # no workers: do not leave a campaign that never began
             if options.resume is None and not campaign.finished():
                 shutil.rmtree(campaign.path)
             raise

@@ -44,7 +44,7 @@ CLOSE_S = 2.0
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """What a picture is drawn from.
+    """The content from which a picture is drawn.
 
     number: grows with every change of the content. taken: time at which the frame was taken, or at which the cell
     last looked as in the frame [s, monotonic]. advance: `Display.progress` at that time. progress: share of the
