@@ -1,4 +1,4 @@
-"""Make the file of a garment of one's own from a picture in which it was recognised."""
+"""Make the file of a new garment from a picture in which the garment was recognised."""
 
 from __future__ import annotations
 

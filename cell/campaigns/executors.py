@@ -28,9 +28,9 @@ def process_died(error: BaseException) -> bool:
 
 @dataclass(frozen=True)
 class Workers:
-    """Workers that perform the tasks of a campaign. executor: any executor of `concurrent.futures`. count: number
-    of tasks that run in parallel. died(error): whether the exception of a task means that its worker process died.
-    notes: messages for the user."""
+    """The workers that perform the tasks of a campaign. executor: any executor of `concurrent.futures`. count:
+    number of tasks that run in parallel. died(error): whether the exception of a task means that its worker
+    process died. notes: messages for the user."""
 
     executor: Executor
     count: int

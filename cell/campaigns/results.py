@@ -1,4 +1,5 @@
-"""The results of a campaign so far: of each variant, its comparison with the first, and all runs."""
+"""The results of a campaign so far: the figures of each variant, its comparison with the first variant, and all
+runs."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ SCHEMA = 1
 
 @dataclass(frozen=True)
 class VariantResults:
-    """The results of one variant. about: its difference in words. rows: one per garment. claims: all claims
-    against the verdicts; part_claims: those of each part of the claim."""
+    """The results of one variant. about: the variant's difference in words. rows: one per garment. claims: counts
+    of claims against verdicts. part_claims: the same counts for each part of the claim."""
 
     name: str
     about: str
@@ -35,8 +36,8 @@ class VariantResults:
 @dataclass(frozen=True)
 class CampaignResults:
     """The results of a campaign so far. trials: the performed runs, in order of variant, garment and seed.
-    not_performed: planned runs whose worker process died or could not start them. comparisons: each variant with
-    the first, as (name of the first, name of the other, comparison)."""
+    not_performed: planned runs whose worker process died or could not start them. comparisons: the comparison of
+    each other variant with the first, as (name of the first, name of the other, comparison)."""
 
     campaign: Campaign
     trials: Sequence[Trial]
@@ -63,7 +64,8 @@ class CampaignResults:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the content of `trials.json`. not_performed: the planned runs that have no record yet."""
+        """Return the content of `trials.json`. Its key `not_performed` lists all planned runs that are not among
+        `trials`."""
         done = {trial.request.key for trial in self.trials}
         values = {
             "schema": SCHEMA,

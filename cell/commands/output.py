@@ -67,7 +67,8 @@ def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
 
 
 def check_folder_of(path: Path) -> None:
-    """Raise ConfigurationError if a file cannot be written to `path`, before anything is done for it."""
+    """Raise ConfigurationError if no file can be written to `path`. Called before the file's content is
+    computed."""
     from robots.errors import ConfigurationError
 
     if path.is_dir() or not path.absolute().parent.is_dir():

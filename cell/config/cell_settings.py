@@ -136,7 +136,7 @@ class TableConfig(_Group):
 
 
 class CameraConfig(_Group):
-    """The RGB-D camera over the table. A part that is null is that of the robot's own camera."""
+    """The RGB-D camera over the table. If a key is null, the value of the robot's own camera applies."""
 
     position: tuple[_Edge, _Edge, _Height] | None = _place(
         "[x, y, z]", "place of the camera in the table frame, with the head straight; null: on the robot's bracket"
@@ -338,7 +338,7 @@ class InspectionConfig(_Group):
 
 
 class PressingConfig(_Group):
-    """Pressing of creases that stand high: from which height and how hard (skills.fold_plan.pressing)."""
+    """Pressing of high creases: the least height and the force (skills.fold_plan.pressing)."""
 
     max_attempts: int = _count(0, 5, "how often one fold may be pressed; 0: never")
     min_excess_height: float = _number(

@@ -44,7 +44,7 @@ def assemble(
     tell: Callable[[str], None],
     progress: Callable[[int, int, str], None],
 ) -> Workcell:
-    """Assemble the workcell of a run. tell: shows a line to the operator; progress: as `Workcell.progress`.
+    """Assemble the workcell of a run. tell: shows a line to the operator; progress: see `Workcell.progress`.
 
     Raises ConfigurationError for a file that cannot be used.
     """

@@ -26,9 +26,9 @@ __all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "w
 LEAST_VIEW_MARGIN = 0.01
 """Distance by which the parked arms have to be out of the camera's picture [m]."""
 LEAST_REACHED = 0.9
-"""Share of the places where garments lie that each arm has to reach."""
+"""Share of the places where garments lie. Each arm has to reach at least this share."""
 AREA_X, AREA_Y = (float(PLACES_X[0]), float(PLACES_X[-1])), (-float(PLACES_Y[-1]), float(PLACES_Y[-1]))
-"""Where garments lie, in the table frame [m]."""
+"""Area in which garments lie, in the table frame [m]."""
 LEAST_COVERED = 0.4
 """Share of this area's length and width that the table has to cover."""
 LEAST_SEEN = 0.8
@@ -39,7 +39,7 @@ HEIGHT_STEP, LOWEST_HEIGHT = 0.01, -0.6
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was checked. key: the key of `cell.yaml` to change; empty if it is the robot's model."""
+    """The result of one check. key: the key of `cell.yaml` to change; empty if the robot's model has to change."""
 
     name: str
     good: bool
@@ -50,8 +50,8 @@ class Finding:
 def robot_findings(
     robot: Robot, model: RobotModel, mount: CameraMount, table: Table, stated: tuple[Side, ...] = ()
 ) -> Iterator[Finding]:
-    """Check a robot's model at a table, with a camera. stated: the arms whose parked posture the settings state;
-    what is wrong with such a posture is put down to its key."""
+    """Check a robot's model at a table, with a camera. stated: the arms whose parked posture the settings state. A
+    fault of such a posture is reported with its key."""
     inside = (model.q_park >= model.planning.lower) & (model.q_park <= model.planning.upper)
     outside = [name for name, good in zip(model.joint_names, inside, strict=True) if not good]
     yield Finding("model", True, f"{len(model.joint_names) // 2} joints an arm, {robot.model_file()}")
@@ -96,7 +96,8 @@ def cell_findings(settings: CellSettings) -> Iterator[Finding]:
 
 
 def _gripper(settings: CellSettings) -> Iterator[Finding]:
-    """Check the pads, and the forces that the settings state or the tactile calibration has found."""
+    """Check the pads and the force thresholds. The thresholds come from the settings or from the tactile
+    calibration."""
     gripper, largest = settings.gripper, find_robot(settings.robot).gripper.max_opening
     found = (
         f"{1e3 * gripper.pad_width:.0f} mm wide, hold cloth up to {1e3 * gripper.pad_depth:.0f} mm over the tips, "
@@ -126,8 +127,8 @@ def refuse_unfit_cell(settings: CellSettings) -> None:
 
 
 def work_area_seen(settings: CellSettings) -> float:
-    """Return the share (0..1) of the table where garments lie that is in the camera's picture; 0 if there is no
-    table there."""
+    """Return the share (0..1) of the area where garments lie that the camera sees as table; 0 if no table is
+    there."""
     table = settings.table
     if min(_overlap(table.x, AREA_X), _overlap(table.y, AREA_Y)) <= 0.0:
         return 0.0
@@ -143,7 +144,8 @@ def _overlap(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 
 def _park_key(stated: tuple[Side, ...], part: str, otherwise: str = "") -> str:
-    """Return the key of the stated posture of the arm that a joint or shape belongs to by its name."""
+    """Return the settings key of an arm's parked posture, if the settings state it, else `otherwise`. part: name
+    of a joint or shape; it begins with the arm's side."""
     return next((f"park.{side.value}" for side in stated if part.startswith(side.value)), otherwise)
 
 

@@ -1,5 +1,5 @@
-"""Draw a cell from above and from its side: table, what the camera sees, where the hands reach, parked arms, and a
-garment if one is given."""
+"""Draw a cell from above and from its side: the table, the camera's view, the reach of the hands, the parked arms,
+and a garment if one is given."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def draw_cell(
     lines: Sequence[str] = (),
 ) -> NDArray[np.uint8]:
     """Return an (H, W, 3) RGB picture: on the left the cell from above, the robot at the bottom; on the right from
-    its side, the robot on the left. lines: what was found, written below."""
+    its side, the robot on the left. lines: findings, which are written below."""
     above, beside = _above(settings, model, garment, pose), _beside(settings, model)
     height = max(above.shape[0], beside.shape[0])
     picture = np.hstack([

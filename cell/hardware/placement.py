@@ -1,5 +1,5 @@
-"""Find out before anything moves whether a garment fits on the cell's table, in the camera's picture and in the
-reach of the arms, and which pose or size would. Write the file of a user's garment with poses that do."""
+"""Check before anything moves whether a garment fits on the cell's table, in the camera's picture and in the reach
+of the arms, and find a pose or size that fits. Write the file of a user's garment with fitting poses."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Pose = tuple[float, float, float]
 TURNS = (0.0, np.pi / 2)
 SHIFTS = tuple(float(s) for s in np.arange(-0.15, 0.151, 0.03))
 TRIES = 10
-"""Number of poses at which the folds are planned in search of one that works."""
+"""The search for a pose plans the folds at most at this number of poses."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PlacedFold:
 
 
 def refuse_too_large(garment: Garment, settings: CellSettings) -> None:
-    """Raise ConfigurationError for a garment that nowhere lies wholly on the table and in the camera's picture."""
+    """Raise ConfigurationError if no pose puts the whole garment on the table and in the camera's picture."""
     if fitting_pose(garment, settings) is not None:
         return
     scale = _fitting_scale(garment, settings)
@@ -75,7 +75,7 @@ def fitting_pose(garment: Garment, settings: CellSettings, scale: float = 1.0) -
 
 def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, pose: Pose) -> list[PlacedFold]:
     """Plan each fold of the garment at a pose along its plain arc, with the first variant for which the arms have
-    a path. The variants that are found are those of the folds that follow."""
+    a path. The later folds are planned with the variants found for the earlier ones."""
     checker = CollisionChecker(model, settings.table)
     chosen: dict[str, str] = {}
     placed: list[PlacedFold] = []
@@ -104,8 +104,8 @@ def placed_folds(garment: Garment, settings: CellSettings, model: RobotModel, po
 
 
 def pose_that_folds(garment: Garment, settings: CellSettings, model: RobotModel) -> Pose | None:
-    """Return a pose in the picture at which the arms have a path for every fold, or None. It is sought near the
-    garment's own pose first."""
+    """Return a pose of the garment on the table at which the camera sees all of it and the arms have a path for
+    every fold. Return None if none is found. The search begins near the garment's own pose."""
     outline, seen, tries = np.asarray(garment.template, dtype=float), _Seen(settings), 0
     for pose in _poses(garment, settings):
         if not seen.wholly(_at(outline, pose)):
@@ -119,8 +119,8 @@ def pose_that_folds(garment: Garment, settings: CellSettings, model: RobotModel)
 
 
 def fitting_poses(garment: Garment, settings: CellSettings, model: RobotModel) -> PoseRange | None:
-    """Return the garment's range of poses, moved to where the arms have a path for every fold, and narrow enough
-    to keep the garment in the picture. None if there is no such place."""
+    """Return the garment's range of poses, moved so that the arms have a path for every fold from its middle, and
+    narrowed until the garment stays on the table and in the picture. None if no such pose is found."""
     pose = pose_that_folds(garment, settings, model)
     if pose is None:
         return None
@@ -150,9 +150,9 @@ def write_own_garment(
     this cell can fold it. Returns its template (k, 2) [m].
 
     points: (k, 2) observed key points in the laid pose, in the order of `like`, in any unit. measured: indices of
-    the two key points that lie `length` [m] apart; None if the points are in metres. origin: of the outline.
-    Raises ConfigurationError if the folds cannot be planned on this outline, StorageError if the file cannot be
-    written.
+    the two key points that lie `length` [m] apart; None if the points are in metres. origin: a line that states
+    the origin of the outline. Raises ConfigurationError if the folds cannot be planned on this outline,
+    StorageError if the file cannot be written.
     """
     model = load_robot(settings)
     template = fitted_template(points, load_garment(like, settings.surface).template, measured, length)
@@ -169,7 +169,8 @@ def _first_variants(garment: Garment) -> dict[str, str]:
 
 
 def _poses(garment: Garment, settings: CellSettings) -> Iterator[Pose]:
-    """Yield poses on the table: the garment's own, then others by their distance from it."""
+    """Yield poses: the garment's own first, then poses around it, then poses around the middle of the table, both
+    in order of distance. The same follows with the garment turned."""
     x, y, angle = garment.poses.middle
     yield x, y, angle
     table = settings.table
@@ -186,7 +187,7 @@ def _at(outline: Array, pose: Pose) -> Array:
 
 
 class _Seen:
-    """What the camera sees of the table, without the border that a garment must not touch."""
+    """The part of the table that the camera sees, without the border that a garment must not touch."""
 
     def __init__(self, settings: CellSettings) -> None:
         self._view = TableView(camera_calibration(settings), settings.table, pixel=0.004)
@@ -205,6 +206,6 @@ class _Seen:
 
 
 def _fitting_scale(garment: Garment, settings: CellSettings) -> float:
-    """Return the largest scale of the garment that fits in steps of 5 %, or 0."""
+    """Return the largest scale, in steps of 5 %, at which the garment fits; 0 if none fits."""
     scales = np.arange(0.95, 0.04, -0.05)
     return next((float(s) for s in scales if fitting_pose(garment, settings, float(s)) is not None), 0.0)

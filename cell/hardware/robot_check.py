@@ -1,5 +1,5 @@
-"""What a robot's model has to fulfil at a cell: parked arms that touch nothing and are out of the camera's view,
-and arms that reach the table."""
+"""Compute the figures by which a robot's model is checked at a cell: whether its parked arms are out of the
+camera's view, and whether the arms reach the table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skills.vocabulary import Table, tool_rotation
 __all__ = ["moved_shapes", "reached_places", "view_margins"]
 
 PLACES_X, PLACES_Y = np.arange(0.35, 0.86, 0.10), np.arange(0.05, 0.36, 0.10)
-"""Where garments lie: distance from the base, and to the arm's own side, table frame [m]."""
+"""Places where garments lie: distance from the base, and to the arm's own side, in the table frame [m]."""
 HAND_HEIGHT = 0.01
 """Height of the tool above the table [m]."""
 SEEDS = 40
@@ -29,8 +29,8 @@ SIDES = 24
 
 
 def view_margins(model: RobotModel, mount: CameraMount, q: Array) -> dict[str, float]:
-    """Return name -> distance [m] by which each shape that an arm moves is out of the camera's picture at joints q
-    (joints,); negative for a shape that reaches into it."""
+    """Return how far each shape that an arm moves is out of the camera's picture at joints q (joints,): name ->
+    distance [m], which is negative for a shape inside the picture."""
     T_camera_base = np.linalg.inv(mount.T_base_camera(model.head_pan))
     k = mount.intrinsics
     # inward normals of the four side planes of the view pyramid, from the edges of the picture
@@ -51,8 +51,8 @@ def view_margins(model: RobotModel, mount: CameraMount, q: Array) -> dict[str, f
 
 
 def moved_shapes(model: RobotModel, q: Array) -> dict[str, Array]:
-    """Return name -> points (n, 3) [m] in the base frame, whose hull contains the shape, of each collision shape
-    that an arm moves, at joints q (joints,)."""
+    """Return points around each collision shape that an arm moves, at joints q (joints,): name -> (n, 3) [m] in
+    the base frame. The convex hull of the points contains the shape."""
     data, placed = model.pin_model.createData(), model.collision_model.createData()
     pin.updateGeometryPlacements(model.pin_model, data, model.collision_model, placed, model.configuration(q))
     return {
@@ -86,8 +86,9 @@ def _corners(shape: coal.CollisionGeometry) -> Array:
 
 @lru_cache(maxsize=8)
 def reached_places(model: RobotModel, table: Table) -> Mapping[Side, Sequence[tuple[float, float, bool]]]:
-    """Return for each arm the places (x, y) [m] in the table frame where garments lie, and whether the arm brings
-    its hand there, pointing down, without touching anything while the other arm is parked."""
+    """Return for each arm the places where garments lie, as (x, y, reached), in the table frame [m]. A place is
+    reached if the arm can bring its hand there without collision. The hand points down and the other arm is
+    parked."""
     checker = CollisionChecker(model, table)
     rng = np.random.default_rng(1)
     places: dict[Side, list[tuple[float, float, bool]]] = {side: [] for side in Side}

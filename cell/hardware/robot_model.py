@@ -1,4 +1,4 @@
-"""Choose the robot's model: the one that the settings name, with its arms parked as they state."""
+"""Load the model of the robot that the settings name. The settings may also state how its arms park."""
 
 from __future__ import annotations
 

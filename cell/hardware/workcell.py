@@ -78,7 +78,7 @@ class Workcell:
     path: PathRecord = field(default_factory=PathRecord)
     """The set-points sent since the arms last stood parked."""
     hand_record: HandRecord = field(default_factory=HandRecord)
-    """The course of the hands since they took cloth."""
+    """The record of the hands since they took cloth."""
     watched_stop: Stop | None = None
     """The stop that is polled in real time while a skill computes; None: `ports.stop`. Polling it only ends the
     wait. Whether the run stops is decided by `ports.stop`, which is read once after the wait."""

@@ -1,6 +1,6 @@
 """Serve pages on this machine only.
 
-Their address contains a secret that is made for them. They load nothing from elsewhere, and no other page can show
+The address of the pages contains a new secret. The pages load nothing from elsewhere, and no other page can embed
 them or learn their address.
 """
 
@@ -85,12 +85,12 @@ def served(
     routes: Sequence[BaseRoute], may: str, listener: socket.socket, what: str, hint: str,
     largest_message: int = 2**16,
 ) -> Iterator[str]:  # fmt: skip
-    """Serve `routes` for the duration of the context. Yields the address below which they are, as in
+    """Serve `routes` for the duration of the context. Yields the address that precedes their paths, as in
     http://127.0.0.1:8000/SECRET/. Only requests that name this machine as their host are answered.
 
     may: what the pages may load and send, see `content_policy`. listener: from `open_listener`, closed at the end.
-    what: names the pages in messages; hint: what to do if they cannot be served. largest_message: of a WebSocket
-    [bytes]. Raises StorageError if they cannot be served.
+    what: names the pages in messages; hint: what to do if they cannot be served. largest_message: maximum size of
+    a WebSocket message [bytes]. Raises StorageError if they cannot be served.
     """
     secret = secrets.token_urlsafe(16)
     app = Starlette(

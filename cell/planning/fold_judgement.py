@@ -1,4 +1,4 @@
-"""Judge a predicted fold by the limits of a run and of its score, and say in plain words what will not go."""
+"""Judge a predicted fold by the limits of a run and of its score, and say in plain words what will fail."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from skills.vocabulary import FoldLine, FoldStep, GraspId
 __all__ = ["Reason", "claim_limits", "judge_edges", "judge_fold", "judge_hands"]
 
 MENDED_BY_TENSION = 0.060
-"""A key point that is farther from its place [m] is not brought there by releasing the cloth farther out."""
+"""Releasing the cloth elsewhere can correct a key point that is at most this far from its place [m]."""
 
 _FABRIC = (
     "check the fabric's figures in the garment file (`foldcell calibrate` measures them), move the fold line or"
@@ -32,8 +32,8 @@ _LESS_FORCE = "fold more slowly (max_tool_speed in the garment file), or lay the
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a fold will not go. what: in words, with figure and limit; hint: what can be changed. arc: whether
-    another arc may help."""
+    """Why a fold will fail. what: the reason in words, with figure and limit. hint: a possible change. arc:
+    whether another arc may help."""
 
     what: str
     hint: str
@@ -68,8 +68,9 @@ def judge_hands(step: FoldStep, prediction: FoldPrediction) -> tuple[Reason, ...
 def judge_edges(
     garment: Garment, lines: Sequence[FoldLine], keypoints: Mapping[str, Array], limit: float
 ) -> tuple[Reason, ...]:
-    """Return which edges that belong together (`edge_pairs` of the garment file) do not meet even after the ideal
-    folds about `lines`. keypoints: name -> (2,) place on the flat garment [m]; limit: largest distance [m]."""
+    """Judge the edges that belong together (`edge_pairs` of the garment file). Return a reason for each pair that
+    does not meet even after the ideal folds about `lines`. keypoints: name -> (2,) place on the flat garment [m];
+    limit: largest distance [m]."""
     found = []
     pairs = named_edge_pairs(garment.edge_pairs, keypoints)
     for names, (first, second) in zip(garment.edge_pairs, pairs, strict=True):
@@ -93,10 +94,10 @@ def judge_fold(
 ) -> tuple[Reason, ...]:
     """Return what is wrong with the shape after a predicted fold; empty if it is within all limits.
 
-    keypoints: name -> (2,) place on the flat garment [m]; offsets: name -> (2,) vector from its place after the
-    ideal fold to its predicted one [m]. dissimilarity: D [m], and limit: the largest D with which a run accepts
-    the fold. score: of the predicted shape; heights are judged if it has an ideal fold. edges: whether the edges
-    that belong together are judged, which no fold can bring together if the plan does not (`judge_edges`).
+    keypoints: name -> (2,) place on the flat garment [m]. offsets: name -> (2,) vector from the place after the
+    ideal fold to the predicted place [m]. dissimilarity: D [m]. limit: the largest D with which a run accepts the
+    fold [m]. score: of the predicted shape; heights are judged if it has an ideal fold. edges: whether to judge
+    the edges that belong together. Leave them out if the plan itself does not bring them together (`judge_edges`).
     """
     found = [*_keypoint(garment, step, keypoints, offsets, score.figures["keypoints_m"].limit)]
     poor = judge_prediction(step.name, dissimilarity, limit)
@@ -115,7 +116,8 @@ def _hand(grasp_id: GraspId) -> str:
 def _keypoint(
     garment: Garment, step: FoldStep, keypoints: Mapping[str, Array], offsets: Mapping[str, Array], limit: float
 ) -> Iterator[Reason]:
-    """Say where the key point lies that is farthest from its place, if it is too far, and what would help."""
+    """Find the key point that is farthest from its place. If it is too far away, say where it lies and what would
+    help."""
     name = max(offsets, key=lambda n: float(np.linalg.norm(offsets[n])), default="")
     far = float(np.linalg.norm(offsets[name])) if name else 0.0
     if far <= limit:
@@ -138,8 +140,8 @@ def _keypoint(
 
 
 def _shape(score: Score, known: bool, with_edges: bool) -> Iterator[Reason]:
-    """Say which figures of the silhouette are beyond their limits. known: whether the cloth is known to lie off
-    its place, so that only the overlap says something new."""
+    """Say which figures of the silhouette are beyond their limits. known: whether another reason already says that
+    the cloth is off its place. Then only the overlap is judged."""
     figures = score.figures
     if not figures["iou"].passed:
         value, least = figures["iou"].value, figures["iou"].limit

@@ -50,8 +50,8 @@ def motion_rng() -> np.random.Generator:
 
 
 def search_rng(rng: np.random.Generator, search: int) -> np.random.Generator:
-    """Return the generator of a search for the arms' motion. search: 0 for the first, which takes `rng` itself;
-    each further search gets a different generator."""
+    """Return the generator of a search for the arms' motion. search: number of the search, from 0. The first
+    search gets `rng` itself; each further search gets a different generator."""
     return rng.spawn(search)[-1] if search else rng
 
 

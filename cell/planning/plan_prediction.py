@@ -48,7 +48,7 @@ Progress = Callable[[int, int, str], None]
 
 _FIGURES = "check the figures of the fabric in the garment file (`foldcell calibrate` measures them)"
 SEARCHES = 2
-"""Number of searches for the arms' motion: after a failed one, a run makes another."""
+"""Number of searches for the arms' motion. A run, too, searches again after a failed search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +57,9 @@ class PredictedFold:
     garment after it; outline: (k, 2) of the garment after the ideal fold [m].
 
     dissimilarity_m: D of the shape from the ideal fold, limit_m: the largest D with which a run accepts it [m].
-    score: figures and limits of the shape; None if the simulation came to no end, and D is NaN then. The heights
-    are judged after the last fold only. reasons: why the fold will not go; empty if it will. wall_time_s: of the
-    computation [s].
+    score: figures and limits of the shape. If the simulation did not end, the score is None and D is NaN. The
+    heights are judged after the last fold only. reasons: why the fold will fail; empty if it will succeed.
+    wall_time_s: duration of the computation [s].
     """
 
     step: FoldStep
@@ -79,9 +79,9 @@ class PredictedFold:
 
 @dataclass(frozen=True, eq=False)
 class PlanPrediction:
-    """The predicted folds, in order; the first one that will not go is the last. planned: number of folds of the
-    plan. optimised: whether each fold was optimised as in a run, or only simulated along the library's or the
-    plain arc."""
+    """The predicted folds, in order. The prediction ends at the first fold that will fail. planned: number of
+    folds of the plan. optimised: true if each fold was optimised as in a run; false if it was only simulated along
+    the library's arc or the plain arc."""
 
     folds: tuple[PredictedFold, ...]
     planned: int
@@ -104,15 +104,15 @@ def predict_plan(
     progress: Progress = lambda done, total, remark: None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> PlanPrediction:
-    """Predict the folds of a flat garment in the middle of its poses, each from the predicted shape of the one
-    before. The first fold that will not go is the last one.
+    """Predict the folds of a flat garment in the middle of its poses. Each fold starts from the predicted shape of
+    the fold before. The prediction ends at the first fold that will fail.
 
-    Each fold is simulated along the path of the arms: for the library's arc if it has one for such a garment, else
-    for the plain arc. This takes one simulation. If a fold will not go like this, all are predicted again, and
-    each is optimised as a run does it (`optimise`: at once). variants: step name -> name of the variant. ideal:
-    heights of the garment's ideal folds over the range of its fabric; if they are not known, those of its nominal
-    fabric are computed. begin: called before each computation of which `progress` tells the progress; tell: shows
-    a line.
+    Each fold is simulated once, along the arms' path for an arc. The arc comes from the library if the library has
+    one for such a garment, else it is the plain arc. If a fold will fail and another arc may help, all folds are
+    predicted again, and each is optimised as in a run. optimise: whether to optimise at once. variants: step name
+    -> name of the variant. ideal: heights of the garment's ideal folds over the range of its fabric; if they are
+    not known, those of its nominal fabric are computed. begin: called before each computation whose progress
+    `progress` shows. tell: shows a line.
 
     Raises ConfigurationError if the plan cannot be made.
     """
@@ -169,7 +169,7 @@ class _IdealFold:
 
 @dataclass(frozen=True, eq=False)
 class _Prediction:
-    """What all folds of one prediction share."""
+    """Predicts the folds. It holds everything that all folds of one prediction share."""
 
     garment: Garment
     settings: CellSettings
@@ -214,8 +214,8 @@ class _Prediction:
         return stored or plain_trajectory(step, self.garment, tool_speed(self.settings, self.garment))
 
     def _optimised(self, step: FoldStep, vertices: Array) -> tuple[GraspTrajectory | None, tuple[Reason, ...]]:
-        """Return the arcs that a run would use, and why no arcs are good enough. If none are, the best ones are
-        returned; None if no simulation came to an end."""
+        """Return the arcs that a run would use. If no arcs are good enough, return the best arcs found and the
+        reasons. If every simulation failed, the arcs are None."""
         settings, seen = self.settings.optimiser, list[Candidate]()
         use = settings.use_library
         found = stored_trajectory(self.settings, self.library, self.garment, step) if use else None
@@ -256,7 +256,7 @@ class _Prediction:
             limits = claim_limits(self.settings.inspection.claim_settings())
             seen, offsets = score(final, limits), keypoint_offsets(final)
         except CellError as e:
-            fabric = isinstance(e, ConfigurationError)  # then every other arc fails, too
+            fabric = isinstance(e, ConfigurationError)  # no other arc can help
             how = "this fabric cannot be simulated" if fabric else "its simulation comes to no end"
             reason = Reason(f"{how}: {e.what}", _FIGURES, arc=not fabric)
             return replace(fold, reasons=(*fold.reasons, *unreached, reason))
@@ -280,8 +280,8 @@ class _Prediction:
     def _paths(
         self, step: FoldStep, trajectory: GraspTrajectory
     ) -> tuple[Mapping[GraspId, ToolPath], tuple[Reason, ...]]:
-        """Return the tool paths of the arms' motion, and why the arms have none. The paths are then those of the
-        arcs."""
+        """Return the tool paths of the arms' motion. If the arms have no motion, return the tool paths of the arcs
+        and the reason."""
         settings, model = self.settings, self.model
         paths = tool_paths(trajectory, step, tool_speed(settings, self.garment))
         limits = model.limits(settings.motion.accelerations, settings.motion.velocity_scale)

@@ -203,7 +203,8 @@ def _predict(
 
 
 def _is_of(entry: LibraryEntry, garment: Garment, method: str) -> bool:
-    """Whether this version of the program would build the entry from the present garment file."""
+    """Whether the entry belongs to the present garment file, this method and the present version of the
+    program."""
     return (
         (entry.garment, entry.category, entry.method, entry.version)
         == (garment.name, garment.category, method, metadata.version("foldcell"))

@@ -252,7 +252,7 @@ def _workcell(
 def _why_incomplete(
     replay: _ReplayState, answers: RecordedAnswers, beyond_journal: bool
 ) -> tuple[Deviation | None, str | None]:
-    """Return why a replay ended before the run's end: a deviation, or a text that states why no more can be
+    """Return the reason why a replay ended before the run's end: a deviation, or a text if nothing more can be
     compared.
 
     beyond_journal: the replay has more journal lines than the run.

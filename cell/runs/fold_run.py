@@ -57,8 +57,8 @@ def fold_once(
     observers: Sequence[Observer] = (),
     interrupted: Interrupted | None = None,
 ) -> RunRecord:
-    """Perform one run, or resume an interrupted one. on_open, observers: used by tests and HIL scripts; the
-    observers are added to those of the run.
+    """Perform one run, or resume an interrupted one. on_open, observers: used by tests and HIL scripts. The given
+    observers are added to the run's own observers.
 
     Raises ConfigurationError and StorageError before anything moves. If the journal cannot be written later, the
     run ends in a fault with the arms held.

@@ -21,7 +21,7 @@ def reentry_event(states: Sequence[State], context: RunContext) -> Event:
         return Event.LOOK_AGAIN
     if (
         _interrupted_in(states) in HANDS_CARRY_CLOTH and context.fold.carried
-    ):  # the hands completed the fold; the release lacks
+    ):  # the hands completed the fold; only the release is missing
         return Event.LOOK_AFTER
     return event
 

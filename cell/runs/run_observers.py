@@ -42,12 +42,12 @@ __all__ = ["RunObservers", "page_listener"]
 
 RECORDING = "run.rrd"
 JUDGED = (State.FOLDED, State.NOT_FOLDED)
-"""Ends of a run after which the ideal fold is waited for, if all folds were made."""
+"""Ends of a run after which the scorer waits for the ideal fold, if all folds were made."""
 
 
 def page_listener(request: FoldRequest) -> AbstractContextManager[socket | None]:
-    """Return the listener of the operator's page, or None. It is opened first, so that a port that is in use is
-    noticed before the run begins."""
+    """Return the listener of the operator's page, or None. It is opened before the run begins, so that a port in
+    use is noticed early."""
     if not request.page:
         return nullcontext()
     from cell.operator.local_server import open_listener
@@ -56,7 +56,7 @@ def page_listener(request: FoldRequest) -> AbstractContextManager[socket | None]
 
 
 class RunObservers:
-    """All that watches one run. None of it changes a decision.
+    """All observers and recorders of one run. None of them changes a decision.
 
     began: time.monotonic() at the request [s]; resumed_from: the run that is resumed, else None; listener: of the
     operator's page; more: other observers.
@@ -108,7 +108,7 @@ class RunObservers:
             yield
 
     def pictured(self, ports: Ports, opened: OpenCell) -> Ports:
-        """Return ports that do the same, and give the operator's page its pictures."""
+        """Return ports that do the same as `ports`, and also give the operator's page its pictures."""
         if self._live_view is None:
             return ports
         display = opened.simulated.display if opened.simulated else None
@@ -149,7 +149,7 @@ class RunObservers:
             return None
 
     def close(self) -> RecordingLosses:
-        """Close recording and transcript. Returns what was lost."""
+        """Close recording and transcript. Returns messages about lost data."""
         if self.truth:
             self.truth.close()
         lost, transcript_error = self.recorder.close(), self._port_recorder.close()

@@ -1,4 +1,4 @@
-"""An object in front of another one, which it replaces for some methods only."""
+"""An object that replaces some methods of another object and forwards everything else to it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 def forwarding(behind: T, **own: Callable[..., Any]) -> T:
-    """Return an object that has the methods `own`, and takes everything else from `behind`."""
+    """Return an object with the methods `own`. It takes every other attribute from the object `behind`."""
     return cast(T, _Forwarding(behind, own))
 
 

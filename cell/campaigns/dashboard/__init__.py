@@ -1,1 +1,1 @@
-"""The history of a logs folder as pages: its runs and campaigns, and two runs side by side."""
+"""The history of a logs folder as pages: lists of runs and campaigns, and a comparison of two runs."""

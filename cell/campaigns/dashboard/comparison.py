@@ -24,8 +24,8 @@ PICTURES = {"last.jpg": "the last picture", "fold.png": "key frames of the folds
 
 @dataclass(frozen=True)
 class Value:
-    """A value as text; empty if the run does not have it. measured: it differs between any two runs; bad: it is a
-    refusal, or beyond its limit."""
+    """A value as text; empty if the run does not have it. measured: whether the value is measured, so that it
+    differs between any two runs. bad: whether it is a refusal or beyond its limit."""
 
     text: str = ""
     measured: bool = False
@@ -46,7 +46,8 @@ class Row:
 
     @property
     def differs(self) -> bool:
-        """Whether the difference tells the runs apart: two measured figures are never quite the same."""
+        """Whether the difference is worth marking. Measured figures do not count, because they are never quite the
+        same."""
         return self.first.text != self.second.text and not (self.first.measured and self.second.measured)
 
 
@@ -61,8 +62,8 @@ class PicturePair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """difference: settings, versions, decisions and figures; None if the runs' journals do not tell them.
-    notices: what could not be read, in words."""
+    """difference: settings, versions, decisions and figures; None if the journals do not have both runs. notices:
+    messages about everything that could not be read."""
 
     result: Sequence[Row]
     claim: Sequence[Row]
@@ -74,7 +75,7 @@ class Comparison:
 
 
 def compare_runs(first: RunEntry, second: RunEntry) -> Comparison:
-    """Compare two runs. What cannot be read is left out and named in `notices`."""
+    """Compare two runs. Anything that cannot be read is left out and named in `notices`."""
     notices: list[str] = []
     a, b = (_journalled(run, notices) for run in (first, second))
     difference = None

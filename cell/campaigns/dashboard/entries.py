@@ -19,8 +19,8 @@ DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 
 @dataclass(frozen=True)
 class RunEntry:
-    """One run. key: path of its folder relative to the logs, which names it in addresses. status: as in the
-    journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none. campaign,
+    """One run. key: path of the run's folder relative to the logs; it identifies the run in addresses. status: as
+    in the journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none. campaign,
     variant: empty for a run by itself. damage: what is wrong with its files, or empty."""
 
     key: str
@@ -62,15 +62,16 @@ class RunEntry:
 
     @cached_property
     def text(self) -> str:
-        """Everything in which a reader may search, in lower case."""
+        """All text of the entry that the search looks through, in lower case."""
         parts = (self.key, self.garment, self.driver, self.verdict, self.failure, self.ending.why, self.variant)
         return plain(" ".join((*parts, *self.failed, self.damage))).lower()
 
 
 @dataclass(frozen=True)
 class CampaignEntry:
-    """A campaign, or another folder with runs (scripted runs, endurance). begun: as text. runs: number of planned
-    runs; pages: names of its result pages. damage: what is wrong with its files, or empty."""
+    """A campaign, or another folder with runs (scripted runs, endurance). begun: time of its beginning, as text.
+    runs: number of planned runs. pages: names of its result pages. damage: what is wrong with its files, or
+    empty."""
 
     name: str
     about: str

@@ -1,7 +1,7 @@
 """Read all runs and campaigns of a logs folder, without changing anything in it.
 
-Files that have not changed since they were read are not read again. A run or campaign that cannot be read is an
-entry that says so; it never hides the others.
+Files that have not changed since they were read are not read again. A run or campaign that cannot be read is
+listed with its damage; it never hides the others.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ class History:
         return LogsContent(tuple(runs), tuple(campaigns), tuple(notices))
 
     def _journal(self, folder: Path, campaign: str, variant: str = "") -> tuple[list[RunEntry], list[str]]:
-        """Return the runs of the journal in `folder`, with the run folders that the journal does not name if it
-        cannot be read."""
+        """Return the runs of the journal in `folder`, and notices. If the journal cannot be read, there are no
+        runs, and a notice says so."""
         path = journal_path(folder)
         if not path.is_file():
             return [], []
@@ -126,7 +126,7 @@ class History:
         )
 
     def _unlisted(self, folder: Path, campaign: str, damage: str = "the journal has no such run") -> RunEntry:
-        """Return the entry of a run's folder that no journal names, with its record if it can be read."""
+        """Return the entry of a run whose folder is in no journal, with its record if the record can be read."""
         record: RunRecord | None = self._unchanged(folder / RECORD, lambda: _record(folder))
         if record is None:
             return self._entry(
@@ -139,7 +139,8 @@ class History:
         )  # fmt: skip
 
     def _runs_below(self, folder: Path) -> tuple[list[RunEntry], list[str]]:
-        """Return the runs of a folder that is no campaign (scripted runs, endurance) or a damaged one."""
+        """Return the runs of a folder that is a damaged campaign or none (scripted runs, endurance), and
+        notices."""
         runs, notices = self._journal(folder, folder.name)
         known = {run.folder for run in runs}
         for path in _folders(folder):
@@ -195,8 +196,8 @@ class History:
         )  # fmt: skip
 
     def _unchanged(self, path: Path, read: Callable[[], Any], keep: Callable[[Any], bool] | None = None) -> Any:
-        """Return what `read` made of the file, from memory if the file has not changed since. keep: whether the
-        value may be kept."""
+        """Return the value that `read` makes of the file. If the file has not changed since the last call, the
+        value comes from memory. keep: whether a value may be kept in memory."""
         signature = tuple(_file_signature(p) for p in (path, path.with_name(path.name + "-wal")))
         kept = self._kept.get(path)
         if kept is not None and kept[0] == signature:

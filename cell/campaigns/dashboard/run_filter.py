@@ -15,14 +15,14 @@ __all__ = ["PAGE_LENGTH", "RunFilter", "page_of"]
 
 PAGE_LENGTH = 50
 NO_CAMPAIGN = "-"
-"""In place of a campaign's name: runs by themselves."""
+"""Stands in place of a campaign's name for the runs that belong to no campaign."""
 
 
 @dataclass(frozen=True)
 class RunFilter:
-    """Conditions that a listed run meets, all of them. An empty condition is met by every run. text: words that
-    all occur in the run's texts, where `seed 3` means this seed. chosen: key of the run to which a second one is
-    being chosen; page: from 1."""
+    """Conditions for listing a run: a listed run meets all of them. Every run meets an empty condition. text:
+    words that all occur in the run's texts; `seed 3` means this seed. chosen: key of the first run of a
+    comparison, while the user chooses the second. page: number of the page, from 1."""
 
     garment: str = ""
     result: str = ""
@@ -34,7 +34,7 @@ class RunFilter:
 
     @classmethod
     def of_query(cls, query: Mapping[str, str]) -> RunFilter:
-        """Read the conditions of an address. A page that is no number counts as the first."""
+        """Read the conditions from an address. If the page is not a number, it is the first page."""
         number = query.get("page", "")
         page = int(number) if number.isascii() and number.isdecimal() and len(number) < 10 else 1
         texts = {f.name: query.get(f.name, "").strip() for f in fields(cls) if f.name != "page"}
@@ -44,7 +44,8 @@ class RunFilter:
         return [run for run in runs if self._meets(run)]
 
     def results(self, runs: Sequence[RunEntry]) -> list[tuple[str, int]]:
-        """Return the results of the runs that meet the other conditions, with their numbers, in falling order."""
+        """Return each result with its number of runs, the most frequent first. Only runs that meet the other
+        conditions count."""
         others = replace(self, result="").selected(runs)
         counts = Counter(run.verdict for run in others)
         if damaged := sum(bool(run.damage) for run in others):
@@ -52,7 +53,8 @@ class RunFilter:
         return counts.most_common()
 
     def query(self, **changes: Any) -> str:
-        """Return the address's query, with changes. Other conditions lead to the first page again."""
+        """Return the query of an address for these conditions, with changes. The address leads to the first page,
+        unless the changes name another."""
         changed = replace(self, **{"page": 1, **changes})
         stated = {f.name: getattr(changed, f.name) for f in fields(self)}
         return urlencode({k: v for k, v in stated.items() if v not in ("", 1)})

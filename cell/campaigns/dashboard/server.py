@@ -29,7 +29,8 @@ __all__ = ["served_history"]
 
 MAY_LOAD = "img-src 'self' data:; media-src 'self' data:; form-action 'self'"
 SERVED = frozenset({".html", ".jpg", ".jpeg", ".png", ".webp", ".mp4", ".webm", ".rrd"})
-"""Reports, pictures, films and recordings. Journals, settings and locks are not handed out."""
+"""Types of the files that are served: reports, pictures, films and recordings. Journals, settings and locks are
+not served."""
 REPORT, LAST_PICTURE = "report.html", "last.jpg"
 
 
@@ -111,9 +112,9 @@ def _when(started: float | None, layout: str = "%Y-%m-%d %H:%M:%S") -> str:
 
 
 def _served_file(logs: Path, path: str) -> Path | None:
-    """Return the file at `path`, relative to the logs folder; None if it is not to be handed out.
+    """Return the file at `path`, relative to the logs folder; None if it must not be served.
 
-    Symbolic links and `..` are followed first: what counts is where the file really lies.
+    Symbolic links and `..` are resolved first, so that the file's real location decides.
     """
     try:
         root = logs.resolve(strict=True)

@@ -1,1 +1,2 @@
-"""The table of faults and its campaign: faults at random moments, and whether each run ended as it should."""
+"""The table of faults and its campaign. The campaign causes faults at random moments and checks whether each run
+ended as it should."""

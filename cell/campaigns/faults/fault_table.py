@@ -41,11 +41,11 @@ class DueEnd(StrEnum):
     ASKED = "asked"
     """Parked, with a failure that says what a person can do. Without a person the run ends as not folded."""
     SAFE = "safe"
-    """Nothing moves any more, and the run does not claim a fold."""
+    """The cell no longer moves, and the run does not claim a fold."""
 
 
 class Stage(Group):
-    """A stage of a run, in which the moment of a fault is drawn."""
+    """A stage of a run. The moment of a fault is drawn within the fault's stage."""
 
     visits: int = Field(1, ge=1, le=100, strict=True, description="draw among the first n visits of a state")
     during: dict[str, Any] = Field(min_length=1, description="states, each with the usual length of a stay [s]")
@@ -85,7 +85,8 @@ class FaultEntry(Group):
         return self
 
     def fault(self, drawn: Mapping[str, Any]) -> FaultSpec:
-        """Return the fault as scripts state it. drawn: `side` and `seed`, where they were drawn."""
+        """Return the fault as scripts state it. drawn: the random `seed`, and the random `side` if the fault has
+        one."""
         stated = {"size": self.size, "turn_deg": self.turn_deg, "duration_s": self.duration_s}
         return FaultSpec.model_validate(
             {"kind": self.kind, **{k: v for k, v in stated.items() if v is not None}, **drawn}
@@ -98,7 +99,7 @@ class FaultEntry(Group):
 
     @property
     def displaces(self) -> bool:
-        """Whether the fault moves the garment, so that its drift is not the cell's."""
+        """Whether the fault moves the garment. The cell is then not to blame for the drift."""
         return TRAITS[self.kind].turns
 
 

@@ -19,7 +19,7 @@ from robots.ports import Side
 __all__ = ["chosen_faults", "drawn_action", "fault_campaign", "faults_of"]
 
 AND = "+"
-"""Between the names of two faults of one run."""
+"""Separates the names of the two faults of a run."""
 
 
 def fault_campaign(
@@ -33,8 +33,9 @@ def fault_campaign(
     pairs: bool = False,
     keep: Keep = "failures",
 ) -> Campaign:
-    """Return the campaign: each fault x garment x seed. pairs: also one run with a second fault for each fault
-    that should be recovered; the second one is drawn from the others of another kind.
+    """Return the campaign, with one run for each fault, garment and seed. pairs: adds runs with two faults. Each
+    fault that should be recovered then gets a second run together with a random fault of another kind that should
+    also be recovered.
 
     Raises ConfigurationError for an unknown garment.
     """
@@ -90,7 +91,7 @@ def _drawn(entry: FaultEntry, rng: np.random.Generator) -> dict[str, str | int]:
 
 
 def _faults(table: FaultTable, garment: str, seed: int, pairs: bool) -> Iterator[tuple[str, ...]]:
-    """Yield the faults of each run with this garment and seed."""
+    """Yield, for each run with this garment and seed, the names of its faults."""
     for name in table.faults:
         yield (name,)
     curable = [name for name, entry in table.faults.items() if entry.recoverable]

@@ -1,4 +1,4 @@
-"""Judge how a run with faults ended, against the end that is due."""
+"""Compare the end of a run with faults with the end that is due."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from cell.states.transition_table import State
 __all__ = ["Verdict", "due_ends", "judge"]
 
 DRIFT = {"drift_m", "drift_rad"}
-"""Figures of the score that say where the garment lies."""
+"""Figures of the score that measure how far the garment lies from its place."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a run ended. end: the end that it had; None if it had none of them. due: whether this end was due.
-    struck: whether the faults really happened; without them the run proves nothing. why: what happened, in
-    words."""
+    """How a run ended. end: the end of the run; None if it is none of `DueEnd`. due: whether this end was due.
+    struck: whether the faults really happened; otherwise the run proves nothing. why: description of the
+    events."""
 
     end: DueEnd | None
     due: bool
@@ -34,13 +34,13 @@ class Verdict:
 
 
 def due_ends(table: FaultTable, names: tuple[str, ...]) -> tuple[DueEnd, ...]:
-    """Return the due ends of a run with these faults: of two faults, both should be recovered."""
+    """Return the due ends of a run with these faults. With two faults, only an end that is due for both is due."""
     ends = [set(table.faults[name].end) for name in names]
     return tuple(end for end in DueEnd if all(end in some for some in ends))
 
 
 def judge(table: FaultTable, trial: Trial) -> Verdict:
-    """Judge a run. A run that asks where it should be safe is safe."""
+    """Judge a run. If SAFE is due, ASKED is right, too."""
     names = faults_of(trial.request)
     due = due_ends(table, names)
     if trial.record is None or trial.seen is None:

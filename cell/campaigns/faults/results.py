@@ -22,9 +22,9 @@ Judged = tuple[Trial, Verdict]
 
 @dataclass(frozen=True)
 class Group:
-    """Runs of one row, one cell or one kind of due end. runs: those in which the faults happened; due: those of
-    them that ended as due; interval: 95 % Wilson interval of their share; not_struck: runs in which a fault did
-    not happen, which prove nothing; not_performed: runs without a result."""
+    """Numbers of runs of one row, one cell or one kind of due end. runs: runs in which the faults happened. due:
+    runs among them that ended as due. interval: 95 % Wilson interval of the share of due ends. not_struck: runs in
+    which a fault did not happen, which prove nothing. not_performed: runs without a result."""
 
     runs: int
     due: int
@@ -53,8 +53,9 @@ class FaultRow:
 
 @dataclass(frozen=True)
 class FaultResults:
-    """The results so far. rows: in the order of the table, those of two faults last. totals: by due end of single
-    faults, and of two faults. runs: in order of fault, garment and seed, each with its verdict."""
+    """The results so far. rows: in the order of the table; rows of two faults come last. totals: one group for
+    each due end of single faults, and one for all runs with two faults. runs: each run with its verdict, in order
+    of fault, garment and seed."""
 
     garments: Sequence[str]
     rows: Sequence[FaultRow]
@@ -105,7 +106,8 @@ class FaultResults:
 
 
 def _place(total: str) -> tuple[bool, bool, int]:
-    """Return the place of a total: single ends, several ends, two faults."""
+    """Return the sort key of a total. Totals of a single due end come first, then those of several ends, then two
+    faults."""
     ends = [end.value for end in DueEnd]
     first = total.partition(" or ")[0]
     return first not in ends, " or " in total, ends.index(first) if first in ends else 0

@@ -62,7 +62,7 @@ class Observations:
 
     @property
     def not_done(self) -> tuple[str, ...]:
-        """What did not happen although the script states it, in words."""
+        """Everything that the script states and that did not happen, in words."""
         return (*map(str, self.missed), *self.trouble)
 
 
@@ -117,7 +117,7 @@ class Director:
 
         def command(q: Array, qd: Array) -> JointSetpoint:
             self._note_stop()
-            self._sent_after_stop += self._stopped  # it counts even if the driver refuses it
+            self._sent_after_stop += self._stopped  # a set-point counts even if the driver refuses it
             return ports.arms.command(q, qd)
 
         arms = forwarding(ports.arms, command=command)

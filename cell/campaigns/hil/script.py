@@ -68,7 +68,7 @@ def one_of(kind: Any, known: Any = None) -> Any:
 
 
 def as_list(value: Any) -> Any:
-    """One value may stand alone, in place of a list of one."""
+    """Treat a single value as a list of one value."""
     return value if isinstance(value, list | tuple) else [value]
 
 
@@ -117,8 +117,9 @@ class Moment(Group):
         return self
 
     def drawn(self, seed: int, index: int) -> Moment:
-        """Return the moment that the seed draws for the script's action number `index`; itself if it is not a
-        random moment. If the stay turns out to be shorter, it is the end of the stay."""
+        """Return the moment that the seed draws for the script's action number `index`. A moment that is not
+        random is returned unchanged. If the stay in the state ends before the drawn moment, the action is due at
+        its end."""
         if not self.during:
             return self
         rng = np.random.default_rng((seed, index))

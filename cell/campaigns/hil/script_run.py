@@ -1,4 +1,4 @@
-"""Perform runs with scripted actions, and check those of a script against its expectations."""
+"""Perform runs with scripted actions, and check the run of a script against the script's expectations."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, a
 
 
 def rate_chart(rates: Mapping[str, tuple[float, float, float]], about: str) -> Markup | None:
-    """Draw one row per group, from its success rate and the lower and upper end of the interval, all from 0 to
-    1."""
+    """Draw one row per group. rates: the success rate of each group, and the lower and upper end of its interval,
+    each from 0 to 1."""
     if not rates:
         return None
     rows = []

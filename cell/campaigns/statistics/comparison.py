@@ -17,7 +17,7 @@ Pair = tuple[Trial, Trial]
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of the second of two groups of runs with the first, on the `pairs` (garment, seed) that both
+    """Comparison of two groups of runs, the second with the first, over the `pairs` (garment, seed) that both
     have.
 
     both, neither: number of pairs in which both runs or neither run succeeded. only_first, only_second: (garment,

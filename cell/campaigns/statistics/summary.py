@@ -21,8 +21,8 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class Claims:
-    """Numbers of scored runs. Claimed: the executive ended the run as folded. Passed: the scorer found a good
-    fold."""
+    """Numbers of scored runs by claim and verdict. Claimed: the executive ended the run as folded. Passed: the
+    scorer found a good fold."""
 
     claimed_passed: int
     claimed_failed: int

@@ -38,7 +38,7 @@ Keep = Literal["failures", "all", "none"]
 MAX_SEED = 2**31 - 1
 MAX_RUNS = 100_000
 ALL = "all"
-"""In place of garments: all shipped ones."""
+"""Stands in place of the garments' names for all shipped garments."""
 DEFAULT_VARIANT = "shipped"
 RESERVED = frozenset({"campaign.json", "campaign.html", "trials.json", "library.json"})
 """Files of a campaign in its folder."""
@@ -67,7 +67,7 @@ _Seed = Annotated[int, Field(ge=0, le=MAX_SEED, strict=True)]
 
 
 class Seeds(Group):
-    """The seeds first, first + 1, ..., or a list. In a file a list stands alone: `seeds: [7, 3]`."""
+    """The seeds first, first + 1, ..., or a list. A file states a list directly: `seeds: [7, 3]`."""
 
     first: int = Field(1, ge=0, le=MAX_SEED, strict=True, description="the first seed")
     count: int | None = Field(None, ge=1, le=MAX_RUNS, strict=True, description="number of seeds")
@@ -98,7 +98,7 @@ _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,40}$")]
 
 
 def _as_list(value: Any) -> Any:
-    """One name may stand alone."""
+    """Treat a single name as a list of one name."""
     return [value] if isinstance(value, str) else value
 
 
@@ -151,8 +151,8 @@ class TrialRequest:
 
     @property
     def folder(self) -> str:
-        """Name of the run's folder in the campaign. The name of the shipped variant is not part of it, so that its
-        folders are named as in a campaign without variants."""
+        """Path of the run's folder in the campaign. It begins with the variant's name. Runs of the shipped variant
+        lack this part, as in a campaign without variants."""
         name = f"{Path(self.garment).stem}-seed{self.seed}"
         return name if self.variant == DEFAULT_VARIANT else f"{self.variant}/{name}"
 
@@ -226,7 +226,8 @@ def campaign_of(
 
 
 def _check_folders(requests: Sequence[TrialRequest]) -> None:
-    """Each run needs a folder of its own, outside those of the others and apart from the campaign's files."""
+    """Check that each run has its own folder, outside the folders of other runs and apart from the campaign's
+    files."""
     folders = Counter(request.folder for request in requests)
     double = [name for name, count in folders.items() if count > 1]
     variants = {request.variant for request in requests} - {DEFAULT_VARIANT}
@@ -249,7 +250,7 @@ def _settings(settings: CellSettings, name: str, variant: Variant, document: Doc
 
 def distinct_garments(garments: Sequence[str], folder: Path = Path()) -> list[str]:
     """Return the garments without repetitions, because a second run with the same garment and seed is no further
-    evidence. ALL alone stands for the shipped ones; folder: where files are looked for."""
+    evidence. ALL alone stands for all shipped garments. folder: relative file names start from it."""
     if tuple(garments) == (ALL,):
         return list(list_garments())
     stripped = [g.strip() for g in garments]

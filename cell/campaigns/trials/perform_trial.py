@@ -40,8 +40,8 @@ Fold = Callable[[TrialRequest, Path], Trial]
 def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | None = None) -> Trial:
     """Perform the run in `folder`, or return its result if the folder already has it.
 
-    Each run has its own folder. If another process performs the same run (left behind by a client that was
-    killed), this function waits for it. The remains of a run that was cut off are removed first. fold: performs
+    Each run has its own folder. A killed client may have left a process behind that performs the same run. This
+    function then waits for that process. The remains of a run that was cut off are removed first. fold: performs
     the run; None: the run is performed by this program, or by the version that the request names.
 
     Raises BrokenExecutor if a signal ended the run, and StorageError if the run could not be recorded: neither is
@@ -61,7 +61,8 @@ def perform_trial(request: TrialRequest, folder: Path, keep: Keep, fold: Fold | 
 
 
 def _refuse_cut_off(record: RunRecord | None) -> None:
-    """A worker that is told to end stops its run first. That run is not finished, however tidily it ended."""
+    """Raise BrokenExecutor for a run that a signal ended, and StorageError for a run that could not be recorded.
+    Neither run counts as finished, even if it ended in order."""
     if record is None:
         return
     if record.signal is not None:
@@ -133,7 +134,7 @@ def _other_version(request: TrialRequest, folder: Path) -> Trial:
 
 
 def _end_with_parent() -> None:
-    """Called in the new process: it gets SIGTERM when the worker that started it dies, however it dies."""
+    """Called in the new process. Makes the kernel send it SIGTERM when its worker dies for any reason."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 

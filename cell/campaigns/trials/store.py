@@ -60,8 +60,8 @@ class Machine:
 
 @dataclass(frozen=True)
 class BegunCampaign(Campaign):
-    """A campaign with where and how it began. begun: time (UTC). commit: None for an installed program. program:
-    package -> version."""
+    """A campaign, with the time at which it began, the machine and the versions of the program. begun: time (UTC).
+    commit: commit of the checkout; None if the program is installed. program: package -> version."""
 
     begun: str
     commit: str | None

@@ -21,9 +21,9 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of a campaign. record: None if the run has none, for the reason in `error`. seen: what was observed
-    of its scripted actions; None without such actions. performed: False for a run that did not end because its
-    worker process died."""
+    """One run of a campaign. record: None if the run has no record; `error` then states the reason. seen:
+    observations of its scripted actions; None without such actions. performed: False for a run that did not end
+    because its worker process died."""
 
     request: TrialRequest
     record: RunRecord | None

@@ -78,9 +78,8 @@ def add_garment_action(
 ) -> argparse.ArgumentParser:
     """Add a command that calibrates the fabric of one garment.
 
-    lengths: flag and help text of each length that the operator measures. others: flag, and
-    placeholder and help text, of each other quantity. any_surface: whether the garment file
-    may lack the table's surface.
+    lengths: flag and help text of each length that the operator measures. others: for each other quantity, its
+    flag -> (placeholder, help text). any_surface: whether the garment file may lack the table's surface.
     """
     action = add_action(actions, name, about, lambda options: _run(options, name, measure, any_surface))
     action.add_argument("garment", metavar="GARMENT", help="name or file")

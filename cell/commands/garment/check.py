@@ -47,7 +47,7 @@ def add_options(actions: Commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Check every file: it can be read, its plan can be made on this cell's table, and its folds are predicted to
-    go. Returns 64 if a file cannot be used, else 2 if a fold of one is predicted to fail, else 0."""
+    succeed. Returns 64 if a file cannot be used, else 2 if a fold of one is predicted to fail, else 0."""
     settings, checked = load_settings(options.cell), list[dict[str, Any]]()
     refuse_unfit_cell(settings)
     for name in options.garments:
@@ -95,7 +95,8 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
 
 
 def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | None) -> str | None:
-    """Draw the garment on the cell's table as a PNG into the folder, and return its path; None without one."""
+    """Draw the garment on the cell's table as a PNG into the folder, and return its path; None without a
+    folder."""
     if folder is None:
         return None
     from cell.hardware.cell_drawing import draw_cell

@@ -33,8 +33,9 @@ def edited(
 ) -> bool:
     """Serve the page until the person has saved the garment or cancelled. Returns whether it was saved.
 
-    look: what was seen in the photograph. kept: file for the key points. save: see `edit_key_points`. Raises
-    ConfigurationError for a file of key points that cannot be used, StorageError if the page cannot be served.
+    look: result of the recognition in the photograph. kept: file for the key points. save: see `edit_key_points`.
+    Raises ConfigurationError for a file of key points that cannot be used, StorageError if the page cannot be
+    served.
     """
     outline, start, origin = _seen(look, like)
     if options.key_points is not None:
@@ -70,8 +71,8 @@ def write_key_points(path: Path, points: Mapping[str, Array], image: Path) -> No
 
 
 def _seen(look: Look, like: Garment) -> tuple[Array | None, Mapping[str, Array], str]:
-    """Return the outline (n, 2) [px] of what was taken for the garment, the key points with which the person
-    begins, and where they come from."""
+    """Return the outline (n, 2) [px] of the region taken for the garment, the key points that the page shows
+    first, and the origin of these points in words."""
     if look.outcome.ok:
         seen = look.outcome.unwrap()
         points = {name: seen.view.to_image(place) for name, place in seen.state.keypoints.items()}

@@ -172,7 +172,8 @@ def _texts(findings: Sequence[KeyPointFinding]) -> list[str]:
 def _write(
     options: argparse.Namespace, settings: CellSettings, points: Array, pair: tuple[int, int] | None, how: str
 ) -> Array:
-    """Write the garment's file. points: as laid; how: they were found. Returns its template."""
+    """Write the garment's file. points: key points in the laid pose. how: the way in which they were found, in
+    words. Returns its template."""
     # loaded only now, because kinematics take seconds to load, and a picture is refused sooner
     from cell.hardware.placement import write_own_garment
 
@@ -186,7 +187,7 @@ def _write(
 def _say(
     options: argparse.Namespace, like: Garment, template: Array, output: Path, overlay: Path, found: dict[str, Any]
 ) -> int:
-    """Print what was made. found: what the recognition says, for the JSON object. Returns 0."""
+    """Print the figures and files of the new garment. found: further entries of the JSON object. Returns 0."""
     size = np.ptp(template, axis=0)
     if options.json:
         print_json({

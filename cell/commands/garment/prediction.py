@@ -1,4 +1,4 @@
-"""Compute the prediction of `foldcell garment check` and show its progress, and put it into words and figures."""
+"""Compute the prediction of `foldcell garment check`, show its progress, and describe it in words and figures."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def predict(
 def draw_prediction(
     options: argparse.Namespace, garment: Garment, settings: CellSettings, found: PlanPrediction
 ) -> str | None:
-    """Draw the predicted folds into the folder of --draw, and return the picture's path; None without one."""
+    """Draw the predicted folds into the folder of --draw, and return the picture's path; None without a folder."""
     if options.draw is None:
         return None
     from cell.report.pictures.prediction_drawing import draw_predictions
@@ -54,7 +54,7 @@ def draw_prediction(
 
 
 def lines(found: PlanPrediction) -> list[str]:
-    """Say in plain words how each fold is predicted to go, and of the one that will not go why."""
+    """Say in plain words how each fold is predicted to go, and why a fold will not succeed."""
     said = []
     for fold in found.folds:
         head = f"fold {fold.step.index + 1} {fold.step.name}"

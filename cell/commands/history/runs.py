@@ -27,8 +27,7 @@ only if there is a campaign."""
 
 @dataclass(frozen=True)
 class ListedRun:
-    """A run of the journal and how it ended. last: of a run that has not ended, the last effect that
-    it began."""
+    """A run of the journal and how it ended. last: the last effect begun, for a run that has not ended."""
 
     run: JournalRun
     ending: Ending

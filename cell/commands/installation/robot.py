@@ -41,7 +41,7 @@ def _list(options: argparse.Namespace) -> int:
 
 
 def _row(name: str) -> tuple[str, str, int | None, str]:
-    """Name, title, joints of an arm and drivers of a robot; a robot that cannot be loaded has its error for a
+    """Return name, title, joints of an arm and drivers of a robot. If it cannot be loaded, the error replaces the
     title."""
     try:
         robot = find_robot(name)

@@ -22,7 +22,8 @@ __all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
 
 
 def first_seed(options: argparse.Namespace) -> int:
-    """Return the first seed of a new campaign. The option has no default, so that a stated one can be refused."""
+    """Return the first seed of a new campaign. The option itself has no default, so that its use can be noticed
+    and refused."""
     return 1 if options.first_seed is None else int(options.first_seed)
 
 
@@ -48,7 +49,7 @@ def perform(
     """Perform the missing runs on the workers that the options name. Returns all runs. write: writes the results;
     describe: returns the text about a run that has ended.
 
-    An interrupted campaign says how to continue it. Raises what `perform_campaign` raises.
+    If the campaign is interrupted, a message says how to continue it. Raises what `perform_campaign` raises.
     """
     out = progress_stream(options.json)
     with campaign.owned():
@@ -64,7 +65,7 @@ def perform(
                 return perform_campaign(
                     campaign, workers, lambda t: print(progress.line(t), file=out, flush=True), write=write
                 )
-        except ConfigurationError:  # the workers cannot be had: leave no campaign that never began
+        except ConfigurationError:  # no workers: do not leave a campaign that never began
             if options.resume is None and not campaign.finished():
                 shutil.rmtree(campaign.path)
             raise

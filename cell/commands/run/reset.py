@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _pressed_since(stop: Stop, reason: str) -> bool:
-    """Whether the stop now has another reason than `reason`, for which the person agreed to the reset."""
+    """Whether the stop now has another reason. reason: the reason for which the person agreed to the reset."""
     return stop.state().reason != reason
 
 

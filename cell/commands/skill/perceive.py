@@ -29,8 +29,8 @@ __all__ = ["Look", "add_options", "look_at", "run", "write_overlay", "write_pict
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A picture and what was seen in it. region: what was taken for the garment, in its view; None if the picture
-    was refused before anything was sought."""
+    """A picture and the result of the recognition in it. region: the table view, and the segmentation that was
+    taken for the garment; None if the picture was refused before the search for a garment."""
 
     outcome: Outcome[Perception]
     frame: CameraFrame
@@ -55,8 +55,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Recognise the garment and write the overlay, also of a refusal. Returns 0 if a garment was recognised, 2 if
-    none was. Raises ConfigurationError, StorageError."""
+    """Recognise the garment and write the overlay, even if no garment is recognised. Returns 0 if a garment was
+    recognised, 2 if none was. Raises ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
     look = look_at(options, options.garment)
     notes = look.outcome.notes
@@ -111,8 +111,8 @@ def write_overlay(path: Path, perception: Perception, frame: CameraFrame) -> Non
 
 
 def write_refused(path: Path, look: Look) -> None:
-    """Write the refused picture with what was taken for the garment drawn over it, and the kind of the refusal.
-    Raises StorageError."""
+    """Write the refused picture. The region that was taken for the garment and the kind of the refusal are drawn
+    over it. Raises StorageError."""
     assert look.outcome.failure is not None
     title = f"refused: {str(look.outcome.failure.kind).replace('_', ' ')}"
     if look.region is None:

@@ -20,8 +20,8 @@ __all__ = ["key_points_text", "read_checked_key_points", "read_key_points"]
 def read_key_points(path: Path, like: Garment) -> Document:
     """Read a file of key points, name -> [column, row], of which some may be missing.
 
-    Raises ConfigurationError with file, line, key and value for a name that `like` has not, and for a value that
-    is no place.
+    Raises ConfigurationError with file, line, key and value for a name that is not a key point of `like`, and for
+    a value that is not a place in the picture.
     """
     document = read_yaml(path, "file of key points")
     for name, value in document.data.items():
@@ -39,7 +39,7 @@ def read_checked_key_points(
     path: Path, like: Garment, picture: PictureMeasure
 ) -> tuple[Array, tuple[KeyPointFinding, ...]]:
     """Return the key points (k, 2) in pixels of a picture, in the order of the garment `like`, and the findings
-    that are for a person to decide.
+    that a person has to judge.
 
     Raises ConfigurationError, with file and line, if no garment can be made of them (`check_key_points`).
     """

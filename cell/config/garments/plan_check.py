@@ -47,8 +47,8 @@ def check_lines_and_grasps(document: Document, garment: Garment) -> None:
 
 
 def _choices(garment: Garment) -> Iterator[Mapping[str, str]]:
-    """Yield every combination of variants (step -> variant). The first has the preferred variant of each step. All
-    are checked, because a run may use any of them and the scorer compares with each."""
+    """Yield every combination of variants (step -> variant), beginning with the preferred variants. All
+    combinations are checked, because a run may use any of them and the scorer compares with each."""
     variants = [[(step.name, variant.name) for variant in step.variants] for step in garment.plan]
     yield from map(dict, product(*variants))
 

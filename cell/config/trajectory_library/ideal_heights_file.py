@@ -62,7 +62,7 @@ def put_ideal_heights(path: Path, garment: Garment, heights: Sequence[IdealFoldH
 
 
 def _identity(garment: Garment) -> dict[str, Any]:
-    """What the heights depend on, as plain values."""
+    """Return everything that the heights depend on, as plain values."""
     m = garment.material
     return {
         "size_m": [round(s, 6) for s in garment.size_m],
@@ -83,8 +83,8 @@ def _changed(path: Path) -> float:
 
 @lru_cache(maxsize=4)
 def _read(path: Path, changed: float) -> Mapping[str, Any]:
-    """Return the entries of a file; empty if it is missing or damaged. changed: its time, so that it is read again
-    after a change."""
+    """Return the entries of a file; empty if it is missing or damaged. changed: time of the file's last change.
+    The file is read again if this time is new."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The operator's picture: the camera's latest picture with the plan, or with what is expected, drawn on it.
+"""The operator's picture: the camera's latest picture, with the plan or the expected result drawn on it.
 
 The picture is drawn by the cell, because a 3-D viewer on a computer without a graphics card is always behind. The
 view takes a display picture when the executive polls the stop, so it needs no thread of its own at the ports. In a
@@ -44,11 +44,11 @@ CLOSE_S = 2.0
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """What a picture is drawn from.
+    """The content from which a picture is drawn.
 
-    number: grows with every change of what is shown. taken: when the frame was taken, or when the cell last looked
-    as in the frame [s, monotonic]. advance: `Display.progress` at that time. progress: share of the arc that is
-    done (0..1), None when nothing is carried.
+    number: grows with every change of the content. taken: time at which the frame was taken, or at which the cell
+    last looked as in the frame [s, monotonic]. advance: `Display.progress` at that time. progress: share of the
+    arc that is done (0..1), None when nothing is carried.
     """
 
     number: int = 0
@@ -133,7 +133,8 @@ class LiveView:
         )
 
     def _poll(self, cell_clock: Clock, display: Display, rests: bool = False) -> None:
-        """Take a picture if one is due. rests: the cell stands still for a while now: take one in any case."""
+        """Take a picture if one is due. rests: whether the cell stands still for a while now. A picture is then
+        taken even if none is due."""
         now = self._clock()
         if (not rests and (now < self._due or self._busy)) or self._still():
             return
@@ -153,7 +154,7 @@ class LiveView:
             self._busy = False
 
     def _show_next(self) -> None:
-        """Show the pictures that were taken, the last one included."""
+        """Show the newest waiting picture, and repeat this until no picture waits."""
         while True:
             with self._lock:
                 show, self._next = self._next, None
@@ -176,8 +177,8 @@ class LiveView:
         state: State,
         q: Array | None,
     ) -> None:
-        """Show a display picture. advance, taken [s, monotonic], t [s, cell], state, q: of the moment when it was
-        taken; q is the last set-point."""
+        """Show a display picture. The other arguments belong to the moment at which it was taken: advance, taken
+        [s, monotonic], t [s, cell], state, and q, the last set-point."""
         try:
             frame = picture()
             if frame is None:  # it was requested and has not arrived
@@ -203,12 +204,12 @@ class LiveView:
             return
 
     def close(self) -> None:
-        """End the view's thread. A picture that is being drawn is waited for, for a short time."""
+        """End the view's thread. Waits a short time for a picture that is being drawn."""
         self._worker.close(CLOSE_S)
 
     def _progress(self, moment: _Moment, q: Array | None) -> float | None:
-        """Return the share of the arc that is done (0..1) at the set-point `q`. Time does not tell it: a motion
-        may pause or go slower than planned."""
+        """Return the share of the arc that is done (0..1) at the set-point `q`. The share does not follow from the
+        time, because a motion may pause or be slower than planned."""
         attempt = moment.context.fold.attempt
         if moment.state is not State.FOLDING or attempt is None or q is None:
             return None
@@ -238,7 +239,7 @@ class LiveView:
         }
 
     def changes(self) -> dict[str, Any] | None:
-        """Return what can be changed in the plan that the cell asks about (`offered_changes`)."""
+        """Return the changes that the page offers for the plan that the cell asks about (`offered_changes`)."""
         with self._lock:
             moment = self._moment
         if moment.state is not State.AWAITING_APPROVAL:
@@ -246,7 +247,7 @@ class LiveView:
         return offered_changes(moment.context, moment.context.sight.calibration(self._nominal))
 
     def edit(self, change: PlanChange, by: str) -> PlanEdit | None:
-        """Return the edit for a change that a page asks for. None if it is no change of a plan."""
+        """Return the edit of the plan for a change that a page asks for. None if the plan cannot be changed so."""
         with self._lock:
             context = self._moment.context
         return plan_edit(change, context.sight.calibration(self._nominal), by)
@@ -267,7 +268,7 @@ class LiveView:
             return drawn
 
     def _draw(self, moment: _Moment) -> tuple[int, bytes]:
-        """Return the number and the file's content of the picture of a moment that has a frame."""
+        """Draw the picture of a moment that has a frame. Returns its number and its file's content."""
         assert moment.frame is not None
         calibration = moment.context.sight.calibration(self._nominal)
         if moment.state in QUESTIONS:
@@ -278,12 +279,12 @@ class LiveView:
 
 
 def _same(frame: CameraFrame | None, other: CameraFrame) -> bool:
-    """Whether two frames show the same, as those of a simulated cell at rest do."""
+    """Whether two frames are equal. The frames of a simulated cell at rest are."""
     return frame is not None and np.array_equal(frame.rgb, other.rgb)
 
 
 def _glimpses(ports: Ports) -> Display:
-    """Return the pictures of a camera, which gives its latest one."""
+    """Return a display whose pictures are the camera's glimpses."""
 
     def take() -> Callable[[], CameraFrame | None]:
         frame = ports.camera.glimpse()
@@ -293,4 +294,4 @@ def _glimpses(ports: Ports) -> Display:
 
 
 def _ignore(error: BaseException) -> None:
-    """A picture that fails is missing; its age shows that."""
+    """Ignore an error of a picture. The page shows that the last picture grows old."""

@@ -18,8 +18,8 @@ KEYPOINT, GRASP = "keypoint", "grasp"
 
 
 def offered_changes(context: RunContext, calibration: CameraCalibration) -> dict[str, Any] | None:
-    """Return what can be changed in the plan of the present fold: the points that can be dragged, with their
-    places as shares (0..1) of the picture's width and height, and the fold variants. None without such a plan."""
+    """Return the possible changes of the present fold's plan: the points that can be dragged, with their places as
+    shares (0..1) of the picture's width and height, and the fold variants. None if the fold has no such plan."""
     plan, attempt = context.plan, context.fold.attempt
     if plan is None or attempt is None or attempt.carried or context.fold.repair is not None:
         return None

@@ -1,4 +1,4 @@
-"""What the page says beside the picture: the question, what each answer does, and the plan's figures."""
+"""The texts beside the picture on the page: the question, the effect of each answer, and the plan's figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RECOGNISED = "Recognised"
 HANDS_S = 6.0
 """Typical time of a fold's descents, grasps and releases, which is not known beforehand [s]."""
 LOOK_S = 2.0
-"""Typical time of the looks after a fold [s]."""
+"""Typical time for taking the pictures after a fold [s]."""
 PERCENTILE = 95.0
 """The height of a stack is this percentile of its vertices' heights, as in the score."""
 UNPREDICTED = (
@@ -109,8 +109,9 @@ _CONSEQUENCES: Mapping[State, Mapping[Event, str]] = {
 
 
 def consequences(state: State, planned: bool, repair: Repair | Spread | None) -> Mapping[Event, str]:
-    """Return command -> what it does, for the question of a state; empty for a state without a question. planned:
-    whether folds were planned; repair: of the present fold, if one is planned."""
+    """Return the effect of each command that answers the question of a state: command -> text. Empty for a state
+    without a question. planned: whether folds were planned. repair: planned repair of the present fold, or
+    None."""
     if state is State.AWAITING_APPROVAL and repair is not None:
         again = "the cell looks again how the garment lies, and plans anew"
         return {Event.APPROVE: repair.in_words(), Event.RETRY: again, Event.ABORT: _END}

@@ -100,7 +100,7 @@ class RunStatus:
             self.version += 1
 
     def finish(self, record: RunRecord) -> None:
-        """Set how the run ended."""
+        """Store the end of the run."""
         folder, failure = Path(record.run_dir), record.failure
         with self._lock:
             unfinished = record.state in {State.STOPPED, State.FAULT} and not self._context.through
@@ -159,8 +159,8 @@ class RunStatus:
         return self._state in ASKING or self._wanted is not None
 
     def _asked_now(self) -> dict[str, Any] | None:
-        """Return the present question: its number, its text, what each answer does, and whether it has a picture,
-        which then has to be on the screen before it can be approved."""
+        """Return the present question: its number, its text, the effect of each answer, and whether it has a
+        picture. A question with a picture can be approved only when the picture is on the screen."""
         if not self._asking():
             return None
         return {

@@ -1,7 +1,8 @@
 """The 3-D view of the operator's page: Rerun's web viewer and the recording, under the page's own address.
 
-The viewer reads the recording over HTTP while it is written. It would report its use to its makers, ask for newer
-versions and load fonts: the Content-Security-Policy lets its page reach nothing but this server.
+The viewer reads the recording over HTTP while it is written. By itself, the viewer would report its use to its
+makers, ask for newer versions and load fonts. The Content-Security-Policy prevents this: the viewer's page can
+reach only this server.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class ViewerSource:
 
 
 def recorded_view(recording: Path) -> tuple[Path, Path] | None:
-    """Return the folder of the web viewer's program and the recording that it is to show; None without the
-    program, which the page does not need."""
+    """Return the folder of the web viewer's program and the recording to show. None if the program is not
+    installed; the page works without it."""
     try:
         return web_viewer_files(), recording
     except StorageError:
@@ -80,7 +81,7 @@ def viewer_routes(prefix: str, source: ViewerSource) -> list[Route]:
 
 
 async def growing_file(path: Path, ended: Callable[[], bool]) -> AsyncIterator[bytes]:
-    """Yield the content of a file, and what is added to it, until `ended`."""
+    """Yield the content of a file, and later additions to it, until `ended`."""
     with path.open("rb") as file:
         while True:
             last = ended()  # asked before reading, so that nothing is missed

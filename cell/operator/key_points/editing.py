@@ -1,4 +1,5 @@
-"""The key points of one garment in its picture, while a person edits them: what the page shows of them."""
+"""The key points of one garment in its picture while a person edits them, and the findings about them for the
+page."""
 
 from __future__ import annotations
 
@@ -25,10 +26,11 @@ __all__ = ["KeyPointEdit", "template_over"]
 
 @dataclass(frozen=True, eq=False)
 class KeyPointEdit:
-    """What is edited. rgb: (H, W, 3), the picture. like: a garment with the same folds and key points.
+    """The picture and the garment whose key points are edited. rgb: (H, W, 3), the picture. like: a garment with
+    the same folds and key points.
 
-    outline: (n, 2) [px] of what the perception takes for the garment, None if it found nothing. start: places of
-    key points, perhaps not of all, name -> (2,) [px]. about: facts for the page, (name, text).
+    outline: (n, 2) [px] of the region that the perception takes for the garment; None if it found none. start:
+    first places of all or some key points, name -> (2,) [px]. about: facts for the page, (name, text).
     """
 
     title: str
@@ -40,9 +42,9 @@ class KeyPointEdit:
     about: tuple[tuple[str, str], ...]
 
     def shown(self, points: Mapping[str, Array]) -> dict[str, Any]:
-        """Return what the page shows of key points, name -> (2,) [px]: the findings, the size of the garment [m]
-        and the creases of its folds [px]. There are no size and no folds if no garment can be made of the
-        points."""
+        """Return the content of the page for these key points: the findings, the size of the garment [m] and the
+        creases of its folds [px]. There are no size and no folds if no garment can be made of the points. points:
+        name -> (2,) [px]."""
         findings, folds = self._judged(points)
         possible = not any(finding.refused for finding in findings)
         size = np.ptp(self._template(points), axis=0) if possible else None

@@ -44,7 +44,7 @@ Pixel = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Message(BaseModel):
-    """What the page sends: the key points, and what to do with them."""
+    """A message of the page: the key points, and the action that is to follow."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -54,7 +54,7 @@ class _Message(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What the command has to do for the page."""
+    """A task that the page gives to the command."""
 
     then: str
     points: Points
@@ -72,10 +72,10 @@ def edit_key_points(
 ) -> bool:
     """Serve the page until the person has saved the garment or cancelled. Returns whether it was saved.
 
-    listener: from `open_listener`, closed at the end. announce: is given the address. keep, save: write the key
-    points, name -> (2,) [px], or the garment that they make, and return what was written, in words. They are
-    called on this thread. The page shows their ConfigurationError and StorageError, and the editing goes on.
-    Raises StorageError if the page cannot be served.
+    listener: from `open_listener`, closed at the end. announce: is given the address. keep: writes the key points,
+    name -> (2,) [px]. save: writes the garment with these key points. Both return a text about the written files
+    and are called on this thread. The page shows their ConfigurationError and StorageError, and the editing goes
+    on. Raises StorageError if the page cannot be served.
     """
     tasks: queue.Queue[_Task] = queue.Queue()
     routes = _Page(edit, tasks, origins(listener)).routes()
@@ -102,7 +102,7 @@ class _Page:
     def __init__(self, edit: KeyPointEdit, tasks: queue.Queue[_Task], own_origins: list[str]) -> None:
         self._edit, self._tasks, self._origins = edit, tasks, own_origins
         self._latest = edit.start
-        """Of the last message, so that a page that is loaded again shows them."""
+        """The key points of the last message. A page that is loaded again shows them."""
 
     def routes(self) -> list[Route]:
         return [

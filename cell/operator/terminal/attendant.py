@@ -30,7 +30,7 @@ class PersonAttendant:
     def __init__(self, commands: CommandQueue, stop: Stop, ask: Callable[[str | None], None]) -> None:
         self._commands, self._ask = commands, ask
         self.stop = stop
-        """Its state is read while the person is waited for."""
+        """The stop that is polled during the wait for the person."""
         self.clock: Clock | None = None
         """Clock that is advanced during a wait; None: no clock is advanced. A scripted clock gives its commands as
         it advances."""

@@ -67,7 +67,8 @@ class Interrupts:
 
 @contextmanager
 def taking_signals() -> Iterator[Interrupts]:
-    """Handle signals during a whole run, from opening the cell to the last line of the journal and the report."""
+    """Handle signals during a whole run. It begins when the cell is opened, and ends after the journal and the
+    report."""
     interrupts = Interrupts()
     try:
         yield interrupts
