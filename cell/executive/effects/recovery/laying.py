@@ -73,8 +73,8 @@ def carried_path(carrying: tuple[ArmTrajectory, ...]) -> Array:
 
 
 def progress(carrying: tuple[ArmTrajectory, ...], q: Array) -> float:
-    """Return the share of lift and arc that the hands have come when the joints are at q (joints,): 0 while they
-    lift, because the arc is not known then."""
+    """Return the share of lift and arc that the hands have covered when the joints are at q (joints,). It is 0
+    during the lift, because the arc is not known then."""
     return share_done(carried_path(carrying), q) if len(carrying) > 1 else 0.0
 
 
