@@ -17,8 +17,8 @@ from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
 __all__ = ["PathClock", "PathControl"]
 
 BEHIND_S, AHEAD_S = 0.2, 1.0
-"""Part of the path, before and after the last set-point, on which arms can come to rest that got no set-points
-[s]. They go on until the command timeout, and then brake."""
+"""Arms that get no set-points come to rest on this part of the path, before and after the last set-point [s]. They
+go on until the command timeout, and then brake."""
 
 
 @dataclass(eq=False)

@@ -303,8 +303,7 @@ class Laying(StrEnum):
 
 @dataclass(frozen=True)
 class LayingRule:
-    """When the hands go on to the target instead of returning: from this share of the path on, which consists of
-    lift and arc.
+    """The share of the path (lift and arc) from which on the hands go to the target instead of returning.
 
     all_hold: share if every hand still holds its cloth; some_hold: share if one hand lost it. NEVER: the hands
     always return.

@@ -134,7 +134,7 @@ def judged_as_before(
 ) -> Inspection:
     """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
     and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, because a pressed
-    crease reaches further out than the unpressed crease of the prediction."""
+    crease reaches further out than the predicted crease, which is not pressed."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
