@@ -27,8 +27,8 @@ class PathControl:
 
     commands: source of PAUSE, RESUME and ABORT; None: the motion cannot be paused. stop, go: joint limits while
     the clock slows down and speeds up. tell: shows a line to the operator. note: writes the events "paused" and
-    "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in pauses, summed over the
-    motions. stop_s: time in which the clock slows to a stop, unless `stop` demands more [s].
+    "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in the pauses of all motions.
+    stop_s: time in which the clock slows to a stop, unless `stop` demands more [s].
     """
 
     commands: CommandQueue | None

@@ -18,8 +18,9 @@ Point = tuple[float, float]
 class PlanEdit:
     """One change. Points are in the table frame [m].
 
-    by: who made it. keypoints: name -> where it lies (before the first fold). grasps: where the hands take the
-    garment; the targets follow. variant: name of the fold variant. other_arc: whether another arc is wanted.
+    by: who made it. keypoints: name -> position of the key point (only before the first fold). grasps: where the
+    hands take the garment; the targets follow. variant: name of the fold variant. other_arc: whether another arc
+    is wanted.
     """
 
     by: str

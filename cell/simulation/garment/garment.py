@@ -23,8 +23,8 @@ __all__ = ["WorldGarment"]
 COARSEST = 0.0265
 """Largest edge length of the mesh, away from creases [m]."""
 GRID_TURNS = (4.0, 34.0)
-"""Turns of the mesh's grid [degrees], at which the rigidities along warp and weft are right (`bending_shares`). A
-world turns by up to GRID_SPREAD from one of them."""
+"""Turns of the mesh's grid [degrees] at which the rigidities along warp and weft are right (`bending_shares`). The
+grid of a world is turned from one of these by up to GRID_SPREAD."""
 GRID_SPREAD = 3.0
 CATCH = 0.02
 """Cloth counts as under a fingertip if it is at most this far above the tip [m] or lower."""
