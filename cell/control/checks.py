@@ -164,8 +164,8 @@ def _beyond(off: Array, limit: float, kind: FailureKind, what: str, hint: str) -
 
 
 FROZEN_S = 0.1
-"""Positions of moving arms that are the same for longer than this are no readings [s]. Encoders have noise, and no
-arm follows its set-points without turning a joint by their resolution."""
+"""If the positions of moving arms stay the same for longer than this, they are no readings [s]. Encoders have
+noise, and no arm follows its set-points without turning a joint by their resolution."""
 FROZEN_RAD = 0.005
 """Positions count as frozen only if the set-points have moved at least this far in that time [rad]. Encoders of
 arms at rest may repeat their positions."""
@@ -173,11 +173,11 @@ arms at rest may repeat their positions."""
 
 @dataclass(eq=False)
 class FrozenStateWatch:
-    """Tells joint states that have stopped changing although the arms are being moved: the last position that
-    differed from the one before, the time of its reading, and the set-point then.
+    """Detects joint states that have stopped changing although the arms are being moved. It keeps the last
+    position that differed from the position before, the time of this reading, and the set-point at that time.
 
-    The tracking error finds such a state only when the set-points have gone far enough, and never near the end of
-    a motion.
+    The check of the tracking error detects such a state only when the set-points have gone far enough, and never
+    near the end of a motion.
     """
 
     _q: Array | None = None

@@ -1,4 +1,4 @@
-"""The course of the hands while they carry cloth, as their sensors measured it."""
+"""The measured course of the hands while they carry cloth."""
 
 from __future__ import annotations
 

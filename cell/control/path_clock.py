@@ -17,8 +17,8 @@ from skills.motion.timing.timing import STOP_TIME, ClockWarp, warp_clock
 __all__ = ["PathClock", "PathControl"]
 
 BEHIND_S, AHEAD_S = 0.2, 1.0
-"""Part of the path, before and after the last set-point, on which arms can come to rest that got no set-points
-[s]. They go on until the command timeout, and then brake."""
+"""Arms that get no set-points come to rest on this part of the path, before and after the last set-point [s]. They
+go on until the command timeout, and then brake."""
 
 
 @dataclass(eq=False)
@@ -27,8 +27,8 @@ class PathControl:
 
     commands: source of PAUSE, RESUME and ABORT; None: the motion cannot be paused. stop, go: joint limits while
     the clock slows down and speeds up. tell: shows a line to the operator. note: writes the events "paused" and
-    "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in pauses, summed over the
-    motions. stop_s: time in which the clock slows to a stop, unless `stop` demands more [s].
+    "resumed" to the journal, while the arms rest. waited_s: cell time spent at rest in the pauses of all motions.
+    stop_s: time in which the clock slows to a stop, unless `stop` demands more [s].
     """
 
     commands: CommandQueue | None

@@ -53,7 +53,8 @@ LONGEST = 6000
 class PathRecord:
     """The set-points sent since the arms last stood parked.
 
-    Each of them belongs to a motion that was checked before it began, so the arms can be led back along them.
+    Each set-point belongs to a motion that was checked before it began, so the arms can be led back along the
+    set-points.
     """
 
     _points: deque[Array] = field(default_factory=lambda: deque(maxlen=LONGEST))

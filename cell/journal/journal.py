@@ -137,9 +137,9 @@ class Intent:
 
 @dataclass(frozen=True)
 class JournalRun:
-    """The journal's row of a run. summary: its record as JSON (`cell.record.run_record`), or what else its end was
-    given; empty before the end. status: its result, or `running`, or `interrupted` if its process ended before the
-    run did."""
+    """The journal's row of a run. summary: the run's record as JSON (`cell.record.run_record`), or other figures
+    with which it ended; empty before the end. status: the run's result, or `running`, or `interrupted` if the
+    process ended before the run."""
 
     id: str
     garment: str

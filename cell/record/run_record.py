@@ -67,8 +67,8 @@ def _unseen(claim: Any) -> Any:
 
 @dataclass(frozen=True)
 class FailureRecord:
-    """The failure that ended a run. what, hint: in words; setting: the setting that decided, with its value; empty
-    if there is none."""
+    """The failure that ended a run. what, hint: in words. setting: the setting that decides whether this counts as
+    a failure, with its value. It is empty if there is no such setting."""
 
     kind: FailureKind
     what: str
@@ -253,7 +253,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Ending:
-    """What is known of the end of any run: of one with a record, of a calibration, and of one that did not begin
+    """What is known of the end of any run: a run with a record, a calibration, or a run that did not begin
     (reason). Times [s]."""
 
     failure: FailureRecord | None = None
@@ -271,9 +271,9 @@ _RECORD, _SCORE, _ENDING = TypeAdapter(RunRecord), TypeAdapter(ScoreRecord), Typ
 
 
 def record_of(values: object) -> RunRecord | None:
-    """Return the record that the values of a JSON object describe, as in the journal's summary of a run or in the
-    output of `fold --json`. None if they do not: the run did not begin or did not end, was a calibration, or was
-    recorded by a version of the program with other records."""
+    """Return the record from the values of a JSON object: the journal's summary of a run, or the output of `fold
+    --json`. Return None if the values are no record. Then the run did not begin or did not end, was a calibration,
+    or was recorded by a version of the program with other records."""
     try:
         return _RECORD.validate_python(values)
     except ValidationError:

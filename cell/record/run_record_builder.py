@@ -122,8 +122,8 @@ def _failure(end: RunEnd, request: FoldRequest) -> FailureRecord | None:
 
 
 def _folds(context: RunContext) -> Iterator[FoldRecord]:
-    """Yield the record of each planned fold. That of an unfinished fold has the figures that the fold has
-    reached."""
+    """Yield the record of each planned fold. The record of an unfinished fold has the figures that are known so
+    far."""
     notes, done = context.notes(), {note.name for note in context.done}
     for index, step in enumerate(context.steps):
         recoveries = tuple(text for i, text in context.recoveries if i == index)

@@ -1,5 +1,5 @@
-"""An observer of the runner. It tells each failure as a story in pictures: what lay there before, what was thought
-to lie there, what was done, and what lay there after."""
+"""An observer of the runner. It tells each failure as a story in pictures: the garment before, the estimate of its
+state, the actions of the cell, and the garment after."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class FailureStories:
 
     @property
     def stories(self) -> tuple[FailureStory, ...]:
-        """The stories so far. One that has not ended is told up to the last picture."""
+        """The stories so far. A story that has not ended is told up to the last picture."""
         if self._open is None:
             return tuple(self._told)
         frame, picture, says = self._context.sight.frame, None, "the run ended, and no other picture was taken"

@@ -51,7 +51,7 @@ class Hand:
 
 
 class Hands:
-    """Both hands. `frame` lets them move the cloth along the way that they made since the last cloth frame."""
+    """Both hands. `frame` moves the cloth along the way of the hands since the last cloth frame."""
 
     def __init__(
         self,

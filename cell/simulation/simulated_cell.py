@@ -63,9 +63,9 @@ class Display:
     them.
 
     take: takes the present state; the returned function draws it, on any thread. progress: a number that grows
-    when the world advances, until when a picture shows the present; None if it is not known. on_advance: calls a
-    function with each advance of the world, 60 times a second of cell time, and with True before the world stands
-    still for a while. A cell in another process makes no calls.
+    when the world advances. A picture shows the present until the number grows. None if it is not known.
+    on_advance: calls a function with each advance of the world, 60 times a second of cell time, and with True
+    before the world stands still for a while. A cell in another process makes no calls.
     """
 
     take: Callable[[], Callable[[], CameraFrame | None]]

@@ -61,13 +61,13 @@ class FoldContext:
     """Confirmed grasp of each hand that holds the garment."""
     carrying: tuple[ArmTrajectory, ...] = ()
     """The checked trajectories on which the hands carried the cloth in this attempt: the lift, then the arc. The
-    last one may have ended on its way."""
+    hands may have stopped on the way of the last trajectory."""
     layer_thickness: float | None = None
     """Thickness of a layer between the pads, if the hands hold the planned layers [m]."""
 
     @property
     def arcs(self) -> GraspTrajectory | None:
-        """The arcs of the motion that is next: of the repair or pull in progress, else of the fold."""
+        """The arcs of the next motion: the arcs of the repair or pull in progress, else of the fold."""
         return self.trajectory if self.repair is None else self.repair.trajectory
 
     @property
@@ -81,8 +81,9 @@ class FoldContext:
         return self.touched and self.attempt is not None and not self.carried
 
     def after_repair(self) -> FoldContext:
-        """Return the context after a repair, whether it succeeded or not. Unless it has completed the fold, how
-        the garment lies is unknown. After a pull the fold begins anew, without what was planned for it."""
+        """Return the context after a repair, whether it succeeded or not. Unless the repair has completed the
+        fold, the position of the garment is then unknown. After a pull the fold begins anew, without what was
+        planned for it."""
         if isinstance(self.repair, Spread):
             covered = (*self.covered, self.repair.covered_m2) if self.carried else self.covered
             return replace(self, repair=None, attempt=None, covered=covered, touched=True, estimate=None)

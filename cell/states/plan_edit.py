@@ -18,8 +18,9 @@ Point = tuple[float, float]
 class PlanEdit:
     """One change. Points are in the table frame [m].
 
-    by: who made it. keypoints: name -> where it lies (before the first fold). grasps: where the hands take the
-    garment; the targets follow. variant: name of the fold variant. other_arc: whether another arc is wanted.
+    by: who made it. keypoints: name -> position of the key point (only before the first fold). grasps: where the
+    hands take the garment; the targets follow. variant: name of the fold variant. other_arc: whether another arc
+    is wanted.
     """
 
     by: str
@@ -64,8 +65,8 @@ class PlanEdit:
 
 
 def with_edit(edits: tuple[PlanEdit, ...], edit: PlanEdit) -> tuple[PlanEdit, ...]:
-    """Return the edits with one more. Grasps that were moved belong to the variant before, and are forgotten if it
-    changes; so are they if a key point is moved, from which the grasps are planned."""
+    """Return the edits with one more. Earlier edits of grasps are forgotten if the new edit changes the variant,
+    to which the grasps belong, or moves a key point, from which the grasps are planned."""
     if not (edit.variant or edit.keypoints):
         return (*edits, edit)
     return (*(e for e in edits if not e.grasps), edit)

@@ -81,12 +81,12 @@ class Adjustment(StrEnum):
 
 @dataclass(frozen=True)
 class Recovery:
-    """One row. event: the event that leaves RECOVERING; when: conditions that all must hold; until: number of
-    failures of the kind in the fold up to which the row answers.
+    """One row. event: the event that leaves RECOVERING; when: conditions that all must hold; until: the row
+    answers as long as this kind has failed at most so many times in the present fold.
 
     adjust: the change to the next attempt; dwell_s: cell time to wait before the event [s]. not_made: whether the
-    fold counts as not made from now on. reason: why the operator is asked, as the operator reads it (ASK only).
-    limit: setting that `reason` names, GROUP.NAME.
+    cell treats the fold, from now on, as not completed by the hands. reason: why the operator is asked, as the
+    operator reads it (ASK only). limit: setting that `reason` names, GROUP.NAME.
     """
 
     event: Event
@@ -107,7 +107,7 @@ K, A = FailureKind, Adjustment
 
 
 def _in_turn(*recoveries: Recovery) -> tuple[Recovery, ...]:
-    """Return rows of which each answers once: the first row after the first failure, and so on."""
+    """Return the recoveries as rows that answer in turn: the first row after the first failure, and so on."""
     return tuple(replace(row, until=count) for count, row in enumerate(recoveries, 1))
 
 
@@ -141,8 +141,9 @@ _REFUSED = (_LOOK_TWICE[0], _SPREAD, _LOOK_TWICE[1])
 
 
 def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
-    """Return the rows that, twice at most, complete the fold from where its edge lies, or undo it and make it anew
-    with this change."""
+    """Return the rows for a half-made fold, which answer up to the third failure. If the garment lies as before
+    the fold, the cell looks again. Otherwise it completes the fold from where its edge lies, or undoes it. A fold
+    that is made anew has the change `adjust`."""
     return (
         Recovery(Event.LOOK_AGAIN, adjust, until=3, when=(repairable, lies_as_before), not_made=True),
         Recovery(Event.REPAIR, adjust, until=3, when=(repairable,)),
@@ -150,7 +151,8 @@ def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
 
 
 def _held_too_many(rows: tuple[Recovery, ...]) -> tuple[Recovery, ...]:
-    """Return the rows for a hand that held too many layers, before the same rows for all others."""
+    """Return the rows twice: first with the adjustment HIGHER, for a hand that held too many layers, then as they
+    are, for all other cases."""
     return (*(replace(r, adjust=A.HIGHER, when=(too_many_layers, *r.when)) for r in rows), *rows)
 
 
@@ -221,19 +223,19 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.UNRECORDED: _ask("nothing may move that the journal cannot record"),
 }
 WITHOUT_EDITS = Recovery(Event.PLAN_AGAIN, A.NO_EDITS, when=(edits_impossible,))
-"""Comes before the rows of all kinds and has no substitute: the fold is planned as before the operator's
-edits."""
+"""The fold is planned as it was before the operator's edits. This row is tried before the rows of any kind, and no
+substitute replaces it."""
 
 VERDICTS = frozenset({K.OFF_TARGET, K.PILING, K.TOO_HIGH, K.SAG, K.DROPPED_CORNER, K.MISSED_LAYER})
-"""Kinds with which an inspection refuses a fold. A second look may name another of them, so they are counted
-together."""
+"""Failure kinds of a fold that an inspection refuses. A second look may find another kind in the same fold, so the
+failures of all these kinds are counted together."""
 
 
 @dataclass(frozen=True)
 class Substitute:
-    """A recovery that takes the place of others. of: the events of those; adjusts: their changes; when: the
-    condition; event: what happens instead. reason, limit: see `Recovery`; with a reason, nothing else of the first
-    recovery is kept."""
+    """A rule that replaces a recovery. It applies if the recovery's event is in `of`, its adjustment is in
+    `adjusts`, and the condition `when` holds. event: what happens instead. reason, limit: see `Recovery`. With a
+    reason, nothing else of the replaced recovery is kept."""
 
     of: frozenset[Event]
     when: Condition
@@ -243,7 +245,7 @@ class Substitute:
     limit: str = ""
 
     def answers(self, recovery: Recovery, s: Situation) -> bool:
-        """Return whether this takes the recovery's place in this situation."""
+        """Return whether this rule replaces the recovery in this situation."""
         return recovery.event in self.of and recovery.adjust in self.adjusts and self.when(s)
 
 
@@ -269,7 +271,7 @@ SUBSTITUTES = (
     Substitute(frozenset({Event.LOOK_AGAIN}), carried, Event.LOOK_AFTER),
     Substitute(frozenset({Event.ASK}), unattended, Event.GIVE_UP),
 )
-"""What takes the place of a recovery, in order; each applies to the outcome of those before it."""
+"""Rules that replace a recovery. They are applied in order, each to the result of the previous rules."""
 
 
 def choose_recovery(s: Situation) -> Recovery:
@@ -287,7 +289,7 @@ def choose_recovery(s: Situation) -> Recovery:
 
 
 def transient(kind: FailureKind) -> bool:
-    """Whether the cell tries again after a failure of this kind. The others need a person at once."""
+    """Whether the cell tries again after a failure of this kind. If not, it needs a person at once."""
     return len(RECOVERIES[kind]) > 1
 
 
@@ -301,9 +303,10 @@ class Laying(StrEnum):
 
 @dataclass(frozen=True)
 class LayingRule:
-    """From which share of the path, lift and arc, the hands go on to the target instead of returning.
+    """The share of the path (lift and arc) from which on the hands go to the target instead of returning.
 
-    all_hold: if every hand still holds its cloth; some_hold: if one hand lost it. NEVER: the hands always return.
+    all_hold: share if every hand still holds its cloth; some_hold: share if one hand lost it. NEVER: the hands
+    always return.
     """
 
     all_hold: float = 0.5
@@ -319,14 +322,14 @@ LAYING: Mapping[FailureKind, LayingRule] = {
     K.IN_COLLISION: LayingRule(NEVER, NEVER),
 }
 """Failure kind -> rule. Kinds without an entry, the operator's abort among them, have the rule `LayingRule()`: the
-hands take the shorter way, but with a lost corner they return, unless the fold is nearly done."""
+hands take the shorter way. If one hand lost its cloth, they return unless the fold is nearly done."""
 
 
 def choose_laying(kind: FailureKind, progress: float, held: Collection[Side], holding: Collection[Side]) -> Laying:
     """Choose what to do with the cloth in the hands after a failure of this kind.
 
-    progress: share of the path, lift and arc, that the hands have come; held: the hands that took cloth; holding:
-    those of them that still hold it.
+    progress: share of the path (lift and arc) that the hands have covered; held: the hands that took cloth;
+    holding: the hands that still hold their cloth.
     """
     if not holding:
         return Laying.RELEASE

@@ -59,8 +59,8 @@ class RunContext:
     fold: FoldContext = field(default_factory=FoldContext)
     failure: Failure | None = None
     cause: Failure | None = None
-    """The failure after which the cell lays back and clears. A failure of laying back or clearing does not replace
-    it: the recovery is chosen for this one."""
+    """The failure after which the cell lays back and clears. The recovery is chosen for this failure. A failure of
+    laying back or clearing does not replace it."""
     attempts: Mapping[tuple[int, str], int] = field(default_factory=dict)
     """Number of failures of a kind in a step: (step index, kind) -> count."""
     recoveries: tuple[tuple[int, str], ...] = ()

@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 GOOD_ENOUGH_M = 0.030
-"""Largest deviation of the outline from the prediction, and largest length of cloth that was left behind, on which
-the next fold may build [m]. Later folds do not bring an edge back: what is off now is off at the end. The score
+"""The next fold may be made if the outline deviates from the prediction by at most this, and if the cloth left
+behind is at most this long [m]. Later folds do not bring an edge back, so its error remains to the end. The score
 allows 30 mm between edges that belong together, so a run with more cannot pass, whatever follows."""
 GOOD_ENOUGH_IOU = 0.85
-"""Smallest IoU of observed and predicted shape on which the next fold may build."""
+"""The next fold may be made if the IoU of observed and predicted shape is at least this."""
 PLANNING_FAILURES = frozenset(
     {
         FailureKind.LOW_CONFIDENCE,
@@ -46,7 +46,7 @@ PLANNING_FAILURES = frozenset(
         FailureKind.LIMIT_EXCEEDED,
     }
 )
-"""Failures with which the planning of an edited fold shows that it cannot be made."""
+"""If the planning of an edited fold ends with one of these failures, the fold cannot be made as edited."""
 
 
 @dataclass(frozen=True)

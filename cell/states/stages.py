@@ -148,8 +148,8 @@ class Attempt:
 
     @property
     def carrying_s(self) -> float:
-        """Duration of the motion that carried the garment, from the lift to the release: of the repair, if one has
-        completed the fold [s]."""
+        """Duration of the motion that carried the garment, from the lift to the release [s]. If a repair has
+        completed the fold, it is the motion of the repair."""
         return self.motion.fold.duration if self.repair_s is None else self.repair_s
 
     def grasp_of(self, arm: Side) -> Grasp:
@@ -203,8 +203,9 @@ class Repair:
     """The repair of a fold that failed. It is planned, checked and performed like a fold.
 
     plan: grasps where the moved cloth lies now, targets where it has to lie; trajectory: the arcs between them.
-    vertices: (n, 3) believed positions now; target: (n, 3) the positions that are aimed at, [m]; both at the place
-    where the garment was found. displaced: of that place. failed: the attempt that is repaired.
+    vertices: (n, 3) believed positions now; target: (n, 3) positions to be reached [m]. Both are at the place
+    where the garment was found. displaced: displacement of this place from the plan. failed: the attempt that is
+    repaired.
     """
 
     plan: RepairPlan
@@ -224,9 +225,9 @@ class Repair:
         return f"the hands carry the moved cloth {_DESTINATIONS[self.plan.goal]}"
 
     def ended(self, performed: Attempt) -> Attempt:
-        """Return the failed attempt after its repair, without what was seen and pressed before. performed: the
-        attempt at the repair. If it has completed the fold, the garment is expected as the repair was predicted to
-        leave it, and is inspected as usual; the report shows the repair."""
+        """Return the failed attempt after its repair, without its earlier inspections and pressings. performed:
+        the attempt at the repair. If it has completed the fold, the garment is expected as the repair was
+        predicted to leave it, and is inspected as usual; the report shows the repair."""
         failed = replace(
             self.failed, carried=False, inspection=None, claim=None, pressed=(), press_tries=0, press_plan=None,
             unpressed=False,

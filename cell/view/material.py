@@ -111,8 +111,8 @@ def _pictures(
     pictures: Sequence[Array] | Array,
     triangles: NDArray[np.int32],
 ) -> Iterator[tuple[int, Array]]:
-    """Record the cloth at each time [s]. Yields number and vertices (n, 3) of each picture, at whose time more can
-    be recorded."""
+    """Record the cloth at each time [s]. Yields number and vertices (n, 3) of each picture. The caller can record
+    more at the time of the picture."""
     for k, (t, x) in enumerate(zip(times, pictures, strict=True)):
         stream.set_time(TIMELINE, duration=float(t))
         _mesh(stream, "test/garment", x, triangles, style.GARMENT, first=k == 0)

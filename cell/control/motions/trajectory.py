@@ -18,7 +18,7 @@ from skills.vocabulary import Outcome
 __all__ = ["follow", "stream"]
 
 OFF_PATH = 0.04
-"""Largest distance from the path of arms that have come to rest without set-points [rad]. The joints brake
+"""Arms that have come to rest without set-points are at most this far from the path [rad]. The joints brake
 independently of each other, which leads arms at full speed off the path by about 0.02 rad."""
 
 

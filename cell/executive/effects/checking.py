@@ -22,8 +22,8 @@ from skills.vocabulary import Outcome
 __all__ = ["approach_watched", "check_place"]
 
 MOVED = 0.010
-"""A garment of which no point has moved further than this lies where it was planned [m]. Grasps are at least 12 mm
-inside the edge, and a fold may drift three times as far."""
+"""If no point of the garment has moved further than this, the garment lies where it was planned [m]. Grasps are at
+least 12 mm inside the edge, and a fold may drift three times as far."""
 RESHAPED = 0.015
 """Largest deviation between the outlines, after alignment, of a garment that has kept its shape [m]."""
 DISPLACED = 0.080
@@ -38,9 +38,9 @@ GLANCE_S = 1.0
 def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: CameraFrame) -> Result:
     """Compare a fresh picture with the one that the fold was planned from, while the arms are parked.
 
-    A glance without waiting is enough to find everything in its place. Any other finding is judged by a still
-    picture. If it shows a hand or a garment that has moved, the failure leads to another look, from which the fold
-    is planned again where the garment lies then.
+    First, a picture is taken without waiting. If it shows everything in its place, the check ends. Otherwise a
+    still picture is judged. If the still picture shows a hand or a garment that has moved, the failure leads to
+    another look, and the fold is planned again where the garment then lies.
     """
     if not cell.settings.inspection.enabled:  # as in the paper, the cell relies on its first picture
         return Result(Event.DONE, context)
@@ -64,8 +64,8 @@ def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: 
 
 
 def approach_watched(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
-    """Move above the grasps, then compare what the arms leave visible of the garment with the picture that the
-    fold was planned from: somebody may have moved it meanwhile."""
+    """Move above the grasps. Then compare the visible part of the garment with the picture from which the fold was
+    planned, because somebody may have moved the garment meanwhile."""
     result = approach(cell, context, attempt)
     sight, planned = context.sight, context.sight.frame
     if result.event is not Event.DONE or planned is None or sight.reference is None:

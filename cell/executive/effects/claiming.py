@@ -29,8 +29,8 @@ from skills.vocabulary import PredictedShape, frozen
 __all__ = ["claim_failure", "fold_target", "make_claim"]
 
 OUTLINE_LIMIT = 0.027
-"""Largest distance of an earlier fold's outline from the predicted one: the 30 mm of the score, less the error
-of an outline."""
+"""Largest distance between the observed and the predicted outline of an earlier fold [m]: the 30 mm of the score,
+less the error of an outline."""
 
 HINTS = {
     FailureKind.TOO_HIGH: "press its creases by hand, or allow more pressing (pressing.max_attempts in cell.yaml)",
@@ -39,8 +39,9 @@ HINTS = {
 
 
 def fold_target(plan: Plan, index: int) -> FoldTarget | None:
-    """Return the perfect fold after step `index`, and its creases, where the plan now expects the garment. None
-    after the steps that the claim does not need: all but the first, which shows the fabric, and the last."""
+    """Return the perfect fold after step `index` with its creases, at the place where the plan now expects the
+    garment. The claim needs only the first step, which shows the fabric, and the last one: return None for all
+    others."""
     if 0 < index < len(plan.steps) - 1:
         return None
     mesh, lines = plan.mesh, plan.steps[index].lines
@@ -68,8 +69,8 @@ def make_claim(
 
 
 def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:
-    """Return the names of the earlier folds that were inspected and not found good, by the claim's limit for an
-    outline: an inspection refuses a fold earlier, because it can still be repaired then."""
+    """Return the names of the earlier folds that an inspection refused and that are also beyond the claim's limit
+    for an outline. The limit of the inspection is stricter, because a fold can still be repaired then."""
     limits = replace(settings, deviation=max(settings.deviation, OUTLINE_LIMIT))
     refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
     steps = {step.name: step for step in plan.steps}
@@ -92,8 +93,8 @@ def claim_failure(claim: Claim) -> Failure:
 
 
 def _first_crease(context: RunContext, plan: Plan) -> TargetView | None:
-    """Return the view of the first fold before it was pressed, if it was accepted. None if there is none, or if
-    the first fold is the last one: a fold is not judged by its own height."""
+    """Return the view of the first fold before it was pressed, if this fold was accepted, else None. Return None
+    also if the first fold is the last one, because a fold is not judged by its own height."""
     if len(plan.steps) < 2 or not context.done:
         return None
     note = context.done[0]
@@ -104,8 +105,8 @@ def _first_crease(context: RunContext, plan: Plan) -> TargetView | None:
 
 
 def _ideal_heights(cell: Workcell, plan: Plan, last: TargetView, first: TargetView | None) -> IdealHeights:
-    """Return the heights of the ideal fold over the fabric's range of bending lengths: those that were computed
-    with the library, or else scaled from the predictions of this run's folds."""
+    """Return the heights of the ideal fold over the fabric's range of bending lengths. They were computed with the
+    trajectory library. If they were not, they are scaled from the predictions of this run's folds."""
     computed = cell.ideal_heights(plan.nominal)
     if computed:
         columns = (

@@ -41,15 +41,15 @@ the cloth."""
 DEEPER = 0.002
 """Additional depth for each adjustment LOWER [m], in a grasp of all layers down to the table."""
 STOP = 0.65
-"""Height in the lowest of the layers to be held at which a descent to the upper layers alone stops, in layers. The
-tips come to rest a little lower, near the middle of the layer."""
+"""If only upper layers are to be held, the descent stops at this height in the lowest of them, in layers. The tips
+come to rest a little lower, near the middle of the layer."""
 UP, DOWN = 0.25, 1.0
-"""Shift of STOP for each adjustment HIGHER and LOWER, in layers. A hand that held too little closed in the air
-above lofty or rumpled cloth, of which the layers are not known well."""
+"""Shift of STOP for each adjustment HIGHER and LOWER, in layers. LOWER is the larger shift: a hand that held too
+little has closed in the air above lofty or rumpled cloth, whose layers are not known well."""
 LOWEST, HIGHEST = 0.3, 1.3
 """Range of the shifted STOP: above the table and above the lowest of the layers to be held, in layers."""
 LEANING = 0.0005
-"""A hand whose tips differ in height by twice this touches the table with one of them [m]."""
+"""If the tips of a hand differ in height by twice this, only one of them touches the table [m]."""
 STRONGER = 1.4
 """Factor by which each adjustment STRONGER raises the grip force."""
 
@@ -132,10 +132,11 @@ def _goal(
 
     Contact is expected on top of the stack under the hand. With tactile sensors, a descent without contact fails
     at the lowest height that the hand can reach, but not lower than 8 mm below the expected table. Without tactile
-    sensors, it ends at the expected height of the table. If only the upper layers are to be held, each `thickness`
-    [m] thick, it ends at STOP in the lowest of them, or where the cloth pushes harder than it needs to be pushed
-    flat down to there: a first touch would end it on top of several thick layers. table: height at which this hand
-    has felt the table [m]. shift: of STOP, by recoveries.
+    sensors, it ends at the expected height of the table. If only upper layers are to be held, each `thickness` [m]
+    thick, the descent ends at STOP in the lowest of them. It ends earlier if the cloth pushes harder than is
+    needed to press it flat down to this height. A first touch does not end it, because it would stop on top of
+    several thick layers. table: height at which this hand has felt the table [m]. shift: change of STOP by
+    recoveries.
     """
     bottom = min(max(lowest, -0.008), grasp.height)
     whole = grasp.whole_stack(thickness)
@@ -152,8 +153,8 @@ def _lower_tip(cell: Workcell, posture: Posture) -> float:
 
 
 def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
-    """Return where the table is by the hand's own height [m], from a contact with it. A leaning hand touches it
-    with one tip."""
+    """Return the height of the table as measured by the hand [m], from a contact with the table. A leaning hand
+    touches the table with one tip."""
     lower_tip = _lower_tip(cell, posture)
     return contact.height - lower_tip + yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
 
@@ -200,8 +201,8 @@ def _close_and_confirm(
 
 
 def _layer_thickness(context: RunContext, garment: Garment, settings: GraspSettings) -> tuple[float, float]:
-    """Return the thickness of a layer between the pads [m] and its relative error: as an earlier fold of this run
-    has shown it, or as the garment's file states it, with the spread of its class of fabrics."""
+    """Return the thickness of a layer between the pads [m] and its relative error. It was measured in an earlier
+    fold of this run. If not, it is the value of the garment's file, with the spread of the class of fabrics."""
     if context.layer_thickness is not None:
         return context.layer_thickness, LEARNED_ERROR
     stated = garment.material.thickness

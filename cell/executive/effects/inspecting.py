@@ -116,9 +116,9 @@ def _earlier_look(attempt: Attempt) -> Inspection | None:
 def _estimated(
     cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, frame: CameraFrame
 ) -> tuple[RunContext, str]:
-    """Estimate the state of a garment that is not as predicted, once per attempt, so that the fold can be
-    repaired. Returns the context with the estimate, and the state in words for the failure; empty if the fold is
-    made or nothing was estimated."""
+    """Estimate the state of a garment that is not as predicted, so that the fold can be repaired. This is done
+    once per attempt. Returns the context with the estimate, and the state in words for the failure. The words are
+    empty if the fold is made or nothing was estimated."""
     if context.fold.estimate is not None:
         return context, ""
     outcome = note_estimate(cell, context, plan, attempt, frame)
@@ -134,7 +134,7 @@ def judged_as_before(
 ) -> Inspection:
     """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
     and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, because a pressed
-    crease reaches further out than the unpressed crease of the prediction."""
+    crease reaches further out than the predicted crease, which is not pressed."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after

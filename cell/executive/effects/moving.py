@@ -73,8 +73,8 @@ def _enable(cell: Workcell) -> Failure | None:
 
 
 def _persistent(cell: Workcell, work: Callable[[], Failure | None]) -> Failure | None:
-    """Do the work. After a transient failure, the arms come to rest and it is done again, after each of the dwells
-    of the table."""
+    """Do the work. After a transient failure, wait until the arms rest, and do it again: once after each dwell of
+    the table."""
     failure = as_failure(work)
     for dwell in PREPARING_DWELLS_S:
         if failure is None or not transient(failure.kind):
@@ -120,7 +120,7 @@ def _thinnest_layer(context: RunContext) -> float:
 def clear(cell: Workcell, context: RunContext) -> Result:
     """Let the arms come to rest, open the hands and park, after a failure near the garment.
 
-    The failure that led here stays the one for which the recovery is chosen, also if the clearing fails.
+    The recovery is chosen for the failure that led here, even if the clearing fails.
     """
     control, cause = pausable(cell), context.cause or context.failure
     failure = as_failure(

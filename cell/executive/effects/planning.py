@@ -59,8 +59,8 @@ _ARC = np.linspace(0.0, 1.0, 40)
 class _Task:
     """A motion with the cloth: its arcs, its step and its tool paths, and the vertices (n, 3) of the garment
     before it and in its target shape [m]. promised: D for which the motion was chosen [m]; None if any motion with
-    an acceptable D will do. simulated: whether the shape before it is known, so that its end can be predicted.
-    patches: the only cloth that each hand takes in the simulation; None: any."""
+    an acceptable D will do. simulated: whether the shape before the motion is known, so that the shape after it
+    can be predicted. patches: the only cloth that each hand takes in the simulation; None: any."""
 
     trajectory: GraspTrajectory
     step: FoldStep
@@ -228,8 +228,8 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
 
 
 def _predicted(cell: Workcell, plan: Plan, task: _Task, motion: FoldMotion) -> tuple[Array, Array, float]:
-    """Return the vertices (n, 3) after the motion, those at moments of it (k, n, 3) and D from the target [m]. If
-    the shape before it is unknown: the vertices that are aimed at, no moments, and NaN."""
+    """Return the vertices (n, 3) after the motion, the vertices (k, n, 3) at moments during the motion, and D from
+    the target [m]. If the shape before the motion is unknown, return the target vertices, no moments, and NaN."""
     if not task.simulated:
         return task.target, np.zeros((0, *task.target.shape)), np.nan
     prediction = cell.compute(
@@ -279,8 +279,8 @@ def _inwards(trajectory: GraspTrajectory, step: FoldStep, inset: float) -> tuple
 
 
 def _task(fold: FoldContext, plan: Plan, trajectory: GraspTrajectory, speed: float) -> _Task:
-    """Return what the motion has to do: the fold, with its grasps as recoveries have moved them, its repair, or a
-    pull."""
+    """Return the task of the motion: the fold, its repair, or a pull. The grasps of a fold are moved as recoveries
+    have demanded."""
     repair = fold.repair
     if isinstance(repair, Spread):
         paths = tool_paths(repair.trajectory, repair.step, speed)

@@ -155,8 +155,8 @@ def fold_strip(
     scenery: Scenery | None = None,
     view: View | None = None,
 ) -> list[Picture]:
-    """Draw one picture per frame, all from one view: `view`, or one that shows the whole motion. size: width,
-    height [px]. scenery: instead of `arcs` and `table` alone."""
+    """Draw one picture per frame. All have the same view: `view`, or a view that shows the whole motion. size:
+    width, height [px]. scenery: instead of `arcs` and `table` alone."""
     if not frames:
         return []
     scenery = scenery or Scenery(table, arcs)

@@ -56,8 +56,8 @@ def _colours(level: NDArray[np.uint8]) -> Picture:
 
 
 def _bar(width: int, top: float) -> Picture:
-    """Draw a strip (BAR, width, 3) with the colours from height 0 to `top` [m], both heights in millimetres, and
-    ticks."""
+    """Draw a strip (BAR, width, 3) with the colours from height 0 to `top` [m], ticks, and both heights written in
+    millimetres."""
     strip = np.full((BAR, width, 3), PAPER, np.uint8)
     labels = ("0 mm", f"{top * 1e3:.0f} mm")
     font, size, margin = cv2.FONT_HERSHEY_SIMPLEX, 0.45, 8

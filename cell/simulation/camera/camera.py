@@ -157,9 +157,9 @@ class SimulatedCamera:
         return self._last
 
     def display(self, slabs: Sequence[Slab] = ()) -> Callable[[], CameraFrame]:
-        """Take the present state for a picture that a person sees, who may look at any time: it changes nothing
-        that `capture` returns. The returned function draws the picture, on one thread at a time, without shadows,
-        noise and the calibration board. Raises DriverError like `capture`."""
+        """Take the present state for a picture that a person sees. A person may look at any time, so this changes
+        nothing that `capture` returns. The returned function draws the picture, on one thread at a time, without
+        shadows, noise and the calibration board. Raises DriverError like `capture`."""
         last = self._last
         if self.frozen and last is not None and not self.silent:
             return lambda: last

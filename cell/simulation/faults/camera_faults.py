@@ -24,7 +24,7 @@ K = FaultKind
 
 
 class CameraFaults:
-    """Takes pictures with the faults that are active at the time."""
+    """Takes pictures with the camera faults that are active at that time."""
 
     def __init__(self, board: FaultBoard, camera: SimulatedCamera) -> None:
         self._board, self._camera = board, camera

@@ -24,7 +24,8 @@ class FaultKind(StrEnum):
     """Positions, velocities and efforts of the joint state are not numbers."""
     # arms and their commands
     ARM_HANGS = "arm_hangs"
-    """An arm stands still whatever it is told. Afterwards it returns to its set-point at its own full speed."""
+    """An arm stands still and ignores its set-points. Afterwards it returns to its set-point at its own full
+    speed."""
     SETPOINTS_STARVED = "setpoints_starved"
     """The robot receives no set-points. The sender does not notice it."""
     PROGRAM_STALLED = "program_stalled"
@@ -89,7 +90,7 @@ class FaultKind(StrEnum):
     MISSED_GRASP = "missed_grasp"
     """The garment slips out of the pads while they close."""
     SLIP = "slip"
-    """The pads of a hand hold only the share `size` of what they should, so that held cloth slides out."""
+    """The pads of a hand hold with only the share `size` of their force, so that held cloth slides out."""
     DROPPED_CORNER = "dropped_corner"
     """A held corner slips out when the hand is `size` [m] above the table."""
     GARMENT_SHOVED = "garment_shoved"
@@ -108,9 +109,9 @@ class Place(StrEnum):
     """Where a fault is injected."""
 
     PORTS = "ports"
-    """Into what the ports answer. The cell itself is sound."""
+    """Into the answers of the ports. The cell itself is sound."""
     WORLD = "world"
-    """Into the robot, its grippers, the garment, or what lies before the camera."""
+    """Into the robot, its grippers, the garment, or the objects before the camera."""
 
 
 @dataclass(frozen=True)

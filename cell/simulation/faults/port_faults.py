@@ -29,7 +29,8 @@ from robots.ports import (
 __all__ = ["PortFaults"]
 
 TICK_S = 0.01
-"""Readings that arrive out of order alternate at this interval [s]."""
+"""While joint states arrive out of order, the port answers in turn with the present state and with an old one. It
+changes between them after this time [s]."""
 
 K = FaultKind
 Stamped = TypeVar("Stamped", JointState, JointSetpoint, TactileReading, GripperState, CameraFrame, StopState)

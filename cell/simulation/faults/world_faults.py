@@ -110,8 +110,8 @@ class WorldFaults:
             self._taken, garment.away = (taken, t + taken.lasts), True
 
     def _shove(self, fault: Fault) -> None:
-        """Move and turn the garment in a random direction. Directions in which it stays in one of its poses come
-        first, then those that lead least far out."""
+        """Move and turn the garment in a random direction. A direction in which it stays within its permitted
+        poses is preferred, else the direction that leads least far out of them."""
         garment = self._garment
         rng = np.random.default_rng((fault.seed, 1))
         angles = rng.uniform(0.0, 2 * np.pi, DIRECTIONS)

@@ -23,8 +23,8 @@ __all__ = ["WorldGarment"]
 COARSEST = 0.0265
 """Largest edge length of the mesh, away from creases [m]."""
 GRID_TURNS = (4.0, 34.0)
-"""Turns of the mesh's grid [degrees], at which the rigidities along warp and weft are right (`bending_shares`). A
-world turns by up to GRID_SPREAD from one of them."""
+"""Turns of the mesh's grid [degrees] at which the rigidities along warp and weft are right (`bending_shares`). The
+grid of a world is turned from one of these by up to GRID_SPREAD."""
 GRID_SPREAD = 3.0
 CATCH = 0.02
 """Cloth counts as under a fingertip if it is at most this far above the tip [m] or lower."""
@@ -199,7 +199,7 @@ class WorldGarment:
         self._cloth.set_positions(x)
 
     def outside_poses(self, shift: Array, turn: float) -> float:
-        """Return how far a shove would lead out of the poses in which the garment may lie [m]; 0 if it would not.
+        """Return how far a shove would move the garment out of its permitted poses [m]; 0 if it stays within them.
         A radian counts as the distance by which it moves a point 0.3 m away."""
         x = self._cloth.positions[:, :2]
         flat = self.flat
@@ -271,8 +271,8 @@ def _turned(xy: Array, angle: float) -> Array:
 
 
 def _vary(garment: Garment, noise: GarmentNoise, rng: np.random.Generator) -> Material:
-    """Draw the true fabric. What a lab can measure easily differs from the garment file by at most its share in
-    the noise table; the other properties come from the whole range of the class of fabrics."""
+    """Draw the true fabric. Properties that a lab can measure easily differ from the garment file by at most their
+    share in the noise table. The other properties are drawn from the whole range of the class of fabrics."""
     nominal, fabric = garment.material, garment.fabric
 
     def near(value: float, share: float) -> float:

@@ -78,7 +78,7 @@ class SimulatedRobot:
         self._effort = np.zeros(self._joints)
         self._drops: dict[Side, _Drop] = {}
         self._hung: dict[Side, Array] = {}
-        """Where the motors of an arm stand that hangs, or that returns to its set-point afterwards [rad]."""
+        """Positions of the motors of an arm that hangs, or that returns to its set-point after it hung [rad]."""
         self._hanging: set[Side] = set()
         self._circuit_open = False
         self._enabled = False
@@ -253,8 +253,8 @@ class SimulatedRobot:
         return offset
 
     def _held_back(self, goal: Array, velocity: Array, dt: float) -> tuple[Array, Array]:
-        """Return motor positions and velocities (n,), (n,), of which those of arms that hang stand still. After
-        it hung, an arm returns to its goal at its full speed."""
+        """Return motor positions and velocities (n,), (n,). The motors of an arm that hangs stand still. After it
+        hung, an arm returns to its goal at its full speed."""
         goal, velocity = goal.copy(), velocity.copy()
         for side, place in list(self._hung.items()):
             cut = arm_slice(side, self._joints)

@@ -93,7 +93,7 @@ class GroundTruthRecorder:
             self._ideal.cancel()
 
     def _begin(self, garment: GarmentTruth) -> BackgroundIdeal:
-        """Begin to compute the ideal of the preferred way to fold."""
+        """Begin to compute the ideal fold of the garment, for the preferred way of the garment's plan."""
         return BackgroundIdeal(garment, lambda: self._nominal(garment))
 
     def _nominal(self, garment: GarmentTruth) -> Garment:

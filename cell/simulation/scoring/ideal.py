@@ -1,8 +1,8 @@
 """The ideal fold of the simulated garment, with whose heights a run's heights are compared.
 
 The ideal is the same garment with the same fabric, folded without grippers from its flat rest shape without
-wrinkles, about the lines of the way that was taken. After each fold it settles as long as the garment did in the
-run. It is computed in a thread while the run goes on. It has no influence on the run.
+wrinkles, about the fold lines of the way that the run took. After each fold it settles as long as the garment did
+in the run. It is computed in a thread while the run goes on. It has no influence on the run.
 
 The thread cannot know how long the garment will lie after each fold. A garment whose vertices all sleep does not
 move any more, so a longer time changes nothing. The thread therefore lets each fold settle until the garment
@@ -33,7 +33,7 @@ from skills.vocabulary import Array, FoldLine
 __all__ = ["BackgroundIdeal", "flaw_of", "ideal_heights", "ideal_of"]
 
 SLOWER = (1.0, 2.0, 4.0)
-"""Durations of the turns of successive attempts, relative to the first one."""
+"""Durations of the turns in successive attempts, relative to the first attempt."""
 LEAST_IOU = 0.90
 """An ideal fold has to overlap with its target as a passed fold does."""
 
@@ -136,7 +136,7 @@ class BackgroundIdeal:
 
     def heights(self, lines: tuple[FoldLine, ...], dwell_s: Sequence[float] | None = None) -> IdealHeights:
         """Return the heights for `lines`. dwell_s: time that the run gave each fold to settle [s]; None: not
-        known. What the thread has not computed is computed now."""
+        known. If the thread has not computed these heights, they are computed now."""
         self._thread.join()
         times = [SETTLE_S] * len(lines) if dwell_s is None else [min(t, SETTLE_S) for t in dwell_s]
         if self._found is not None and _same(self._found[0], lines):

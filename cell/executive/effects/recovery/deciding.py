@@ -98,14 +98,15 @@ def _attempt(context: RunContext, kind: FailureKind) -> int:
 
 
 IN_SHAPE = 0.85
-"""IoU of observed and predicted shape from which a refused fold is no heap, whatever the estimate says."""
+"""If the IoU of observed and predicted shape is at least this, a refused fold is no heap, whatever the estimate
+says."""
 
 
 def _repairable(fold: FoldContext, overlap: float) -> bool:
-    """Whether it is known well enough how the garment lies to repair the fold. Whether the edge of a refused fold
-    has come half the way or the whole way does not matter: the best fit shows where it lies. After a repair that
-    failed, the next picture will show it. overlap: IoU of observed and predicted shape, if an inspection refused
-    the fold."""
+    """Whether the position of the garment is known well enough to repair the fold. The estimate need not tell
+    whether the edge has come half the way or the whole way, because the best fit shows where the edge lies. After
+    a repair that failed, the next picture will show it. overlap: IoU of observed and predicted shape, if an
+    inspection refused the fold."""
     if fold.repair is not None:
         return not isinstance(fold.repair, Spread)
     found = fold.estimate

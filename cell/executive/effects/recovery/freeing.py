@@ -55,12 +55,14 @@ Check = EmptyCheck | StuckCheck
 def leave_freely(
     cell: Workcell, way: Retreat, biases: Mapping[Side, TactileBias], layer: float, control: PathControl
 ) -> Outcome[tuple[Mapping[str, object], ...]]:
-    """Lead the hands up and to the parked posture, and check that no cloth stays on a finger: while they rise, by
-    closing and opening them in the air; above the garment, by the weight on the pads; and while they move away,
-    because light cloth on the outside of a finger is felt only when it drags the garment along.
+    """Lead the hands up and to the parked posture, and check that no cloth stays on a finger. While the hands
+    rise, they close and open in the air. Above the garment, the weight on the pads is measured. The check goes on
+    while they move away, because light cloth on the outside of a finger is felt only when it drags the garment
+    along.
 
-    If it does, the hands go back along the same way, so that the cloth lies about as it was released. The caught
-    hand closes and opens there, and both leave again. layer: smallest thickness of a layer between the pads [m].
+    If cloth stays on a finger, the hands go back along the same way, so that the cloth lies about as it was
+    released. The caught hand closes and opens there, and both leave again. layer: smallest thickness of a layer
+    between the pads [m].
 
     Returns figures for each time that cloth was felt. Failures: STUCK_ON_FINGER after FREEING_TRIES, those of the
     motions.
@@ -184,8 +186,8 @@ class _HandChecks:
         return start_stuck_check(self.cell.grasp, self.biases[side])
 
     def _refuses(self, side: Side, command: GripCommand) -> bool:
-        """Command the gripper. Returns whether it refuses, because it is in error or not calibrated: then the next
-        grasp fails, or the hand is found closed. A stop is raised as usual."""
+        """Command the gripper. Returns whether it refuses, because it is in error or not calibrated. A refusal is
+        no failure here: later the next grasp fails, or the hand is found closed. A stop is raised as usual."""
         try:
             self.cell.hands.command(side, command)
         except DriverError as e:
@@ -216,8 +218,8 @@ def _dragging(cell: Workcell, biases: Mapping[Side, TactileBias]) -> Watch:
 
 
 def _close_and_open(cell: Workcell, sides: tuple[Side, ...]) -> Failure | None:
-    """Close the hands and open them as far as at the release, with the force of a release. A hand that was closing
-    when the other one felt cloth opens, too."""
+    """Close the hands and open them as far as at the release, with the force of a release. If the other hand was
+    closing when cloth was felt, it opens, too."""
     narrow = RELEASE_OPENING - RELEASE_TOLERANCE
     others = tuple(s for s in Side if s not in sides and cell.ports.grippers[s].state().opening < narrow)
     for opening, hands in ((0.0, sides), (RELEASE_OPENING, (*sides, *others))):

@@ -36,8 +36,8 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     cloth there, and rise.
 
     The ways out state how often this is tried. Without a path the hands open where they are. If the operator ended
-    the run, the event is GIVE_UP; after a bug of the program it is CRASH; otherwise DONE. The failure that led
-    here stays the one for which the recovery is chosen.
+    the run, the event is GIVE_UP; after a bug of the program it is CRASH; otherwise DONE. The recovery is chosen
+    for the failure that led here.
     """
     cause, fold, control = context.cause or context.failure, context.fold, pausable(cell)
     assert cause is not None
@@ -73,8 +73,8 @@ def carried_path(carrying: tuple[ArmTrajectory, ...]) -> Array:
 
 
 def progress(carrying: tuple[ArmTrajectory, ...], q: Array) -> float:
-    """Return the share of lift and arc that the hands have come when the joints are at q (joints,): 0 while they
-    lift, because the arc is not known then."""
+    """Return the share of lift and arc that the hands have covered when the joints are at q (joints,). It is 0
+    during the lift, because the arc is not known then."""
     return share_done(carried_path(carrying), q) if len(carrying) > 1 else 0.0
 
 

@@ -48,9 +48,9 @@ def let_go_and_park(cell: Workcell, control: PathControl, opening_s: float = OPE
     """Open the hands and park. Returns a failure if a hand may still hold cloth, or if the arms do not get home.
 
     A gripper that is in error or without calibration refuses commands until it is calibrated. A calibration closes
-    the pads before it opens them. It is therefore made over the garment only if the hand cannot be opened
-    otherwise, and else in the parked posture. A gripper that stays in error there fails the next grasp, not the
-    way home.
+    the pads before it opens them. It is therefore made in the parked posture, and over the garment only if the
+    hand cannot be opened otherwise. If a gripper stays in error in the parked posture, the next grasp fails, but
+    parking does not.
     """
     refusing = _refusing(cell)
     open_hands(cell, tuple(side for side in Side if side not in refusing))

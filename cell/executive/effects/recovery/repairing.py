@@ -39,9 +39,9 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     """Plan how the hands put right the cloth that a fold has moved, from the estimated state of the garment.
 
     The fold is completed if the garment is then predicted to lie about as well as the fold was planned to leave
-    it. Otherwise it is undone, also if it was to be completed before: the arms may have found no good way, or the
-    cloth may have slipped again. Of several arcs, the one that is predicted to come nearest to its aim is chosen.
-    Motion planning follows, as for a fold.
+    it. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may have found no good
+    way, or the cloth may have slipped again. Of several arcs, the one that is predicted to come nearest to its aim
+    is chosen. Motion planning follows, as for a fold.
     """
     fold, thickness = context.fold, plan.garment.material.thickness
     found = fold.estimate.likeliest_shape if fold.estimate is not None else None
@@ -105,8 +105,8 @@ def _trajectory(cell: Workcell, plan: Plan, controls: Mapping[GraspId, Array]) -
 
 
 def _simulated(cell: Workcell, plan: Plan, way: _Candidate, now: Array) -> _Candidate:
-    """Return the way with the dissimilarity between its aim and the garment after it. A simulation that fails has
-    an infinite one. now: (n, 3) the garment as it lies [m]."""
+    """Simulate the repair. Return the candidate with the dissimilarity between its aim and the simulated garment,
+    which is infinite if the simulation fails. now: (n, 3) the present garment [m]."""
     height, speed = cell.settings.grasp.lift_height, tool_speed(cell.settings, plan.garment)
     paths = turned_paths(tool_paths(way.trajectory, way.plan.step, speed), way.plan.headings)
     paths = {grasp_id: lifted(path, height) for grasp_id, path in paths.items()}
@@ -126,6 +126,7 @@ def _impossible(why: str) -> Failure:
 
 
 def _failed(context: RunContext, failure: Failure) -> Result:
-    """Return the failure without the estimate from which it follows: only another one can lead to another end."""
+    """Return the failure. The estimate is removed from the context, because the same estimate would lead to the
+    same failure again."""
     fold = replace(context.fold, estimate=None)
     return replace(context, fold=fold).failed(failure)

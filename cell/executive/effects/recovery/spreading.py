@@ -29,7 +29,7 @@ from skills.vocabulary import Corner, GraspTrajectory, Outcome
 __all__ = ["SPREAD_AREA", "choose_pull", "lies_elsewhere", "not_spread", "spreadable"]
 
 SPREAD_AREA = 0.95
-"""A garment that covers at least this share of the area that it covered when it lay flat is spread. Two pictures
+"""A garment is spread if it covers at least this share of the area that it covered when it lay flat. Two pictures
 of one flat garment agree within 2 %; a corner that is folded over as far as a hand can hold it covers 3 % less."""
 GROWTH = 0.02
 """The covered area has grown if it differs by more than this share of the flat garment's: the noise of
@@ -46,7 +46,7 @@ _UNRECOGNISED = frozenset(
         FailureKind.CATEGORY_MISMATCH,
     }
 )
-"""Failures of recognition that a garment causes which is not spread entirely."""
+"""Failures of recognition that can be caused by a garment that is not entirely spread."""
 _HINT = "lay the garment flat where it lay before this fold (its outline is in the report), then retry"
 
 
@@ -62,9 +62,10 @@ class _Places:
 def spreadable(cell: Workcell, context: RunContext, kind: FailureKind) -> bool:
     """Whether a pull may spread the garment after a failure of this kind.
 
-    Only in the first fold: pulls move all layers at a corner together and would not open the folds that are made.
-    The garment must have been seen flat, so that it is known when it is spread. What recognition refuses is pulled
-    only after another pull: before one, a person may have laid another garment.
+    It may do so only in the first fold, because a pull moves all layers at a corner together and would not open
+    earlier folds. The garment must have been seen flat, because its flat area shows when it is spread. After a
+    failure of recognition, it is pulled only if it was pulled before: otherwise a person may have laid another
+    garment.
     """
     fold = context.fold
     return (
@@ -145,8 +146,8 @@ def choose_pull(cell: Workcell, context: RunContext, plan: Plan, first: FirstLoo
 
 
 def not_spread(context: RunContext, perception: Perception) -> Failure | None:
-    """Return NOT_FLAT if a garment that lay in a heap and is recognised covers less than when it lay flat: a part
-    of it may be folded under. None if it is spread, or no pull was planned."""
+    """Return NOT_FLAT if the garment is recognised after a pull but covers less than when it lay flat, because a
+    part of it may be folded under. Return None if it is spread, or if no pull was planned."""
     if not context.fold.pulls or context.first_look is None:
         return None
     covered = abs(polygon_area(perception.view.to_table(perception.segmentation.contour)))

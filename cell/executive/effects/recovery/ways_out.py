@@ -45,7 +45,7 @@ _FINAL = frozenset({FailureKind.STOPPED, FailureKind.ABORTED})
 """Failures after which nothing else is tried."""
 
 Legs = tuple[tuple[ArmTrajectory, bool], ...]
-"""Trajectories one after the other, each with whether the fingertips may touch the table on it."""
+"""Trajectories one after the other. The flag of each tells whether the fingertips may touch the table on it."""
 
 
 @dataclass(frozen=True, eq=False)
