@@ -2,6 +2,7 @@
 in pictures."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,14 +10,16 @@ import pytest
 from benchmarks.interrupted_folds import shoved
 from benchmarks.perception.scenes import TABLE
 from benchmarks.state_estimate import estimate
+from skills.state_estimate import observation
 from skills.state_estimate.comparison import fit
 from skills.state_estimate.drawing import draw_estimate
 from skills.state_estimate.estimate import estimate_state
 from skills.state_estimate.hypothesis import FoldState, Hypothesis
-from skills.state_estimate.observation import observe
 from skills.state_estimate.wording import describe
 from skills.vocabulary import FailureKind, GraspId
 from tests.builders.shipped_settings import PERCEPTION
+
+observe = partial(observation.observe, settings=PERCEPTION)
 
 LEFT, RIGHT = GraspId.LEFT, GraspId.RIGHT
 
@@ -102,15 +105,14 @@ def test_a_clear_picture_needs_no_simulation(fold):
 def test_the_silhouette_tells_the_ends_of_the_fold_apart_without_depth(fold):
     for vertices, state in ((fold.at_start(), FoldState.BEFORE), (fold.interrupted({}), FoldState.AFTER)):
         frame = fold.shoot(vertices)
-        seen = observe(frame, fold.calibration, TABLE, fold.reference, settings=PERCEPTION).unwrap()
+        seen = observe(frame, fold.calibration, TABLE, fold.reference).unwrap()
         blind = replace(seen, height=np.full_like(seen.height, np.nan))
         assert estimate_state(blind, fold.before, fold.after, [LEFT, RIGHT], never).state is state
 
 
 def test_an_empty_table_is_a_failure(fold):
     assert (
-        observe(fold.shoot(None), fold.calibration, TABLE, fold.reference, settings=PERCEPTION).failure.kind
-        is FailureKind.NO_GARMENT
+        observe(fold.shoot(None), fold.calibration, TABLE, fold.reference).failure.kind is FailureKind.NO_GARMENT
     )
 
 
@@ -129,7 +131,7 @@ def test_a_hypothesis_is_moved_to_the_place_where_it_was_drawn(fold):
 
 def test_the_drawing_shows_each_state_that_has_a_candidate(fold):
     frame = fold.shoot(fold.interrupted({}, 0.6))
-    seen = observe(frame, fold.calibration, TABLE, fold.reference, settings=PERCEPTION).unwrap()
+    seen = observe(frame, fold.calibration, TABLE, fold.reference).unwrap()
     found = estimate(fold, frame)
     picture = draw_estimate(seen, found.condensed())
     assert len(found.condensed().fits) == 3 and picture.dtype == np.uint8
