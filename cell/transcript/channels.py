@@ -80,10 +80,10 @@ class _Port:
 def build_ports(
     constants: CellConstants, method: Callable[[Channel, tuple[Side, ...]], Callable[..., Any]], stop: Stop
 ) -> Ports:
-    """Build ports from the table.
+    """Build ports from the table. A channel is one kind of question to a port.
 
-    method(channel, sides): returns the method that asks this question; sides: the side of the gripper or tactile
-    sensors, else empty. stop: the stop that is triggered and reset.
+    method(channel, sides): returns the function that asks the channel's question; sides: the side of the gripper
+    or tactile sensors, else empty. stop: the stop that is triggered and reset.
     """
 
     def port(name: str, *sides: Side, **attributes: Any) -> Any:

@@ -228,9 +228,9 @@ def _inverse(owned: NDArray[np.int32], n: int) -> NDArray[np.int32]:
 def _beside_edges(
     edge_tri: NDArray[np.int32], paired: NDArray[np.bool_], owned: NDArray[np.int32], slot: NDArray[np.intp]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return for each edge of `owned` its two triangles, (rows, 2, LANES), each as cluster x LANES + lane, or 0 if
-    the edge is not `paired`, which means that it does not have two in one layer. Also return a bit mask per row,
-    (rows,): bit i is set if the edge in lane i is not paired."""
+    """Return the two triangles beside each edge of `owned`, (rows, 2, LANES). A triangle is stated as
+    cluster x LANES + lane. An edge is `paired` if it has two triangles of one layer; without them both values are
+    0. Also return a bit mask per row, (rows,): bit i is set if the edge in lane i is not paired."""
     inside = (owned >= 0) & paired[owned]
     beside = np.where(inside[:, None], slot[edge_tri[owned]].transpose(0, 2, 1), 0)
     rim = ((owned >= 0) & ~inside) @ (1 << np.arange(LANES))

@@ -26,7 +26,7 @@ MOST = 12
 BAND = 0.060
 """Distance from the line within which raised cloth belongs to the crease [m]."""
 INSET = 0.010
-"""Distance from the line to the outer finger [m]."""
+"""Distance of the nearer finger from the fold line [m]."""
 ROOM = 0.135
 """Minimum extent of the cloth from the line inwards [m]. A hand that presses the crease of a smaller stack would
 push the whole stack away."""

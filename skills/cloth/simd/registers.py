@@ -138,7 +138,7 @@ def call(builder: Any, name: str, a: Any, *more: Any) -> Any:
 
 
 def mixed(builder: Any, a: Any, b: Any, places: list[int]) -> Any:
-    """Return a register of the lanes `places` of the sequence of all lanes of a, then all lanes of b."""
+    """Return a register with lanes of a and b. `places` are their indices in the concatenation of a and b."""
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INDEX, len(places)), places))
 
 

@@ -23,9 +23,9 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 class Posture:
     """The posture of one arm.
 
-    path: the grasp of the fold step whose tool path this arm takes; if the arms are swapped, it is the grasp that
-    was planned for the other arm. turned: whether the hand is turned by pi about its axis. pitch, roll: lean in
-    addition to the lean of the tool path [rad], given for the hand before the turn by pi. pitch_change: smooth
+    path: identifies the tool path that this arm takes, by its grasp in the plan. If the arms are swapped, this
+    grasp was planned for the other arm. turned: whether the hand is turned by pi about its axis. pitch, roll: lean
+    in addition to the lean of the tool path [rad], given for the hand before the turn by pi. pitch_change: smooth
     increase of the pitch from grasp to release [rad], so that in a long fold the hand can lean in opposite
     directions at the two ends.
     """

@@ -13,8 +13,8 @@ class ClaimSettings:
     deviations.
 
     The limits are those of the score. No margin of safety is subtracted from them: a false claim and a good fold
-    that is not claimed are equally wrong, and at the limit itself both are equally rare. The claim's reliability
-    tells how far the figures are from it.
+    that is not claimed count as equally bad, and at the limit both are equally probable. The claim's reliability
+    tells how far the figures are from their limits.
     """
 
     iou: float

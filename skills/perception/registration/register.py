@@ -254,7 +254,8 @@ def _energy(X: Array, boundary: Boundary, settings: FitSettings) -> float:
 
 
 def _levenberg_marquardt(X: Array, boundary: Boundary, settings: FitSettings) -> Array:
-    """Move the contour X (n, 2) by a few Levenberg-Marquardt steps, with `X` itself as the reference."""
+    """Fit the contour to the boundary by a few Levenberg-Marquardt steps. Its shape at the start, X (n, 2), is the
+    one from which the energy of deformation is measured."""
     reference = X
     terms = contour_terms(X, reference, boundary, settings.weights)
     (A, g), energy = terms.normal_equations(), terms.energy

@@ -40,8 +40,8 @@ __all__ = ["leave_freely"]
 FREEING_SPEED = 0.25
 """Maximum speed of the tools while cloth may hang on a finger [m/s]."""
 ABOVE = 0.008
-"""Height above the release at which the hands begin to close [m]. Until the pads come near each other, the hands
-have risen by 20 mm, above the cloth that they have released."""
+"""Height above the release at which the hands begin to close [m]. By the time the pads come near each other, the
+hands have risen by 20 mm and are above the cloth that they have released."""
 LEAST_RISE = 0.03
 """A hand that rises less than this does not close, because it might take cloth of the stack [m]."""
 WIDEST = RELEASE_OPENING + 0.005
