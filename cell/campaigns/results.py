@@ -17,7 +17,7 @@ from cell.support.json_values import to_json
 __all__ = ["RESULTS", "CampaignResults", "VariantResults"]
 
 RESULTS = "trials.json"
-SCHEMA = 1
+SCHEMA = 2
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ Both check every value. Write it with `write_record`. `cell/record/words.py` has
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -301,4 +302,4 @@ def read_record(folder: Path) -> RunRecord:
 
 def write_record(record: RunRecord) -> None:
     """Write the record into the folder of its run. Raises StorageError."""
-    write_whole(Path(record.run_dir) / RECORD, _RECORD.dump_json(record, indent=1) + b"\n")
+    write_whole(Path(record.run_dir) / RECORD, json.dumps(record.as_json(), indent=1) + "\n")

@@ -178,6 +178,7 @@ _CHANGES: Mapping[Adjustment, str] = {
     Adjustment.PLAIN_ARC: "a plain arc",
     Adjustment.OTHER_SEARCH: "by another motion of the arms",
     Adjustment.OTHER_VARIANT: "by another fold variant of the garment file",
+    Adjustment.NO_EDITS: "without the operator's edits",
 }
 _LAYINGS: Mapping[Laying, str] = {
     Laying.BACK: "laid the cloth down where it was taken",

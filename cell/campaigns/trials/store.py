@@ -46,7 +46,7 @@ __all__ = [
 
 MANIFEST = "campaign.json"
 """File with the requests of a campaign, in its folder."""
-SCHEMA = 1
+SCHEMA = 2
 LOCK = ".campaign.lock"
 
 

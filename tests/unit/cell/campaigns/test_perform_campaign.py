@@ -99,7 +99,7 @@ def test_a_campaign_is_not_continued_by_another_program(tmp_path: Path) -> None:
         CampaignFolder.open(tmp_path).check_program()
 
 
-@pytest.mark.parametrize("content", [None, "", "{}", '{"schema": 99}', '{"schema": 1, "keep": "some"}'])
+@pytest.mark.parametrize("content", [None, "", "{}", '{"schema": 99}', '{"schema": 2, "keep": "some"}'])
 def test_a_folder_without_a_sound_campaign_is_refused(content: str | None, tmp_path: Path) -> None:
     if content is not None:
         (tmp_path / MANIFEST).write_text(content)
