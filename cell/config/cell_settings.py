@@ -382,7 +382,7 @@ class ComputingConfig(_Group):
 
 
 class RosConfig(_Group):
-    """Connection to the robot over ROS (robots/ros/settings.py). ROS_MASTER_URI names the ROS master."""
+    """Connection to the robot over ROS (robots/ros/driver.py). ROS_MASTER_URI names the ROS master."""
 
     raw_position: bool = Field(
         strict=True,
