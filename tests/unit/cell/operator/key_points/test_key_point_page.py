@@ -209,6 +209,7 @@ def test_points_are_placed_dragged_nudged_taken_back_and_saved_in_a_browser(star
     session = started({name: corners[name] for name in TOWEL.keypoints[:-1]})
 
     def place(spot: list[float]) -> tuple[float, float]:
+        until(tab, "!drawing")  # findings change the size of the picture's frame
         x, y = tab.evaluate(SCREEN % json.dumps(spot))
         return x, y
 
