@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from foldcell.arguments import flag, own_numeric_state, path, text, whole
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ __all__ = ["fold"]
 LARGEST_SEED = 2**31 - 1
 
 
+@own_numeric_state
 def fold(
     garment: str | Path,
     *,
@@ -48,20 +51,22 @@ def fold(
     from cell.support.files.paths import logs_directory, prepare_logs
     from robots.errors import ConfigurationError
 
+    seed = whole(seed, "seed")
     if not 0 <= seed <= LARGEST_SEED:
         raise ConfigurationError(f"{seed} is no seed", f"a whole number from 0 to {LARGEST_SEED} is")
+    named = str(path(garment, "garment"))
     checked = cell_settings(settings)
-    if str(garment) != "auto":
-        load_garment(garment, checked.surface)
+    if named != "auto":
+        load_garment(named, checked.surface)
     request = FoldRequest(
-        garment=str(garment),
+        garment=named,
         seed=seed,
-        driver=driver,
+        driver=text(driver, "driver"),
         settings=checked,
-        settings_path=Path(settings) if isinstance(settings, str | Path) else None,
-        logs=prepare_logs(logs_directory(None if logs is None else Path(logs))),
-        approve=approve,
-        record=record,
-        quiet=quiet,
+        settings_path=path(settings, "settings") if isinstance(settings, str | os.PathLike) else None,
+        approve=flag(approve, "approve"),
+        record=flag(record, "record"),
+        quiet=flag(quiet, "quiet"),
+        logs=prepare_logs(logs_directory(None if logs is None else path(logs, "logs"))),
     )
     return fold_once(request)

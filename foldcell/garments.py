@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from foldcell.arguments import number, own_numeric_state, path, plain, text
 from foldcell.settings import Settings, cell_settings
 from robots.errors import ConfigurationError
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["new_garment"]
 
 
+@own_numeric_state
 def new_garment(
     seen: PerceivedGarment,
     file: str | Path,
@@ -38,38 +40,45 @@ def new_garment(
 
     from cell.config.garments.garment_file import load_garment
     from cell.hardware.placement import write_own_garment
+    from foldcell.perceiving import PerceivedGarment
     from skills.garments.picture_measure import as_laid
 
-    cell, path = cell_settings(settings), Path(file)
-    known = load_garment(str(like), cell.surface)
+    if not isinstance(seen, PerceivedGarment):
+        raise ConfigurationError(f"seen: is a {type(seen).__name__}", "give what foldcell.perceive returned")
+    cell, file, like = cell_settings(settings), path(file, "file"), str(path(like, "like"))
+    title = None if title is None else text(title, "title")
+    length = None if length is None else number(length, "length")
+    pair = plain(between)
+    known = load_garment(like, cell.surface)
     if seen.failure is not None:
         raise ConfigurationError(f"seen: no garment was recognised ({seen.failure.what})", seen.failure.hint)
     if set(seen.keypoints) != set(known.keypoints):
         raise ConfigurationError(
-            f"seen: has not the key points of {known.name}", f"call perceive with garment={str(like)!r}"
+            f"seen: has not the key points of {known.name}", f"call perceive with garment={like!r}"
         )
-    if path.suffix not in (".yaml", ".yml"):
-        raise ConfigurationError(f"file: {path}", "a garment file ends in .yaml")
-    if path.exists():
-        raise ConfigurationError(f"file: {path} exists", "give another name, or remove it first")
+    if file.suffix not in (".yaml", ".yml"):
+        raise ConfigurationError(f"file: {file}", "a garment file ends in .yaml")
+    if file.exists():
+        raise ConfigurationError(f"file: {file} exists", "give another name, or remove it first")
     measured = None
     if seen.unit == "px":
-        if length is None or between is None or not 0.05 <= length <= 3.0:
+        if length is None or pair is None or not 0.05 <= length <= 3.0:
             raise ConfigurationError(
                 f"length: {length}, between: {between}",
                 "a photograph shows no sizes: measure 0.05 to 3 m between two key points of the garment",
             )
-        if len(set(between)) != 2 or not set(between) <= set(known.keypoints):
+        known_pair = isinstance(pair, list) and len(pair) == 2 and all(name in known.keypoints for name in pair)
+        if not known_pair or pair[0] == pair[1]:
             raise ConfigurationError(f"between: {between}", f"give two of {', '.join(known.keypoints)}")
-        measured = known.keypoints.index(between[0]), known.keypoints.index(between[1])
-    elif length is not None or between is not None:
+        measured = known.keypoints.index(pair[0]), known.keypoints.index(pair[1])
+    elif length is not None or pair is not None:
         raise ConfigurationError(
             "length: the cell's camera knows the garment's size", "leave length and between out"
         )
     points = np.array([seen.keypoints[name] for name in known.keypoints])
-    named = title or path.stem.replace("_", " ").capitalize()
+    named = title or file.stem.replace("_", " ").capitalize()
     write_own_garment(
-        path, str(like), named, as_laid(points) if seen.unit == "px" else points, measured, length,
+        file, like, named, as_laid(points) if seen.unit == "px" else points, measured, length,
         "Outline from a picture, made by foldcell.new_garment", cell,
     )  # fmt: skip
-    return path
+    return file

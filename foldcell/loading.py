@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from foldcell.arguments import own_numeric_state, path
+
 if TYPE_CHECKING:
     from cell.journal.journal import Entry, Intent
     from cell.record.run_record import FoldRecord, RunRecord
@@ -47,6 +49,7 @@ class Run:
         """The planned folds; empty for a run without a record."""
         return self.record.steps if self.record else ()
 
+    @own_numeric_state
     def set_points(self) -> SetPoints | None:
         """The set-points sent to the arms, read from the transcript; None for a run without a transcript.
 
@@ -56,9 +59,10 @@ class Run:
         from cell.transcript.set_points import read_set_points
         from cell.transcript.transcript import TRANSCRIPT, Transcript
 
-        path = self.folder / TRANSCRIPT
-        return read_set_points(Transcript(path)) if path.is_file() else None
+        file = self.folder / TRANSCRIPT
+        return read_set_points(Transcript(file)) if file.is_file() else None
 
+    @own_numeric_state
     def joint_trajectory(self) -> dict[str, Any] | None:
         """The set-points of the arms in the layout of a trajectory_msgs/JointTrajectory of ROS, with the joint
         names of the run's robot; None for a run without set-points. Raises as `set_points`, and
@@ -75,6 +79,7 @@ class Run:
         return joint_trajectory(names, sent.t, sent.q, sent.qd)
 
 
+@own_numeric_state
 def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     """Read a finished run. run: its id, the beginning of its id, its folder, or 'last'. logs: folder of the
     journal; None: the folder that holds the run's folder, else FOLDCELL_LOGS, else the default folder.
@@ -87,12 +92,13 @@ def load_run(run: str | Path, logs: str | Path | None = None) -> Run:
     from cell.support.files.paths import journal_path, logs_directory
     from robots.errors import ConfigurationError
 
-    named = None if logs is None else Path(logs)
-    folder = Path(run).absolute()
+    wanted = path(run, "run")
+    named = None if logs is None else path(logs, "logs")
+    folder = wanted.absolute()
     if named is None and folder.is_dir() and journal_path(folder.parent).is_file():
         named = folder.parent
     with Journal.open(journal_path(logs_directory(named)), readonly=True) as journal:
-        row = journal.run(str(run))
+        row = journal.run(str(wanted))
         if row.status == "running":
             raise ConfigurationError(f"the run {row.id} has not ended (pid {row.pid})", "try again when it has")
         entries = journal.entries(row.id)

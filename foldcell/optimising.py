@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from foldcell.arguments import own_numeric_state, path, text, whole
 from foldcell.settings import Settings, cell_settings
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class OptimisedFold:
     failure: Failure | None
 
 
+@own_numeric_state
 def optimise(
     garment: str | Path,
     step: int | None = None,
@@ -69,10 +71,13 @@ def optimise(
     from cell.planning.plan_optimisation import optimise_plan
     from robots.errors import ConfigurationError
 
+    step = None if step is None else whole(step, "step")
+    budget = None if budget is None else whole(budget, "budget")
+    method = None if method is None else text(method, "method")
     if budget is not None and budget < 1:
         raise ConfigurationError(f"a budget of {budget} simulations", "a fold takes 1 or more")
     checked = cell_settings(settings)
-    loaded = load_garment(garment, checked.surface)
+    loaded = load_garment(path(garment, "garment"), checked.surface)
     lift = checked.grasp.lift_height
     return tuple(_plain(loaded.name, fold, lift) for fold in optimise_plan(loaded, checked, step, method, budget))
 

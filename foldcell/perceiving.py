@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
+from foldcell.arguments import own_numeric_state, path, text
 from foldcell.settings import Settings, cell_settings
 from robots.errors import ConfigurationError, Failure
 
@@ -45,6 +47,7 @@ class PerceivedGarment:
     failure: Failure | None
 
 
+@own_numeric_state
 def perceive(
     rgb: Image,
     depth: Image | None = None,
@@ -70,6 +73,7 @@ def perceive(
 
     from cell.hardware.photograph import in_unit, perceive_photograph
 
+    unit = text(unit, "unit")
     if unit not in ("m", "px"):
         raise ConfigurationError(f"there is no unit '{unit}'", "it is m or px")
     if reference is None and reference_depth is not None:
@@ -82,7 +86,7 @@ def perceive(
     seen, _ = perceive_photograph(
         _photograph(rgb, depth, "rgb", "depth"),
         None if reference is None else _photograph(reference, reference_depth, "reference", "reference_depth"),
-        "auto" if garment is None else str(garment),
+        "auto" if garment is None else str(path(garment, "garment")),
         unit,
         cell_settings(settings),
     )
@@ -108,21 +112,24 @@ def _photograph(rgb: Image, depth: Image | None, name: str, depth_name: str) -> 
     from cell.hardware.photograph import Photograph
     from cell.support.files.picture_file import read_depth, read_picture
 
-    if isinstance(rgb, str | Path):
-        name, picture = str(rgb), read_picture(Path(rgb))
+    if isinstance(rgb, str | os.PathLike):
+        file = path(rgb, name)
+        name, picture = str(file), read_picture(file)
     else:
         picture = _colours(rgb, name)
     if depth is None:
         return Photograph(picture, None, name, depth_name)
-    if isinstance(depth, str | Path):
-        return Photograph(picture, read_depth(Path(depth)), name, str(depth))
+    if isinstance(depth, str | os.PathLike):
+        file = path(depth, depth_name)
+        return Photograph(picture, read_depth(file), name, str(file))
     return Photograph(picture, _metres(depth, depth_name), name, depth_name)
 
 
 def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
     import numpy as np
 
-    if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3:
+    _check_array(rgb, name)
+    if rgb.dtype != np.uint8 or rgb.ndim != 3 or rgb.shape[2] != 3 or not rgb.size:
         raise ConfigurationError(
             f"{name}: holds {rgb.dtype} of shape {rgb.shape}", "give 8-bit colours of shape (rows, columns, 3)"
         )
@@ -132,8 +139,18 @@ def _colours(rgb: NDArray[Any], name: str) -> NDArray[Any]:
 def _metres(depth: NDArray[Any], name: str) -> NDArray[Any]:
     from cell.support.files.picture_file import known_depth
 
+    _check_array(depth, name)
     if depth.ndim != 2 or depth.dtype.kind != "f":
         raise ConfigurationError(
             f"{name}: holds {depth.dtype} of shape {depth.shape}", "give metres of shape (rows, columns)"
         )
     return known_depth(depth)
+
+
+def _check_array(given: object, name: str) -> None:
+    import numpy as np
+
+    if not isinstance(given, np.ndarray) or isinstance(given, np.ma.MaskedArray):
+        raise ConfigurationError(
+            f"{name}: is a {type(given).__name__}", "give a NumPy array without a mask, or the path of a file"
+        )

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
+from foldcell.arguments import path, plain
+
 if TYPE_CHECKING:
     from cell.config.cell_settings import CellSettings
 
@@ -21,10 +23,10 @@ def cell_settings(given: Settings) -> CellSettings:
 
     Raises ConfigurationError for an unreadable file, an unknown key or a value out of range.
     """
-    from cell.config.cell_settings import load_settings, overlaid
+    from cell.config.cell_settings import CellSettings, load_settings, overlaid
 
-    if given is None or isinstance(given, str | Path):
-        return load_settings(None if given is None else Path(given))
+    if given is None:
+        return load_settings()
     if isinstance(given, Mapping):
-        return overlaid(load_settings(), given, Path("settings"), {})
-    return given
+        return overlaid(load_settings(), plain(given), Path("settings"), {})
+    return given if isinstance(given, CellSettings) else load_settings(path(given, "settings"))
