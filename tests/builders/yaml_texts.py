@@ -5,8 +5,8 @@ from __future__ import annotations
 __all__ = ["aliases_of_aliases"]
 
 
-def aliases_of_aliases(kind: str = "list", levels: int = 10, count: int = 10) -> str:
-    """Some 600 bytes that stand for count ** levels values: each line repeats the one before `count` times."""
+def aliases_of_aliases(kind: str = "list", levels: int = 4, count: int = 10) -> str:
+    """A short text that stands for count ** (levels + 1) values: each line repeats the one before."""
     lines = []
     for k in range(levels + 1):
         values = [f"*a{k - 1}" if k else "1"] * count

@@ -24,7 +24,7 @@ from skills.fold_plan.plan import ways_to_fold
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
 from skills.scoring.alignment import FinalGarment
 from skills.scoring.score import diagonal, named_edge_pairs, score, score_plan
-from skills.scoring.verdict import IdealHeights
+from skills.scoring.verdict import Figure, IdealHeights, Score
 from skills.vocabulary import FoldLine, Material
 
 LENGTH, WIDTH, THICKNESS = 0.60, 0.40, 0.002
@@ -142,6 +142,15 @@ def test_the_ideal_shape_still_passes_when_it_has_settled_for_a_second(lines: tu
     assert result.passed, result.to_json()
     assert result.iou > 0.92 and result.figures["correspondence_m"].value < 0.010
     assert result.height_m > len(lines) * material.thickness, "the cloth has settled and is not perfectly flat"
+
+
+@pytest.mark.parametrize(("name", "limit"), [("height_m", 0.023), ("crease_height_m", 0.030)])
+@pytest.mark.parametrize("above", [-1e-4, 1e-4])
+def test_heights_are_judged_against_those_of_the_ideal_fold(name: str, limit: float, above: float) -> None:
+    figures = {n: Figure(0.0, math.inf) for n in ("height_m", "crease_height_m")}
+    measured = Score({**figures, name: Figure(limit + above, math.inf)}, 2, 2 * THICKNESS)
+    judged = measured.with_ideal(IdealHeights(0.020, 0.020))
+    assert judged.failed == ((name,) if above > 0 else ()) and judged.flat is judged.passed is (above < 0)
 
 
 # --- folds that must fail ------------------------------------------------------------------------------

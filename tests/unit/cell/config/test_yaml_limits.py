@@ -32,8 +32,8 @@ READERS = {
 def test_aliases_of_aliases_are_refused_by_every_reader(
     tmp_path: Path, read: Callable[[Path], object], kind: str, line: int
 ) -> None:
-    """Ten levels of ten stand for ten billion values. The fifth line of them is more than any file needs,
-    of groups the fourth, whose keys count too."""
+    """Five levels of ten stand for a hundred thousand values. The fifth line is more than any file needs, of
+    groups the fourth, whose keys count too."""
     path = tmp_path / "mine.yaml"
     path.write_text(f"# mine\n{aliases_of_aliases(kind)}", encoding="utf-8")
     with pytest.raises(ConfigurationError, match=rf"mine\.yaml:{line}: .*more than {MOST_VALUES} values") as error:

@@ -64,6 +64,15 @@ def test_an_unknown_state_is_not_rest(back_s: float | None) -> None:
         assert failure is None and cell.now == pytest.approx(5.0 + back_s + STILL_S, abs=3 * TICK_S)
 
 
+def test_arms_whose_state_was_unknown_are_watched_anew() -> None:
+    """They may have moved meanwhile, and come back."""
+    cell = FakeCell()
+    cell.at(0.1, lambda: setattr(cell, "frozen_since", 0.1))
+    cell.at(1.0, lambda: setattr(cell, "frozen_since", None))
+    assert await_rest(cell.ports(), LIMITS) is None
+    assert cell.now == pytest.approx(1.0 + STILL_S, abs=3 * TICK_S)
+
+
 def test_stopped_arms_are_awaited_until_they_rest_and_the_stop_is_reported() -> None:
     cell = FakeCell()
     drift(cell, 0.3, 0.4)

@@ -7,6 +7,8 @@ from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from cell.operator.progress.lines import ProgressLines
 from cell.operator.terminal.keys import KEYS, TerminalOperator
 from cell.states.commands import OPERATOR_EVENTS, CommandQueue
@@ -106,10 +108,11 @@ def test_the_progress_bar_is_cleared_before_the_next_line() -> None:
     )
 
 
-def test_progress_without_a_stream_writes_nothing() -> None:
+def test_progress_without_a_stream_writes_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     lines = ProgressLines(None)
     lines.computing(3, 60, "simulations at most")
     lines.entered(2.0, STEP)
+    assert capfd.readouterr() == ("", "")
 
 
 def test_progress_continues_if_its_reader_is_gone() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -387,6 +387,18 @@ def test_only_a_hand_that_rises_and_obeys_closes(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(workcell.ports.grippers[Side.LEFT], "command", refuse)
     assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
     assert not commands and cell.openings == dict.fromkeys(Side, 0.02)
+
+
+@pytest.mark.parametrize("state", [{"in_error": True}, {"calibrated": False}])
+def test_a_hand_that_is_in_error_or_not_calibrated_gets_no_command_while_it_rises(
+    state: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, workcell, up, commands = rising(monkeypatch, {})
+    left = workcell.ports.grippers[Side.LEFT]
+    seen = left.state
+    monkeypatch.setattr(left, "state", lambda: replace(seen(), **state))  # type: ignore[arg-type]
+    assert freeing._rise(workcell, up, UNLOADED, 0.0008, checked_motion.pausable(workcell)) is None
+    assert {side for side, _, _ in commands} == {Side.RIGHT}
 
 
 def test_hands_that_have_pressed_a_crease_do_not_close_on_it(monkeypatch: pytest.MonkeyPatch) -> None:

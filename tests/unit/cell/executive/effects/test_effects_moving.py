@@ -558,23 +558,40 @@ def test_the_way_back_follows_the_path_that_was_checked(
     assert len(workcell.path.back()) <= 1, "the arms stand parked, so the path is forgotten"
 
 
-def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(
-    baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+def test_a_motion_that_fails_on_one_way_out_is_followed_by_another(baxter: dict[str, Any]) -> None:
+    """The arms hang on the straight way. They come to rest, and the next way leads up first."""
+    cell = FakeCell(q=OUT)
+    workcell = fake_workcell(cell, **baxter)
+    cell.at(1.5, lambda: setattr(cell, "follows", False))
+    cell.at(2.0, lambda: setattr(cell, "follows", True))
+    assert clear(workcell, RunContext().with_failure(CAUSE)).event is Event.DONE
+    assert cell.q == pytest.approx(BAXTER.q_park)
+    times = np.array([t for t, _ in cell.commands])
+    rest = int(np.diff(times).argmax())
+    assert 1.5 < times[rest] < 2.0 and times[rest + 1] - times[rest] > 0.2
+    height = [workcell.hands.height(Side.LEFT, q) for _, q in cell.commands[rest:]]
+    assert max(height) > height[0] + 0.05, "the straight way leads down"
+
+
+@pytest.mark.parametrize(("said", "kind"), [("abort", K.ABORTED), ("stop", K.STOPPED)])
+@pytest.mark.parametrize("hangs", [False, True])
+def test_after_a_stop_or_an_abort_no_other_way_out_is_tried(
+    said: str, kind: FailureKind, hangs: bool, baxter: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Between the two the arms come to rest."""
-    cell, begun, through = FakeCell(q=OUT), [], ways_out.move
-
-    def first_fails(workcell: Workcell, trajectory: ArmTrajectory, **options: Any) -> Failure | None:
-        begun.append(cell.now)
-        return (
-            Failure(K.TRACKING_ERROR, "the arm hangs")
-            if len(begun) == 1
-            else through(workcell, trajectory, **options)
-        )
-
-    monkeypatch.setattr(ways_out, "move", first_fails)
-    assert clear(fake_workcell(cell, **baxter), RunContext().with_failure(CAUSE)).event is Event.DONE
-    assert len(begun) == 3 and begun[1] - begun[0] > 0.2, "the second way has two parts"
+    """It comes during a motion, or while the arms come to rest after a motion that failed."""
+    cell, planned = FakeCell(q=OUT), []
+    workcell, plan = fake_workcell(cell, **baxter), ways_out.plan_retreat
+    monkeypatch.setattr(ways_out, "plan_retreat", lambda *a, **k: planned.append(cell.now) or plan(*a, **k))
+    if hangs:
+        cell.at(1.5, lambda: setattr(cell, "follows", False))
+        cell.at(1.7, lambda: setattr(cell, "follows", True))
+    commands, stop = workcell.commands, workcell.ports.stop
+    interrupt = {"abort": lambda: commands.put(Event.ABORT), "stop": lambda: stop.trigger("button")}
+    cell.at(1.8 if hangs else 1.25, interrupt[said])
+    result = clear(workcell, RunContext().with_failure(CAUSE))
+    assert (result.event, result.context.failure.kind) == (Event.FAILED, kind)
+    assert len(planned) == (hangs and said == "abort"), "an abort is heard by the next motion"
+    assert np.abs(cell.q - BAXTER.q_park).max() > 0.1, "the arms do not get home"
 
 
 def test_a_failed_clearing_keeps_the_failure_that_led_to_it(baxter: dict[str, Any]) -> None:
