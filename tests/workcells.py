@@ -14,7 +14,7 @@ from cell.hardware.assembly import execution_limits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
 from cell.states.commands import CommandQueue
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from skills.trajectory.trajectory_library import Library
 from tests.fakes import FakeCell
 

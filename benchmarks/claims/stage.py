@@ -32,7 +32,7 @@ from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt
 from cell.states.transition_table import Effect
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.depth_averaging import EXPOSURES
 from robots.errors import CellError
 from robots.ports import CameraFrame, Ports

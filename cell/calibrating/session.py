@@ -21,7 +21,8 @@ from cell.calibrating.procedure_runner import STATE, ProcedureRunner
 from cell.config.cell_settings import CellSettings
 from cell.executive.effects.moving import hold_still, make_safe, prepare
 from cell.hardware.assembly import assemble
-from cell.hardware.driver import OpenCell, check_cell, is_simulated, opened_cell, simulation_settings
+from cell.hardware.driver import OpenCell, check_cell, opened_cell, simulation_settings
+from cell.hardware.driver_names import is_simulated
 from cell.hardware.robot_model import load_robot
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import RunJournal
@@ -38,7 +39,7 @@ from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.interrupts import Interrupts
 from cell.support.process.terminations import BY_SIGNAL
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.errors import (
     CellError,
     DriverError,

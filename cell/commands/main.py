@@ -1,7 +1,7 @@
 """The entry point and the list of commands.
 
 Each command is one module with its flags and its code. The module is imported only if its command is called, so
-that `foldcell --help` starts fast.
+that `foldcell --help` starts fast. An action's module is imported alone if it has the action's name.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ EPILOG = """exit codes: 0 done, 2 ended safe but not done, 3 fault, 64 bad usage
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     line = sys.argv[1:] if arguments is None else list(arguments)
-    named = next((word for word in line if not word.startswith("-")), None)
-    return framed(lambda: build_parser(named or "").parse_args(line), "--json" in line)
+    named = tuple(word for word in line if not word.startswith("-"))[:2] or ("",)
+    return framed(lambda: build_parser(named).parse_args(line), "--json" in line)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -69,9 +69,9 @@ class _Parser(argparse.ArgumentParser):
         self.exit(USAGE, f"{self.prog}: {message}\n  see {self.prog} --help\n")
 
 
-def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """Build the parser of the command line. only: the command whose flags are added; None: the flags of all
-    commands."""
+def build_parser(only: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """Build the parser of the command line. only: the command whose flags are added, and its action if the action
+    has a module of its own; empty: the flags of all commands."""
     parser = _Parser(
         prog="foldcell",
         description="The executive of a garment-folding robot cell.",
@@ -83,13 +83,14 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, (modules, about) in COMMANDS.items():
         command = add_command(commands, name, about)
-        if only not in (None, name):
+        if only and only[0] != name:
             continue
         if isinstance(modules, str):
             _add_options(modules, command)
             continue
         actions = command.add_subparsers(title="actions", metavar="ACTION", required=True)
-        for module in modules:
+        named = [module for module in modules if module.rpartition(".")[2] in only[1:]]
+        for module in named or modules:
             _add_options(module, actions)
     return parser
 

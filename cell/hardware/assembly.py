@@ -18,7 +18,7 @@ from cell.hardware.workcell import Workcell
 from cell.planning.fold_planning import motion_rng
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.model import RobotModel
 from robots.ports import Ports
 from skills.garments.garment import Garment

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from cell.config.cell_settings import CellSettings
 from cell.hardware.camera import camera_mount
+from cell.hardware.driver_names import DRIVERS, is_simulated
 from cell.hardware.robot_model import load_robot
 from cell.simulation import SimulatedCell, SimulationSettings, check_settings, open_simulated_cell
 from cell.support.files.paths import user_cache
@@ -21,21 +22,13 @@ from robots.robot import Robot
 from robots.ros.driver import RosDriver
 
 __all__ = [
-    "DRIVERS",
     "OpenCell",
     "PersonAt",
     "check_cell",
-    "is_simulated",
     "opened_cell",
     "simulation_settings",
     "stop_circuit",
 ]
-
-DRIVERS = {
-    "sim": "the simulated cell, as fast as possible and reproducible by seed",
-    "emulator": "the simulated cell behind ROS, with the real robot's driver, in real time",
-    "ros": "the robot that ROS_MASTER_URI names",
-}
 
 PersonAt = Callable[[Stop], Attendant]
 """Makes the attendant of a real cell. The attendant stops waiting for a person when the stop is triggered."""
@@ -48,11 +41,6 @@ class OpenCell:
 
     ports: Ports
     simulated: SimulatedCell | None = None
-
-
-def is_simulated(driver: str) -> bool:
-    """Whether the driver runs without a robot."""
-    return driver != "ros"
 
 
 def simulation_settings(settings: CellSettings, realtime: bool, as_built: bool) -> SimulationSettings:

@@ -16,7 +16,7 @@ from cell.control.loop import ControlLoop
 from cell.control.motions.hands import Hands
 from cell.control.set_points import LastCommand, PathRecord
 from cell.states.commands import CommandQueue
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.errors import DriverError, FailureKind
 from robots.model import JointLimits, RobotModel
 from robots.ports import Ports, Stop

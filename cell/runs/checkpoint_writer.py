@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cell.hardware.driver import is_simulated
+from cell.hardware.driver_names import is_simulated
 from cell.journal.checkpoint_file import CHECKPOINT
 from cell.journal.frame_store import FRAMES, FrameStore
 from cell.journal.journal import Journal

@@ -37,7 +37,7 @@ from cell.support.json_values import flattened
 from cell.transcript.channels import Channel
 from cell.transcript.replay_ports import NoRecordedAnswer, RecordedAnswers
 from cell.transcript.transcript import TRANSCRIPT, Transcript
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.errors import ConfigurationError, FailureKind, StorageError
 
 __all__ = ["Deviation", "Verdict", "changed_versions", "decide_again", "first_difference"]

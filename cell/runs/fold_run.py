@@ -19,7 +19,8 @@ from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_calibration
 from cell.hardware.cell_check import refuse_unfit_cell
-from cell.hardware.driver import OpenCell, PersonAt, check_cell, is_simulated, opened_cell, simulation_settings
+from cell.hardware.driver import OpenCell, PersonAt, check_cell, opened_cell, simulation_settings
+from cell.hardware.driver_names import is_simulated
 from cell.hardware.placement import refuse_too_large
 from cell.hardware.robot_model import load_robot
 from cell.journal.journal import RunJournal

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cell.hardware.driver import is_simulated
+from cell.hardware.driver_names import is_simulated
 from cell.journal.checkpoint_file import has_checkpoint
 from cell.journal.journal import Journal
 from robots.errors import ConfigurationError

@@ -9,7 +9,8 @@ from socket import socket
 from typing import TYPE_CHECKING
 
 from cell.hardware.camera import camera_calibration
-from cell.hardware.driver import OpenCell, is_simulated
+from cell.hardware.driver import OpenCell
+from cell.hardware.driver_names import is_simulated
 from cell.journal.journal import RunJournal
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.lines import ProgressLines
@@ -25,8 +26,7 @@ from cell.states.observers import Observer
 from cell.states.run_context import RunEnd
 from cell.states.transition_table import State
 from cell.transcript.port_recorder import PortRecorder
-from cell.view import Recorder
-from cell.view.recorder import RecorderObserver
+from cell.view.recorder import Recorder, RecorderObserver
 from robots.errors import CellError, StorageError
 from robots.ports import Ports, Stop
 from robots.registry import find_robot

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from cell.campaigns.trials.trial import failed_figures
-from cell.hardware.driver import is_simulated
+from cell.hardware.driver_names import is_simulated
 from cell.record.run_record import Ending, RunRecord
 from cell.record.words import plain
 

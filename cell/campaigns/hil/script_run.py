@@ -13,7 +13,7 @@ from cell.campaigns.hil.script import LIMIT_S, Action, Script
 from cell.campaigns.hil.verdict import broken_expectations
 from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import load_garment
-from cell.hardware.driver import is_simulated
+from cell.hardware.driver_names import is_simulated
 from cell.hardware.robot_model import load_robot
 from cell.record.run_record import RunRecord
 from cell.states.fold_request import FoldRequest

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -45,10 +45,10 @@ class Check:
 
 def examine(logs: Path) -> list[Check]:
     """Perform all checks. A check that raises an exception counts as bad."""
+    loading = [_loading(*group) for group in NATIVE]  # beside the other checks
     checks: list[Callable[[], Iterable[Check]]] = [
         _python,
         _packages,
-        _native_modules,
         *(partial(_robot_model, name) for name in list_robots()),
         _caches,
         partial(_logs, logs),
@@ -58,6 +58,7 @@ def examine(logs: Path) -> list[Check]:
         _garments,
         _viewer,
         _ros,
+        partial(_native_modules, loading),
     ]
     return [check for work in checks for check in _safely(work)]
 
@@ -123,26 +124,39 @@ def _package(name: str, pin: str | None) -> Check:
     return Check(name, Verdict.GOOD, version + (" as pinned" if pin else ""))
 
 
-NATIVE = ("pinocchio", "coal", "ruckig", "toppra", "numba", "scipy.linalg", "cv2", "pybullet", "rerun", "shapely")
-"""Modules with compiled parts, which may fail to load although they are installed."""
+NATIVE = (
+    ("pinocchio", "coal", "numba", "scipy.linalg", "toppra"),
+    ("rerun", "cv2", "pybullet", "ruckig", "shapely"),
+)
+"""Modules with compiled parts, which may fail to load although they are installed. Those of a group share
+packages and are loaded together."""
 
 
-def _native_modules() -> Iterable[Check]:
-    """Import each module in a separate process, because an import may crash its process."""
-    started = {
-        name: subprocess.Popen(
-            [sys.executable, "-c", f"import {name}"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
-        for name in NATIVE
-    }
-    broken = []
-    for name, process in started.items():
-        _, errors = process.communicate()
-        if process.returncode:
-            why = (errors.strip().splitlines() or [f"crashed ({process.returncode})"])[-1]
-            hint = "make setup installs it again; the message may name a missing system library"
-            broken.append(Check(f"import {name}", Verdict.BAD, why, hint))
-    yield from broken or [Check("compiled modules", Verdict.GOOD, f"all {len(NATIVE)} load")]
+def _loading(*modules: str) -> subprocess.Popen[str]:
+    """Start to import modules in a separate process, because an import may crash its process."""
+    return subprocess.Popen(
+        [sys.executable, "-c", f"import {', '.join(modules)}"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def _errors(process: subprocess.Popen[str]) -> str | None:
+    """Wait for the imports. Returns the last line of the error; None if all modules load."""
+    _, errors = process.communicate()
+    return (errors.strip().splitlines() or [f"crashed ({process.returncode})"])[-1] if process.returncode else None
+
+
+def _native_modules(groups: Sequence[subprocess.Popen[str]]) -> Iterable[Check]:
+    """groups: the processes that import the groups of NATIVE. The modules of a group that fails are imported
+    one by one, for the names of those that fail."""
+    failed = [group for group, process in zip(NATIVE, groups, strict=True) if _errors(process) is not None]
+    alone = {name: _loading(name) for group in failed for name in group}
+    broken = {name: why for name, process in alone.items() if (why := _errors(process)) is not None}
+    hint = "make setup installs it again; the message may name a missing system library"
+    for name, why in broken.items():
+        yield Check(f"import {name}", Verdict.BAD, why, hint)
+    if not broken:
+        yield Check("compiled modules", Verdict.GOOD, f"all {sum(map(len, NATIVE))} load")
 
 
 # files that a run reads and writes

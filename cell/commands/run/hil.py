@@ -16,7 +16,7 @@ from cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
 from cell.commands.options import cell_option, driver_options, json_option, logs_option
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
-from cell.hardware.driver import is_simulated
+from cell.hardware.driver_names import is_simulated
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json

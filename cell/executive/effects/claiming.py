@@ -11,7 +11,8 @@ from cell.states.run_context import RunContext
 from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
 from skills.fold_plan.folding import folded_creases, target_vertices
-from skills.perception.inspection.claim import Claim, claim_fold, displacement_of
+from skills.perception.inspection.claim import Claim
+from skills.perception.inspection.claiming import claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import diagnose
 from skills.perception.inspection.height_expectation import (
     CameraBias,

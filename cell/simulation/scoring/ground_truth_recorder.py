@@ -13,7 +13,7 @@ from cell.simulation.scoring.ideal import BackgroundIdeal
 from cell.simulation.simulated_cell import TruthSource
 from cell.simulation.truth import GarmentTruth, Truth
 from cell.states.fold_request import FoldRequest
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.ports import Array, Side
 from skills.garments.garment import Garment
 from skills.scoring.score import score_plan

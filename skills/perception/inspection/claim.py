@@ -1,45 +1,14 @@
-"""The claim: what the executive says of a finished fold, from the camera alone."""
+"""The claim: what the executive says of a finished fold, from the camera alone (made in `claiming.py`).
+
+Records and pages need this value only: it stands apart from the image processing.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
-import numpy as np
-
-from robots.ports import Array
-from skills.perception.inspection.claim_settings import ClaimSettings
-from skills.perception.inspection.diagnosis import beyond_limits
-from skills.perception.inspection.height_expectation import (
-    CameraBias,
-    IdealHeights,
-    Normal,
-    estimate_bending,
-    expected_heights,
-    judge_flatness,
-)
-from skills.perception.inspection.result import Inspection, InspectionSettings
-from skills.perception.inspection.target_view import TargetView
-from skills.vocabulary import FailureKind
-
-__all__ = ["Claim", "Displacement", "claim_fold", "claim_to_dict", "displacement_of"]
-
-IOU_SIGMA = 0.010
-DRIFT_SIGMA = 0.004
-DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
-"""Standard deviations of the figures of the shape: overlap, displacement [m] and angle [rad]."""
-
-SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
-"""Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns
-flatness."""
-
-
-@dataclass(frozen=True)
-class Displacement:
-    """Displacement of the garment since it was first seen: length [m] and angle [rad]."""
-
-    drift_m: float
-    drift_rad: float
+__all__ = ["Claim", "claim_to_dict"]
 
 
 @dataclass(frozen=True)
@@ -80,131 +49,3 @@ class Claim:
 def claim_to_dict(claim: Claim) -> dict[str, bool | float | str | None]:
     """Return the claim as a mapping, in the form that results use. Figures that are not visible are None."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(claim).items()}
-
-
-def displacement_of(target: TargetView, R: Array, t: Array) -> Displacement:
-    """Return the displacement since the garment was first seen. R (2, 2), t (2,) [m]: the motion p -> R p + t that
-    the plan has followed since then; the target's drift is added to it."""
-    before = R.T @ (target.about - t)
-    turn = float(np.arctan2(R[1, 0], R[0, 0])) + target.drift_rad
-    return Displacement(
-        float(np.linalg.norm(target.about + target.drift - before)), abs(math.remainder(turn, 2.0 * math.pi))
-    )
-
-
-def claim_fold(
-    seen: Inspection,
-    target: TargetView,
-    moved: Displacement,
-    bias: CameraBias,
-    ideal: IdealHeights,
-    first_crease: float | None,
-    thickness: Normal,
-    settings: InspectionSettings,
-    doubtful: tuple[str, ...] = (),
-) -> Claim:
-    """Make the claim about the last fold.
-
-    ideal: table of the ideal fold's heights. first_crease: observed height near the first crease, without
-    correction [m]; None if it was not observed. thickness: of one layer, as the garment file states it [m].
-    doubtful: names of earlier folds that were not found good. A later fold can cover their defects, so the shape
-    is not claimed then.
-    """
-    errors = settings.claim
-    observed = None if first_crease is None else Normal(
-        first_crease - bias.value, math.hypot(errors.first_crease_sigma, bias.sigma)
-    )  # fmt: skip
-    bending = estimate_bending(ideal, observed)
-    stack = target.flat.height_m + 0.5 * thickness.mean
-    height = target.observed.height_m - bias.value
-    crease = target.observed.crease_height_m - bias.value
-    judged = judge_flatness(
-        Normal(height, math.hypot(errors.height_sigma, bias.sigma)),
-        Normal(crease, math.hypot(errors.crease_sigma, bias.sigma)) if math.isfinite(crease) else None,
-        expected_heights(ideal, bending, errors.ideal_sigma),
-        Normal(stack, stack * thickness.sigma / thickness.mean),
-        errors,
-    )
-    visible = math.isfinite(height)
-    flat = visible and judged.flat and seen.diagnosis is not FailureKind.PILING
-    probable_flat = judged.probability if visible else 0.0
-    if seen.diagnosis is FailureKind.PILING:
-        probable_flat = min(probable_flat, 1.0 - seen.confidence)
-    wrong = (*_wrong_shape(seen, target, moved, settings), *(f"{name} was not found good" for name in doubtful))
-    probable_shape = _probable_shape(target, moved, errors)
-    if seen.diagnosis not in SHAPE_KEPT:
-        probable_shape = min(probable_shape, 1.0 - seen.confidence)
-    if doubtful:
-        probable_shape *= 0.5
-    holds = probable_shape * probable_flat
-    claim = Claim(
-        shape=not wrong,
-        flat=flat,
-        reliability=holds if flat and not wrong else 1.0 - holds,
-        height_m=height,
-        height_limit_m=judged.height_limit_m,
-        crease_height_m=crease,
-        crease_height_limit_m=judged.crease_height_limit_m,
-        camera_bias_m=bias.value,
-        bending_length_m=bending.mean,
-        target_iou=target.iou,
-        drift_m=moved.drift_m,
-        drift_rad=moved.drift_rad,
-        says="",
-    )
-    return replace(claim, says=_sentence(claim, wrong, seen, settings))
-
-
-def _wrong_shape(
-    seen: Inspection, target: TargetView, moved: Displacement, settings: InspectionSettings
-) -> tuple[str, ...]:
-    """Say what is wrong with the shape, one text each; empty if nothing is."""
-    errors = settings.claim
-    texts = [] if seen.diagnosis in SHAPE_KEPT else list(beyond_limits(seen, settings))
-    if not target.iou >= errors.iou:
-        texts.append(f"its overlap with the plan is {target.iou:.2f} (at least {errors.iou:.2f})")
-    if moved.drift_m > errors.drift:
-        texts.append(f"it lies {_mm(moved.drift_m)} from where it was laid (at most {_mm(errors.drift)})")
-    if moved.drift_rad > errors.drift_angle:
-        turned, most = (f"{math.degrees(a):.0f} degrees" for a in (moved.drift_rad, errors.drift_angle))
-        texts.append(f"it has turned by {turned} (at most {most})")
-    if seen.diagnosis not in SHAPE_KEPT and not texts:
-        texts.append(f"it is not as predicted ({seen.diagnosis})")
-    return tuple(texts)
-
-
-def _probable_shape(target: TargetView, moved: Displacement, errors: ClaimSettings) -> float:
-    """Probability that the true figures of the shape are within their limits."""
-    within = (
-        Normal(errors.iou, 0.0).at_most(Normal(target.iou, IOU_SIGMA)),
-        Normal(moved.drift_m, DRIFT_SIGMA).at_most(Normal(errors.drift, 0.0)),
-        Normal(moved.drift_rad, DRIFT_ANGLE_SIGMA).at_most(Normal(errors.drift_angle, 0.0)),
-    )
-    return math.prod(within)
-
-
-def _sentence(claim: Claim, wrong: tuple[str, ...], seen: Inspection, settings: InspectionSettings) -> str:
-    if wrong:
-        return f"not folded as planned: {', '.join(wrong)}"
-    above, crease_above = (
-        claim.height_m - claim.height_limit_m,
-        claim.crease_height_m - claim.crease_height_limit_m,
-    )
-    if not claim.flat and claim.too_high:
-        if crease_above > max(above, 0.0):
-            return f"folded, but a crease stands {_mm(claim.crease_height_m)} high, {_over(crease_above)}"
-        return f"folded, but stands {_mm(claim.height_m)} high, {_over(above)}"
-    if not claim.flat and seen.diagnosis is FailureKind.PILING:
-        return f"folded, but cloth is heaped up: {', '.join(beyond_limits(seen, settings))}"
-    if not claim.flat:
-        return "folded, but its height cannot be seen"
-    return f"folded as planned, {_mm(claim.height_m)} high (at most {_mm(claim.height_limit_m)})"
-
-
-def _over(length: float) -> str:
-    amount = f"{1e3 * length:.0f} mm" if length >= 0.0015 else f"{1e3 * length:.1f} mm"
-    return f"{amount} more than it should"
-
-
-def _mm(length: float) -> str:
-    return f"{1e3 * length:.0f} mm"

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from cell.states.transition_table import State
-from cell.view import Recorder, RecorderReport
+from cell.view.recorder import Recorder, RecorderReport
 from robots.baxter.robot import load_model
 from robots.ports import Array, CameraFrame, GripperState, Intrinsics, JointState, Side, TactileReading
 from skills.motion.kinematics.ik import solve_seeds

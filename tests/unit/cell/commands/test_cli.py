@@ -112,6 +112,22 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.parametrize(
     "line",
+    ["garment list", "runs", "report last", "fold --help", "supervise --help", "resume --help", "doctor --help"],
+)
+def test_commands_that_only_read_load_no_numerical_package(line: str, journal_file: Path) -> None:
+    """They answer at once. Loading one of these packages takes longer than all the rest of such a command."""
+    script = (
+        "import sys; from cell.commands.main import main; main(sys.argv[1:]); print(*sys.modules, file=sys.stderr)"
+    )
+    logs = [] if "--help" in line or line.startswith("garment") else ["--logs", str(journal_file)]
+    answer = subprocess.run([sys.executable, "-c", script, *line.split(), *logs], capture_output=True, text=True)
+    loaded = answer.stderr.split()
+    assert "argparse" in loaded and answer.stdout
+    assert {"cv2", "scipy", "numba", "pinocchio", "coal", "pybullet", "rerun", "toppra"}.isdisjoint(loaded)
+
+
+@pytest.mark.parametrize(
+    "line",
     [
         "",
         "dance",

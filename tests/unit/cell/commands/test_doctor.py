@@ -26,7 +26,7 @@ def by_name(checks: list[Check]) -> dict[str, Check]:
 def quick(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Loading every compiled module takes seconds: one test does it."""
     if "native" not in request.node.name:
-        monkeypatch.setattr(doctor, "NATIVE", ("json",))
+        monkeypatch.setattr(doctor, "NATIVE", (("json",),))
 
 
 def test_all_checks_pass_on_this_machine(tmp_path: Path) -> None:
@@ -48,15 +48,29 @@ def test_all_checks_pass_on_this_machine(tmp_path: Path) -> None:
         assert name in names
 
 
+def native_modules() -> list[Check]:
+    return list(doctor._native_modules([doctor._loading(*group) for group in doctor.NATIVE]))
+
+
 def test_native_modules_load() -> None:
-    (check,) = doctor._native_modules()
-    assert check.verdict is Verdict.GOOD
+    (check,) = native_modules()
+    assert check.verdict is Verdict.GOOD and check.found == "all 10 load"
 
 
 def test_native_module_that_does_not_load(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "NATIVE", ("json", "no_such_module"))
-    (check,) = doctor._native_modules()
-    assert check.verdict is Verdict.BAD and "no_such_module" in check.found
+    monkeypatch.setattr(doctor, "NATIVE", (("json", "no_such_module", "csv"), ("math",)))
+    (check,) = native_modules()
+    assert (
+        check.verdict is Verdict.BAD and check.name == "import no_such_module" and "no_such_module" in check.found
+    )
+
+
+def test_native_module_that_crashes_its_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "crashing.py").write_text("import os; os.abort()")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(doctor, "NATIVE", (("json", "crashing"),))
+    (check,) = native_modules()
+    assert (check.name, check.found) == ("import crashing", "crashed (-6)")
 
 
 def test_versions_that_differ_from_the_pinned_ones_are_reported() -> None:

@@ -13,7 +13,7 @@ import pytest
 from cell.hardware.assembly import assemble
 from cell.hardware.workcell import Workcell
 from cell.states.commands import CommandQueue
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.baxter.robot import load_model
 from robots.ports import Side, arm_slice
 from skills.motion.kinematics import ik

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from cell.hardware import driver
-from cell.hardware.driver import check_cell, is_simulated
+from cell.hardware.driver import check_cell
+from cell.hardware.driver_names import DRIVERS, is_simulated
 from cell.simulation import SimulationSettings
 from robots.baxter.ros import messages
 from robots.errors import ConfigurationError
@@ -17,7 +17,7 @@ TOWEL = SimulationSettings(garment="small_towel")
 def test_an_unknown_driver_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="no driver 'rso'") as e:
         check_cell("rso", TOWEL)
-    assert all(name in e.value.hint for name in driver.DRIVERS)
+    assert all(name in e.value.hint for name in DRIVERS)
 
 
 @pytest.mark.parametrize("name", ["ros", "emulator"])
@@ -33,7 +33,7 @@ def test_ros_drivers_without_ros_name_the_packages_to_install(name: str, monkeyp
 
 
 def test_every_driver_except_ros_is_a_simulation() -> None:
-    assert [name for name in driver.DRIVERS if not is_simulated(name)] == ["ros"]
+    assert [name for name in DRIVERS if not is_simulated(name)] == ["ros"]
 
 
 def test_simulated_drivers_refuse_an_unknown_garment() -> None:

@@ -21,7 +21,7 @@ from cell.runs.request_file import keep_request
 from cell.runs.run_inputs import keep_run_inputs, restored_request
 from cell.states.commands import CommandQueue
 from cell.states.fold_request import FoldRequest
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from robots.baxter.robot import load_model
 from tests.fakes import FakeCell
 from tests.runs import fold_request

@@ -14,7 +14,7 @@ from cell.config.garments.garment_file import load_garment, shipped_garment_path
 from cell.simulation.garment.cloth_body import BodyTraits
 from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.truth import GarmentTruth
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from skills.cloth.mesh import mesh_from_contour
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import plan_folds

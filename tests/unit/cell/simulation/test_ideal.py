@@ -17,7 +17,7 @@ from cell.simulation.garment.cloth_body import solver_settings
 from cell.simulation.scoring.ground_truth_recorder import GroundTruthRecorder
 from cell.simulation.scoring.ideal import BackgroundIdeal, flaw_of, ideal_heights
 from cell.simulation.truth import GarmentTruth
-from cell.view import Recorder
+from cell.view.recorder import Recorder
 from skills.fold_plan.ideal_fold import IdealFold, ideal_folds
 from skills.fold_plan.plan import ways_to_fold
 from skills.garments.garment import Garment

@@ -25,11 +25,11 @@ import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
 from cell.config.cell_settings import load_settings
-from cell.view import Recorder, RecorderReport
 from cell.view.bounded_worker import BoundedWorker
 from cell.view.entries import scene
 from cell.view.entries.entry import Columns, Log
 from cell.view.entries.robot import RobotFigure
+from cell.view.recorder import Recorder, RecorderReport
 from robots.baxter.robot import ROBOT, load_model
 from robots.ports import JointState, Side
 from skills.vocabulary import PredictedShape
@@ -255,7 +255,7 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
         import time
         from pathlib import Path
         import numpy as np
-        from cell.view import Recorder
+        from cell.view.recorder import Recorder
         from robots.ports import JointState
         from skills.vocabulary import Table
         recorder = Recorder.open(Path({str(path)!r}), "x", Table(-0.1, (0.2, 1.0), (-0.7, 0.7)))

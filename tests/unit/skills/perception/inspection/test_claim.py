@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skills.perception.inspection.claim import Claim, Displacement, claim_fold, claim_to_dict, displacement_of
+from skills.perception.inspection.claim import Claim, claim_to_dict
+from skills.perception.inspection.claiming import Displacement, claim_fold, displacement_of
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.plane import rotation
