@@ -10,6 +10,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from cell.support.process.library_messages import quiet_libraries
@@ -41,7 +42,7 @@ def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int
 
 
 def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
-    options = argparse.Namespace()
+    options = argparse.Namespace(json=asked_for_json)
     try:
         try:
             options = parse()
@@ -81,16 +82,19 @@ def _say(code: int, what: str, hint: str) -> int:
 
 def _write_traceback(options: argparse.Namespace) -> Path | None:
     """Write the traceback to the logs folder, else to the temporary folder. Returns its path, or None if neither
-    folder can be written."""
+    folder can be written. Never raises."""
     from cell.support.files.paths import logs_directory
 
     name = f"crash-{time.strftime('%Y%m%dT%H%M%S')}-{os.getpid()}.txt"
-    for folder in (logs_directory(getattr(options, "logs", None)), Path(tempfile.gettempdir())):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            path = folder / name
-            path.write_text(f"foldcell {' '.join(sys.argv[1:])}\n\n{traceback.format_exc()}", encoding="utf-8")
+    text = f"foldcell {' '.join(sys.argv[1:])}\n\n{traceback.format_exc()}".encode(errors="backslashreplace")
+    folders: tuple[Callable[[], Path], ...] = (
+        lambda: logs_directory(getattr(options, "logs", None)),
+        lambda: Path(tempfile.gettempdir()),
+    )
+    for folder in folders:
+        with suppress(OSError, ValueError, CellError):  # ValueError: a zero byte in a name
+            path = folder() / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(text)
             return path
-        except OSError:
-            continue
     return None

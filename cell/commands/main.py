@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import NoReturn
 
 from cell.commands.exit_codes import USAGE, framed
 from cell.commands.options import Commands, add_command
+from cell.support.files.names import checked_name
 
 __all__ = ["build_parser", "main"]
 
@@ -58,7 +61,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     line = sys.argv[1:] if arguments is None else list(arguments)
     named = tuple(word for word in line if not word.startswith("-"))[:2] or ("",)
-    return framed(lambda: build_parser(named).parse_args(line), "--json" in line)
+    return framed(lambda: _parsed(line, named), "--json" in line)
+
+
+def _parsed(line: list[str], commands: Sequence[str]) -> argparse.Namespace:
+    """Parse the command line. Every name is checked here, before anything begins: the words of the line, and the
+    working directory, because relative names become absolute ones."""
+    for word in line:
+        checked_name(word, "command line")
+    options = build_parser(commands).parse_args(line)
+    with suppress(FileNotFoundError):  # it was removed
+        checked_name(os.getcwd(), "working directory")
+    return options
 
 
 class _Parser(argparse.ArgumentParser):

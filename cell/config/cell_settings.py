@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from cell.config.calibration_file import load_camera_calibration, load_table_height, load_tactile_thresholds
 from cell.config.yaml_file import Document, Key, merge, read_yaml, validated
+from cell.support.files.names import checked_name
 from robots.errors import ConfigurationError
 from robots.registry import list_robots
 from robots.ros.driver import CameraTopics, RosSettings
@@ -517,7 +518,7 @@ def _with_absolute_paths(settings: CellSettings, folder: Path) -> CellSettings:
     directory."""
 
     def absolute(name: Path | None) -> Path | None:
-        return name and (folder / name.expanduser()).resolve()
+        return name and Path(checked_name(str((folder / name.expanduser()).resolve()), "calibration"))
 
     groups = {name: getattr(settings, name) for name in ("table_", "camera", "grasp")}
     return settings.model_copy(

@@ -191,8 +191,11 @@ class _StrictLoader(yaml.SafeLoader):
             )
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Construct a value. An error in a number or a truth value gets the line of the value."""
+        """Construct a value. An error in a number or a truth value gets the line of the value, and so does a text
+        that cannot be written as UTF-8 (the escape `"\\uDCE9"`)."""
         try:
+            if isinstance(node, yaml.ScalarNode):
+                node.value.encode()
             return super().construct_object(node, deep)
         except (ValueError, OverflowError, KeyError) as e:
             raise yaml.constructor.ConstructorError(

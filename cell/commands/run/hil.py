@@ -17,6 +17,7 @@ from cell.commands.options import cell_option, driver_options, json_option, logs
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.driver_names import is_simulated
+from cell.support.files.names import checked_name
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
@@ -114,7 +115,7 @@ def _files(given: list[Path]) -> list[Path]:
         inside = sorted(p for p in path.iterdir() if p.suffix in (".yaml", ".yml")) if path.is_dir() else [path]
         if not inside:
             raise ConfigurationError(f"{path} contains no script", "scripts are YAML files; see docs/operating.md")
-        files += inside
+        files += (Path(checked_name(str(file), "script")) for file in inside)
     return files
 
 

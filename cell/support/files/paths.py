@@ -10,6 +10,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from cell.support.files.names import checked_name
 from robots.errors import StorageError
 
 __all__ = [
@@ -34,17 +35,20 @@ LEAST_FREE_BYTES = 200 * 2**20
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
     """Return the folder of the journal and the runs: `--logs`, else FOLDCELL_LOGS, else the repository's `logs/`,
-    else the user's data folder. The folder is not created."""
+    else the user's data folder. The folder is not created. Raises ConfigurationError for a name that is no UTF-8
+    text."""
     environment = os.environ if environment is None else environment
     if option is not None:
-        return option.expanduser().absolute()
-    if from_environment := environment.get("FOLDCELL_LOGS"):
-        return Path(from_environment).expanduser().absolute()
-    if (root := repository_root()) is not None:
-        return root / "logs"
-    import platformdirs
+        folder = option.expanduser().absolute()
+    elif from_environment := environment.get("FOLDCELL_LOGS"):
+        folder = Path(from_environment).expanduser().absolute()
+    elif (root := repository_root()) is not None:
+        folder = root / "logs"
+    else:
+        import platformdirs
 
-    return Path(platformdirs.user_data_dir("foldcell", appauthor=False)) / "logs"
+        folder = Path(platformdirs.user_data_dir("foldcell", appauthor=False)) / "logs"
+    return Path(checked_name(str(folder), "logs folder"))
 
 
 def command_for(words: str, logs: Path) -> str:
@@ -68,7 +72,7 @@ def user_cache() -> Path:
     """Return the user's cache folder for this program. Its content can always be created again."""
     import platformdirs
 
-    return Path(platformdirs.user_cache_dir("foldcell", appauthor=False))
+    return Path(checked_name(platformdirs.user_cache_dir("foldcell", appauthor=False), "user cache"))
 
 
 def free_bytes(path: Path) -> int:

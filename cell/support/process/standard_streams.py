@@ -10,7 +10,7 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from io import TextIOWrapper
+from io import TextIOWrapper, UnsupportedOperation
 from typing import Any, TextIO, TypeVar, cast
 
 __all__ = ["LastingStream", "lasting_streams"]
@@ -72,9 +72,10 @@ def lasting_streams() -> Iterator[LastingStream]:
     """Replace sys.stdout and sys.stderr by lasting streams within the context. Yields the stream of standard
     output.
 
-    Characters that the encoding lacks are written as escapes. If one of the file descriptors 0 to 2 is closed, it
-    is opened on the null device. Otherwise a file that is opened later could get this number, and C libraries
-    would write their output into that file, in child processes too.
+    Characters that the encoding lacks are written as escapes, and bytes that it lacks are read as escapes from
+    standard input. If one of the file descriptors 0 to 2 is closed, it is opened on the null device. Otherwise a
+    file that is opened later could get this number, and C libraries would write their output into that file, in
+    child processes too.
     """
     for number in range(3):
         try:
@@ -83,9 +84,10 @@ def lasting_streams() -> Iterator[LastingStream]:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # open takes the lowest free number
     before = sys.stdout, sys.stderr
     lasting = [LastingStream(stream or open(os.devnull, "w", encoding="utf-8")) for stream in before]  # noqa: SIM115
-    for stream in before:
-        if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+    for stream in (*before, sys.stdin):
+        with suppress(UnsupportedOperation):  # standard input that was read already
+            if isinstance(stream, TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")
     sys.stdout, sys.stderr = cast(TextIO, lasting[0]), cast(TextIO, lasting[1])
     try:
         yield lasting[0]
