@@ -10,15 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.support.files.own_file import PNG_MARK, marked_png
 from robots.errors import InternalError
 
-__all__ = ["SHEET_FORMATS", "pdf_page", "png_page"]
+__all__ = ["SHEET_FORMATS", "SHEET_MARKS", "pdf_page", "png_page"]
 
 Picture = NDArray[np.uint8]
 POINT_MM = 25.4 / 72.0
-_IHDR_END = 33
-"""Length of a PNG file's signature and first chunk [bytes]. The chunk with the resolution is inserted after
-them."""
 
 
 def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
@@ -27,10 +25,8 @@ def png_page(picture: Picture, pixels_per_mm: int) -> bytes:
     good, encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not good:
         raise InternalError("OpenCV could not encode the sheet as PNG")
-    content = encoded.tobytes()
-    body = b"pHYs" + struct.pack(">IIB", 1000 * pixels_per_mm, 1000 * pixels_per_mm, 1)
-    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    return content[:_IHDR_END] + chunk + content[_IHDR_END:]
+    resolution = b"pHYs" + struct.pack(">IIB", 1000 * pixels_per_mm, 1000 * pixels_per_mm, 1)
+    return marked_png(marked_png(encoded.tobytes()), resolution)
 
 
 def pdf_page(picture: Picture, pixels_per_mm: int) -> bytes:
@@ -73,3 +69,5 @@ def _stream(entries: str, data: bytes) -> bytes:
 
 SHEET_FORMATS: Mapping[str, Callable[[Picture, int], bytes]] = {".pdf": pdf_page, ".png": png_page}
 """Encoders by file name suffix."""
+SHEET_MARKS: Mapping[str, bytes] = {".pdf": b"/Resources << /XObject << /Sheet 5 0 R >> >>", ".png": PNG_MARK}
+"""Text that every sheet contains, by file name suffix."""

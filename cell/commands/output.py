@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["check_folder_of", "print_json", "print_table", "progress_stream", "write_drawing"]
+__all__ = ["check_folder_of", "print_json", "print_table", "progress_stream", "refuse_drawing", "write_drawing"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -47,23 +47,34 @@ def progress_stream(as_json: bool) -> Any:
 
 
 def write_drawing(folder: Path, name: str, picture: NDArray[np.uint8]) -> str:
-    """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises ConfigurationError if the
-    folder does not exist, StorageError if the file cannot be written."""
+    """Write the picture (H, W, 3) as a PNG into the folder, and return its path. Raises like `refuse_drawing`, and
+    StorageError if the file cannot be written."""
     import cv2
 
+    from cell.support.files.own_file import marked_png
     from cell.support.files.whole_file import write_whole
+
+    path = refuse_drawing(folder, name)
+    done, png = cv2.imencode(".png", picture[:, :, ::-1])
+    if not done:
+        raise AssertionError("a drawing could not be encoded")
+    write_whole(path, marked_png(png.tobytes()))
+    return str(path)
+
+
+def refuse_drawing(folder: Path, name: str) -> Path:
+    """Return the path of a drawing. Raises ConfigurationError if the folder does not exist, or if a picture that
+    foldcell did not draw has this path. Called also before a drawing's content is computed."""
+    from cell.support.files.own_file import PNG_MARK, refuse_foreign
     from robots.errors import ConfigurationError
 
     if not folder.is_dir():
         raise ConfigurationError(
             f"{folder}: there is no such folder", "create it, or give another one with --draw"
         )
-    done, png = cv2.imencode(".png", picture[:, :, ::-1])
-    if not done:
-        raise AssertionError("a drawing could not be encoded")
     path = folder / f"{name}.png"
-    write_whole(path, png.tobytes())
-    return str(path)
+    refuse_foreign(path, PNG_MARK)
+    return path
 
 
 def check_folder_of(path: Path) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 
 from calibration.board import BOARD, DICTIONARY
 from calibration.board_sheet import PAGE, PIXELS_PER_MM, RULER_MM, draw_sheet
-from cell.calibrating.sheet_file import SHEET_FORMATS
+from cell.calibrating.sheet_file import SHEET_FORMATS, SHEET_MARKS
 from cell.commands.options import Commands, add_command, json_option
 from cell.commands.output import print_json
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 
@@ -35,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     if write is None:
         hint = "give --output a name that ends in .pdf or .png"
         raise ConfigurationError(f"{path} is neither PDF nor PNG", hint)
+    refuse_foreign(path, SHEET_MARKS[path.suffix.lower()])
     write_whole(path, write(draw_sheet(), PIXELS_PER_MM))
     figures = _figures() | {"file": str(path.absolute())}
     if options.json:

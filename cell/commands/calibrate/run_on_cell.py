@@ -17,6 +17,7 @@ from cell.config.calibration_file import read_camera_file
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.workcell import Workcell
 from cell.simulation import Truth
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 
@@ -66,6 +67,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     chosen = choose(options, settings)
     if options.output is not None:
         check_folder_of(options.output)
+        refuse_foreign(options.output, b"by: foldcell calibrate ")
     stream = progress_stream(options.json)
     request = CalibrationRequest(
         name=name,

@@ -10,7 +10,7 @@ import numpy as np
 
 from cell.commands.garment.garment_drawing import draw_option, drawn
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import print_json, write_drawing
+from cell.commands.output import print_json, refuse_drawing, write_drawing
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import check_plan
@@ -49,6 +49,12 @@ def _run(options: argparse.Namespace) -> int:
     """Check every file: it can be read, its plan can be made on this cell's table, and its folds are predicted to
     succeed. Returns 64 if a file cannot be used, else 2 if a fold of one is predicted to fail, else 0."""
     settings, checked = load_settings(options.cell), list[dict[str, Any]]()
+    stems = [Path(name).stem for name in options.garments]
+    if options.draw is not None and len(set(stems)) < len(stems):
+        raise ConfigurationError(
+            f"{', '.join(options.garments)}: two have one name, and so would their drawings",
+            "check them one after the other, with two folders (--draw)",
+        )
     refuse_unfit_cell(settings)
     for name in options.garments:
         try:
@@ -68,6 +74,9 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     that cannot be used."""
     garment = load_garment(name, settings.surface)
     check_plan(name, garment)
+    if options.draw is not None:
+        for kind in ("drawing", "on-table", "predicted"):
+            refuse_drawing(options.draw, f"{garment.name}-{kind}")
     drawing = drawn(garment, options.draw)
     placed = _drawn_on_table(garment, settings, options.draw)
     folds = _folds_on_table(name, garment, settings)

@@ -42,4 +42,4 @@ def drawn(garment: Garment, folder: Path | None) -> str | None:
         return None
     from cell.config.garments.drawing import draw_garment
 
-    return write_drawing(folder, garment.name, draw_garment(garment))
+    return write_drawing(folder, f"{garment.name}-drawing", draw_garment(garment))

@@ -20,6 +20,7 @@ from cell.config.cell_settings import CellSettings, load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.key_points_file import read_checked_key_points
 from cell.hardware.photograph import Photograph, picture_measure, read_photograph
+from cell.support.files.own_file import PNG_MARK, refuse_foreign
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -78,12 +79,15 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
+    if options.edit or options.key_points is not None:
+        refuse_foreign(_points_picture(output), PNG_MARK)
     if options.edit:
         return _from_page(options, settings, like, pair, output)
     if options.key_points is not None:
         return _from_key_points(options, settings, like, pair, output)
-    look = look_at(options, options.like)
     overlay = output.with_name(f"{output.stem}-perceived.png")
+    refuse_foreign(overlay, PNG_MARK)
+    look = look_at(options, options.like)
     if (failure := look.outcome.failure) is not None:
         write_refused(overlay, look)
         if options.json:
@@ -158,11 +162,15 @@ def _by_hand(
 ) -> tuple[Path, Array]:
     """Write the garment's file from key points (k, 2) [px], and a picture of them. Returns the picture's path and
     the template (k, 2) [m]."""
-    overlay = _output(options).with_name(f"{_output(options).stem}-key-points.png")
+    overlay = _points_picture(_output(options))
     named = dict(zip(like.keypoints, pixels, strict=True))
     write_picture(overlay, draw_overlay(photograph.rgb, None, pixels, named, f"{_title(options)}, by hand"))
     how = f"by hand ({_scaled(options, like, measure.measured)})"
     return overlay, _write(options, settings, measure.to_laid(pixels), measure.measured, how)
+
+
+def _points_picture(output: Path) -> Path:
+    return output.with_name(f"{output.stem}-key-points.png")
 
 
 def _texts(findings: Sequence[KeyPointFinding]) -> list[str]:

@@ -9,6 +9,7 @@ from cell.commands.options import json_option
 from cell.commands.output import print_json
 from cell.executive.draw_state_chart import draw_chart
 from cell.states.state_chart import CHART
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["add_options", "run"]
@@ -26,6 +27,7 @@ def run(options: argparse.Namespace) -> int:
     """Write the SVG file. Without --output, the new file replaces the chart that reports and the operator's page
     show."""
     path = options.output or CHART
+    refuse_foreign(path, b'<svg class="states"')
     write_whole(path, draw_chart())
     print_json({"chart": str(path)}) if options.json else print(path)
     return 0

@@ -23,6 +23,7 @@ from cell.config.trajectory_library.library_file import put_garments, user_libra
 from cell.operator.progress.bar import ProgressBar
 from cell.planning.trajectory_library_build import BuildProgress, BuiltStep, build_library
 from cell.planning.unfinished_build import UnfinishedBuild
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.paths import logs_directory, prepare_logs
 from skills.fold_plan.ideal_heights import bending_lengths, ideal_fold_heights
 from skills.garments.garment import Garment
@@ -58,6 +59,8 @@ def _run(options: argparse.Namespace) -> int:
     cell_speed = settings.motion.tool_speed
     garments = [replace(g, max_tool_speed=min(g.max_tool_speed, cell_speed)) for g in loaded]
     path = options.output or user_library_path(prepare_logs(logs_directory(options.logs)))
+    if options.output is not None:
+        refuse_foreign(path, b'"entries"')
     out = progress_stream(options.json)
     unfinished = UnfinishedBuild(path, garments, settings.grasp.lift_height)
     bar = ProgressBar(out)

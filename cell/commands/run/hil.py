@@ -18,6 +18,7 @@ from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.driver_names import is_simulated
 from cell.support.files.names import checked_name
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
@@ -54,6 +55,8 @@ def run(options: argparse.Namespace) -> int:
         check_script(script, settings, options.driver)
     if options.junit is not None and not options.junit.absolute().parent.is_dir():
         raise ConfigurationError(f"{options.junit}: there is no such folder", "create it, or give another --junit")
+    if options.junit is not None:
+        refuse_foreign(options.junit, b'<testsuite name="foldcell hil"')
     logs = prepare_logs(logs_directory(options.logs))
     with _owned(logs, options.driver):
         return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))

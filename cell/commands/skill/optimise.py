@@ -14,10 +14,11 @@ from cell.config.garments.garment_file import load_garment
 from cell.operator.progress.bar import ProgressBar
 from cell.operator.progress.compiling import report_compilation
 from cell.planning.plan_optimisation import StepOptimisation, check_step, optimise_plan
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError
 from robots.ports import Array
-from skills.trajectory.export.tool_poses import SUFFIXES, pose_rows, tool_poses_text
+from skills.trajectory.export.tool_poses import MARKS, pose_rows, tool_poses_text
 from skills.vocabulary import FoldStep
 
 __all__ = ["add_options", "run"]
@@ -62,11 +63,13 @@ def run(options: argparse.Namespace) -> int:
             if fold.paths:
                 poses[fold.step.name] = {i.value: pose_rows(path) for i, path in fold.paths.items()}
     bar.clear()
-    if options.export is not None:
+    export = str(options.export) if options.export and poses else None
+    if options.export is not None and not poses:
+        print(f"no fold has a trajectory; {options.export} is not written", file=out)
+    elif options.export is not None:
         write_whole(options.export, tool_poses_text(garment.name, poses, options.export.suffix).encode())
         print(f"tool poses and times  {options.export}", file=out)
     if options.json:
-        export = str(options.export) if options.export else None
         print_json({"garment": garment.name, "method": method, "steps": results, "export": export})
     return 2 if any(s["failure"] for s in results) else 0
 
@@ -78,10 +81,11 @@ def _show(bar: ProgressBar, step: FoldStep, done: int, budget: int, best: float)
 def _check_export(path: Path | None) -> None:
     if path is None:
         return
-    if path.suffix not in SUFFIXES:
-        raise ConfigurationError(f"--export {path}: a file ending in {', '.join(SUFFIXES)} is expected")
+    if path.suffix not in MARKS:
+        raise ConfigurationError(f"--export {path}: a file ending in {', '.join(MARKS)} is expected")
     if not path.absolute().parent.is_dir():
         raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
+    refuse_foreign(path, MARKS[path.suffix])
 
 
 def _figures(fold: StepOptimisation, lift_height: float) -> dict[str, Any]:

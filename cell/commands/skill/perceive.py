@@ -15,6 +15,7 @@ from cell.commands.options import cell_option, json_option
 from cell.commands.output import print_json
 from cell.config.cell_settings import load_settings
 from cell.hardware.photograph import in_unit, perceive_photograph, read_photograph
+from cell.support.files.own_file import PNG_MARK, marked_png, refuse_foreign
 from cell.support.files.whole_file import write_whole
 from robots.errors import ConfigurationError, Failure
 from robots.ports import Array, CameraFrame
@@ -58,6 +59,7 @@ def run(options: argparse.Namespace) -> int:
     """Recognise the garment and write the overlay, even if no garment is recognised. Returns 0 if a garment was
     recognised, 2 if none was. Raises ConfigurationError, StorageError."""
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
+    refuse_foreign(output, PNG_MARK)
     look = look_at(options, options.garment)
     notes = look.outcome.notes
     if (failure := look.outcome.failure) is not None:
@@ -122,11 +124,13 @@ def write_refused(path: Path, look: Look) -> None:
 
 
 def write_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """Write a picture (H, W, 3) RGB as a PNG. Raises StorageError."""
+    """Write a picture (H, W, 3) RGB as a PNG. Raises StorageError, and ConfigurationError if a picture that
+    foldcell did not draw has this path."""
+    refuse_foreign(path, PNG_MARK)
     done, png = cv2.imencode(".png", rgb[:, :, ::-1])
     if not done:
         raise AssertionError("the overlay could not be encoded")
-    write_whole(path, png.tobytes())
+    write_whole(path, marked_png(png.tobytes()))
 
 
 def _refused(image: Path, overlay: Path, unit: str, failure: Failure) -> dict[str, Any]:

@@ -14,11 +14,16 @@ from scipy.spatial.transform import Rotation
 from skills.trajectory.export.ros_messages import pose_trajectory
 from skills.vocabulary import Array, ToolPath, frozen
 
-__all__ = ["COLUMNS", "SUFFIXES", "pose_rows", "tool_poses_text"]
+__all__ = ["COLUMNS", "MARKS", "pose_rows", "tool_poses_text"]
 
-SUFFIXES = (".csv", ".json", ".yaml")
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 FRAME = "table"
+MARKS = {
+    ".csv": b"fold,arm,t_s,x_m",
+    ".json": b'"frame": "table", "columns": ["t_s"',
+    ".yaml": b"trajectory_msgs/MultiDOFJointTrajectory",
+}
+"""Suffix of each format -> text that every file of it contains."""
 
 
 def pose_rows(path: ToolPath) -> Array:
@@ -29,7 +34,7 @@ def pose_rows(path: ToolPath) -> Array:
 
 def tool_poses_text(garment: str, folds: Mapping[str, Mapping[str, Array]], suffix: str) -> str:
     """Return the poses as text. folds: fold -> arm -> `pose_rows`, from the grasp through the straight lift to the
-    release. suffix: one of SUFFIXES; '.yaml' is one trajectory_msgs/MultiDOFJointTrajectory for each fold, as
+    release. suffix: one of MARKS; '.yaml' is one trajectory_msgs/MultiDOFJointTrajectory for each fold, as
     documents of one YAML file.
     """
     rounded = {

@@ -617,7 +617,7 @@ def test_garment_check_draws_valid_plans_and_names_errors(
     assert main(line) == 64
     text = capsys.readouterr().out
     assert "medium_towel: good" in text and text.count("bad.yaml:1: ") == 1
-    picture = cv2.imread(str(tmp_path / "medium_towel.png"))
+    picture = cv2.imread(str(tmp_path / "medium_towel-drawing.png"))
     assert picture is not None and picture.shape[1] == 2 * picture.shape[0]  # one panel per fold
     colours = {tuple(c) for c in picture.reshape(-1, 3)}
     assert {(240, 226, 214), (44, 52, 208)} <= colours  # cloth and fold line (BGR)
