@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -37,6 +38,7 @@ class Renderer:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._lock = threading.Lock()
+        self._last: tuple[Shot, Picture] | None = None
         self._process: ServerProcess | None = self._start()
 
     def _start(self) -> ServerProcess:
@@ -46,9 +48,12 @@ class Renderer:
         return process
 
     def picture(self, shot: Shot) -> Picture:
-        """Render a shot, on any thread. Raises DriverError(CAMERA_FAULT) if two processes in a row fail."""
+        """Render a shot, on any thread. A shot equal to the last one gets the last picture. Raises
+        DriverError(CAMERA_FAULT) if two processes in a row fail."""
         with self._lock:
-            return self._picture(shot)
+            if self._last is None or not shot.same_as(self._last[0]):
+                self._last = shot, self._picture(shot)
+            return self._last[1]
 
     def _picture(self, shot: Shot) -> Picture:
         problem = ""
@@ -103,6 +108,26 @@ class _Look:
         """Return the picture (h, w, 3) with these errors of colour."""
         factor = self.vignette[..., None] * self.gain.astype(np.float32)
         return np.asarray(cv2.multiply(rgb, factor, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class _DepthNoise:
+    """Noise (h, w) of one exposure. grain: its standard deviation is 1; lost, lost_at_edge: pixels without depth,
+    anywhere and only at an edge."""
+
+    grain: Array
+    lost_at_edge: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """Noise of one picture. gain: of the exposure; rgb: (h, w, 3) of standard deviation 1; depth: of each
+    exposure."""
+
+    gain: float
+    rgb: NDArray[np.float32]
+    depth: tuple[_DepthNoise, ...]
 
 
 class SimulatedCamera:
@@ -177,11 +202,15 @@ class SimulatedCamera:
     def _exposed(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> CameraFrame:
         self._answers()
         shot = self._shot()
-        picture = self._with_slabs(self._renderer.picture(shot), slabs, shot)
+        with ThreadPoolExecutor(1, "picture") as rendering:
+            rendered = rendering.submit(self._renderer.picture, shot)
+            # while another process renders: the noise does not depend on what the picture shows
+            noise = None if self._ideal else self._draw_noise(exposures, rng)
+            picture = self._with_slabs(rendered.result(), slabs, shot)
         rgb, depth = picture.rgb, picture.depth
-        if not self._ideal:
-            rgb = self._sense_colour(rgb, rng)
-            depth = mean_depth([self._sense_depth(depth, rng) for _ in range(exposures)])
+        if noise is not None:
+            rgb = self._sense_colour(rgb, noise)
+            depth = mean_depth([self._sense_depth(depth, exposure) for exposure in noise.depth])
         if self.black:
             rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
         return CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
@@ -208,28 +237,39 @@ class SimulatedCamera:
         1."""
         self._sequence, self._last = value, None
 
-    def _sense_colour(self, rgb: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    def _draw_noise(self, exposures: int, rng: np.random.Generator) -> _Noise:
+        """Draw the noise of one picture."""
+        noise, shape = self._noise, (self._intrinsics.height, self._intrinsics.width)
+        gain = np.exp(rng.normal(0.0, noise.exposure))
+        rgb = rng.standard_normal((*shape, 3), dtype=np.float32)
+        depth = tuple(
+            _DepthNoise(
+                self._grain(shape, rng), rng.random(shape) < noise.edge_loss, rng.random(shape) < noise.pixel_loss
+            )
+            for _ in range(exposures)
+        )
+        return _Noise(gain, rgb, depth)
+
+    def _sense_colour(self, rgb: NDArray[np.uint8], drawn: _Noise) -> NDArray[np.uint8]:
         noise = self._noise
-        exposure = np.exp(rng.normal(0.0, noise.exposure))
         image = np.asarray(cv2.GaussianBlur(rgb.astype(np.float32), (0, 0), noise.blur_px), dtype=np.float32)
-        image *= (exposure * self._look.gain).astype(np.float32)
+        image *= (drawn.gain * self._look.gain).astype(np.float32)
         image *= self._look.vignette[..., None]
-        image += rng.standard_normal(image.shape, dtype=np.float32) * np.float32(noise.rgb)
+        image += drawn.rgb * np.float32(noise.rgb)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def _sense_depth(self, depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    def _sense_depth(self, depth: NDArray[np.float32], drawn: _DepthNoise) -> NDArray[np.float32]:
         """Add the errors of stereo triangulation: noise proportional to z squared, quantised disparity, gaps at
         edges."""
         noise = self._noise
         hit = np.isfinite(depth)
         z = np.where(hit, depth, 1.0).astype(np.float64)
         lasting = noise.depth_lasting
-        grain = lasting * self._look.grain + np.sqrt(1.0 - lasting**2) * self._grain(z.shape, rng)
+        grain = lasting * self._look.grain + np.sqrt(1.0 - lasting**2) * drawn.grain
         noisy = z + noise.depth_sigma * z**2 * grain
         scale = self._intrinsics.fx * noise.depth_baseline / noise.disparity_step
         measured = scale / np.maximum(np.rint(scale / noisy), 1.0)
-        edge = _edges(z, noise.edge_jump)
-        lost = edge & (rng.random(z.shape) < noise.edge_loss) | (rng.random(z.shape) < noise.pixel_loss)
+        lost = _edges(z, noise.edge_jump) & drawn.lost_at_edge | drawn.lost
         measured[~hit | lost] = np.nan
         return measured.astype(np.float32)
 

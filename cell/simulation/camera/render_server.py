@@ -71,6 +71,11 @@ class Shot:
     T_base_camera: Array
     T_base_board: Array | None = None
 
+    def same_as(self, other: Shot) -> bool:
+        """Whether the other shot has the same picture, because all numbers are equal."""
+        arrays = ((s.vertices, s.T_base_camera, s.T_base_board) for s in (self, other))
+        return self.joints == other.joints and all(map(np.array_equal, *arrays))
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -92,7 +97,6 @@ class _Stage:
         self._both_sides = (
             np.stack((scene.garment_triangles, scene.garment_triangles[:, ::-1]), 1).ravel().tolist()
         )
-        self._load_table(folder)
         self._board = self._load_board(folder)
         self._robot = pb.loadURDF(
             scene.urdf, useFixedBase=True, flags=pb.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client
@@ -104,6 +108,8 @@ class _Stage:
             pb.changeVisualShape(
                 self._robot, link, flags=pb.VISUAL_SHAPE_DOUBLE_SIDED, physicsClientId=self._client
             )
+        # after the robot, the floor last: what is drawn later is not shaded where something nearer hides it
+        self._load_table(folder)
 
     def _texture(self, path: Path, image: NDArray[np.uint8]) -> int:
         cv2.imwrite(str(path), image[..., ::-1])
@@ -130,8 +136,8 @@ class _Stage:
         t = self._scene.table
         (x0, x1), (y0, y1) = t.x, t.y
         floor = np.full((8, 8, 3), FLOOR_RGB, np.uint8)
-        self._load_sheet(folder / "floor", ((-2.0, 4.0), (-3.0, 3.0)), self._scene.floor, floor)
         self._load_sheet(folder / "table", ((x0, x1), (y0, y1)), t.height, self._scene.table_texture)
+        self._load_sheet(folder / "floor", ((-2.0, 4.0), (-3.0, 3.0)), self._scene.floor, floor)
 
     def _load_board(self, folder: Path) -> int | None:
         """Load the board as a card centred at the origin. Its front faces -z; x and y run along the picture's rows

@@ -99,6 +99,7 @@ def test_both_sides_of_the_cloth_are_seen(renderer: Renderer) -> None:
 def test_a_dead_render_process_is_replaced_and_draws_the_same_picture(renderer: Renderer) -> None:
     xy, _ = sheet()
     before = renderer.picture(shot(lying(xy)))
+    renderer.picture(shot(None))
     pid = renderer.pid
     assert pid is not None
     os.kill(pid, signal.SIGKILL)
@@ -106,6 +107,23 @@ def test_a_dead_render_process_is_replaced_and_draws_the_same_picture(renderer: 
     assert renderer.pid != pid
     np.testing.assert_array_equal(before.rgb, after.rgb)
     np.testing.assert_array_equal(before.depth, after.depth)
+
+
+def test_only_a_shot_that_differs_is_rendered(renderer: Renderer) -> None:
+    xy, _ = sheet()
+    before = shot(lying(xy))
+    picture = renderer.picture(before)
+    assert renderer.picture(replace(before, vertices=lying(xy))) is picture
+    T = MOUNT.T_base_camera() + np.eye(4, k=3) * 1e-3
+    others = [
+        shot(None),
+        replace(before, vertices=lying(xy, 0.0021)),
+        replace(before, joints=before.joints | {JOINT_NAMES[0]: 0.3}),
+        replace(before, T_base_camera=T),
+        replace(before, T_base_board=np.eye(4)),
+    ]
+    for other in others:
+        assert renderer.picture(before) is not renderer.picture(other)
 
 
 def test_the_drawing_for_a_person_shows_the_same(renderer: Renderer) -> None:
