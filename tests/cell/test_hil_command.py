@@ -16,6 +16,7 @@ import pytest
 from cell.campaigns.hil.script import Script
 from cell.campaigns.hil.script_run import ScriptResult
 from cell.commands.main import main
+from cell.record.run_record import NOTHING_LOST, read_record
 from tests.runs import decided_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -49,9 +50,15 @@ def test_hil_reports_passing_scripts_and_a_failing_one(tmp_path: Path, capsys: p
     assert "the button" in stopped["broken"][0] and "never happened" in stopped["broken"][1]
     for script in figures["scripts"]:
         folder = Path(script["run_dir"])
-        assert (folder / "report.html").exists()
+        files, record = {path.name for path in folder.iterdir()}, read_record(folder)
+        assert {"cell.yaml", "report.html", "result.json", "run.rrd"} <= files, "every end of a run writes them"
+        assert record is not None and record.recording == NOTHING_LOST
         again = decided_again(folder.parent, folder.name)
         assert again.same and again.broken_off is None, "replay repeats the actions of a script"
+        if script is aborted:
+            (half, *_) = record.steps
+            assert not half.done and half.accepted is None, "the fold was not inspected"
+            assert half.source, "the attempted trajectory is reported nevertheless"
     assert json.loads((Path(figures["directory"]) / "hil.json").read_text()) == {
         k: v for k, v in figures.items() if k != "directory"
     }

@@ -1,6 +1,7 @@
 """Faults in whole runs: each is detected, recovered within limits, and ends in a declared and safe state.
 
-An operator's abort ends most runs as soon as the tested behaviour has occurred.
+An operator's abort ends most runs as soon as the tested behaviour has occurred. The scripts of tests/hil show more
+faults.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from cell.states.recovery_table import Adjustment
 from cell.states.transition_table import Effect, Event
 from robots.baxter.robot import load_model
 from robots.errors import Failure, FailureKind
-from robots.ports import Ports, Side
+from robots.ports import Ports
 from skills.motion.moves.fold import plan_fold_motion
 from skills.trajectory.search.optimise import optimise_fold
 from skills.vocabulary import Outcome
-from tests.runs import PLAIN, Onlooker, decided_again, fold_request, once_folded_towel
+from tests.runs import Onlooker, decided_again, fold_request, once_folded_towel
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -84,52 +85,17 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
 # seeing
 
 
-def test_a_run_without_a_garment_ends_not_folded(tmp_path: Path) -> None:
+def test_a_broken_camera_is_retried_before_the_run_ends(tmp_path: Path) -> None:
+    """The camera breaks after the picture of the empty table, and keeps showing that table."""
     onlooker, request = Onlooker(), fold_request(tmp_path)
-    result = onlooker.fold(request, lambda ports: onlooker.inject(Fault(FaultKind.NO_GARMENT)))
-    assert (result.state, result.exit_code) == ("not_folded", 2)
-    assert result.failure.kind == "no_garment" and result.failure.hint
-    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN, Event.LOOK_AGAIN, Event.GIVE_UP]
-    assert onlooker.count(Effect.LOOK) == 3 and onlooker.count(Effect.APPROACH) == 0
-    assert onlooker.performed[-2][0] is Effect.MAKE_SAFE and parked(onlooker)
-
-
-@pytest.mark.parametrize("kind", [FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_SILENT])
-def test_a_broken_camera_is_retried_before_the_run_ends(kind: FaultKind, tmp_path: Path) -> None:
-    """The camera breaks after the picture of the empty table; a frozen one keeps showing that table."""
-    onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(Fault(kind))
+    freeze = Fault(FaultKind.CAMERA_FREEZE)
+    onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(freeze)
     result = onlooker.fold(request)
     assert (result.state, result.exit_code) == ("not_folded", 2)
     assert 1 <= onlooker.events(Effect.CHOOSE_RECOVERY).count(Event.LOOK_AGAIN) <= 4
-    expected = {FaultKind.CAMERA_FREEZE: {"camera_fault", "no_garment"}}.get(kind, {"camera_fault"})
-    assert set(onlooker.kinds()) <= expected and result.failure.kind in expected
+    expected = {"camera_fault", "no_garment"}
+    assert set(onlooker.kinds()) <= expected and result.failure.kind in expected and result.failure.hint
     assert onlooker.count(Effect.APPROACH) == 0 and parked(onlooker)
-
-
-def test_a_recovered_camera_is_used_again(tmp_path: Path) -> None:
-    onlooker, request = Onlooker(), fold_request(tmp_path)
-    onlooker.after[Effect.AWAIT_GARMENT] = lambda ports, commands, n: onlooker.inject(
-        Fault(FaultKind.CAMERA_BLACK, duration=0.9)
-    )
-    onlooker.after[Effect.PLAN_FOLDS] = abort
-    onlooker.fold(request)
-    assert onlooker.events(Effect.RECOGNISE) == [Event.FAILED, Event.DONE]
-    assert onlooker.events(Effect.CHOOSE_RECOVERY) == [Event.LOOK_AGAIN]
-
-
-def test_a_camera_failure_during_a_fold_changes_neither_the_fold_nor_its_inspection(tmp_path: Path) -> None:
-    """Pictures during a fold are for the recording only. Afterwards the folded garment is inspected and not
-    recognised as a smaller flat one."""
-    onlooker, request = Onlooker(), fold_request(tmp_path, {"recorder": {"key_frames": 6}, **PLAIN})
-    onlooker.after[Effect.LIFT] = lambda ports, commands, n: onlooker.inject(
-        Fault(FaultKind.CAMERA_SILENT, duration=6.0)
-    )
-    onlooker.after[Effect.INSPECT] = abort
-    onlooker.fold(request)
-    assert onlooker.events(Effect.FOLD) == [Event.DONE]
-    assert onlooker.events(Effect.CHOOSE_RECOVERY)[0] is Event.LOOK_AFTER
-    assert onlooker.events(Effect.INSPECT) == [Event.NEXT_FOLD]
 
 
 def test_the_empty_table_is_photographed_after_a_camera_recovers(tmp_path: Path) -> None:
@@ -222,33 +188,6 @@ def test_an_unreachable_fold_uses_the_other_variant_of_the_plan(
     assert again.same and again.broken_off is None, "the replay chooses the other variant too"
 
 
-# gripping
-
-
-def test_a_missed_grasp_is_detected_and_retried(tmp_path: Path) -> None:
-    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
-    onlooker.after[Effect.GRASP] = lambda ports, commands, n: abort(ports, commands, n) if n == 2 else None
-    fault = Fault(FaultKind.MISSED_GRASP, side=Side.LEFT, grasp=1)
-    result = onlooker.fold(request, lambda ports: onlooker.inject(fault))
-    assert onlooker.kinds()[0] == "missed_grasp"
-    at = onlooker.performed.index((Effect.GRASP, Event.FAILED))
-    following = [effect for effect, _ in onlooker.performed[at + 1 : at + 7]]
-    assert following == [
-        Effect.CLEAR, Effect.CHOOSE_RECOVERY, Effect.PLAN_MOTION, Effect.CHECK_PLACE, Effect.APPROACH,
-        Effect.GRASP,
-    ]  # fmt: skip
-    assert onlooker.events(Effect.GRASP) == [Event.FAILED, Event.DONE], "the second grasp holds"
-    assert result.steps[0].recoveries == ("missed_grasp -> grasp_again (lower)",)
-    assert result.steps[0].attempts == 2
-    assert not result.steps[0].done and result.steps[0].accepted is None, "the fold was not inspected"
-    assert result.steps[0].source, "the attempted trajectory is reported nevertheless"
-    assert (result.state, result.exit_code) == ("not_folded", 2)
-    assert result.failure.kind == "aborted", "the missed grasp was recovered, so it is not the reason of the end"
-    assert parked(onlooker), "after an abort with cloth in the hands, the hands open and the arms park"
-    again = decided_again(request.logs)
-    assert again.same and again.broken_off is None, "the replay repeats the recovery and the abort"
-
-
 # laying back
 
 
@@ -298,34 +237,6 @@ def test_cloth_in_the_hands_is_laid_back_when_the_joint_state_is_lost_for_a_seco
 # stop
 
 
-def test_a_stop_during_a_fold_holds_the_arms(tmp_path: Path) -> None:
-    onlooker, request = Onlooker(), fold_request(tmp_path, garment="medium_towel", record=True)
-    stopped_at: list[float] = []
-    began: list[float] = []
-
-    def press(ports: Ports, effect: Effect, t: float) -> None:
-        if effect is not Effect.FOLD or stopped_at:
-            return
-        began.append(t)
-        if t - began[0] > 1.0:
-            ports.stop.trigger("the button")
-            stopped_at.append(t)
-
-    onlooker.at_set_point = press
-    result = onlooker.fold(request)
-    assert (result.state, result.result, result.exit_code) == ("stopped", "not_folded", 2)
-    assert result.failure.kind == "stopped" and "the button" in result.failure.what
-    assert onlooker.set_points[-1].t == stopped_at[0], "no set-point follows the stop"
-    assert onlooker.performed[-2:] == [(Effect.FOLD, Event.FAILED), (Effect.HOLD, Event.DONE)]
-    assert max(onlooker.openings) < 0.02, "the stop does not open the hands"
-    (ended,) = [e for e in told(request) if e.name == "fold" and e.kind == "result"]
-    assert ended.payload["kind"] == "stopped"
-    assert ended.cell_time - stopped_at[0] < 0.05
-    assert told(request)[-1].cell_time - stopped_at[0] < 1.0, "the run ends when the arms rest"
-    again = decided_again(request.logs)
-    assert again.same and again.broken_off is None and again.set_points == len(onlooker.set_points)
-
-
 def test_a_stop_ends_a_long_optimisation_promptly(tmp_path: Path) -> None:
     """The optimiser's threads stop computing, and their intermediate result is discarded."""
     onlooker = Onlooker()
@@ -360,17 +271,3 @@ def test_a_signal_stops_the_run_and_is_named_as_its_reason(
     assert number.name in result.failure.what
     assert signal.getsignal(number) is before, "the signal handler is restored"
     assert onlooker.performed[-1][0] is Effect.HOLD
-
-
-# the files of a run
-
-
-def test_an_aborted_run_has_a_recording_and_a_report(tmp_path: Path) -> None:
-    """Every end of a run writes recording and report."""
-    onlooker, request = Onlooker(), fold_request(tmp_path, PLAIN, record=True, record_truth=True)
-    onlooker.after[Effect.LOOK] = abort
-    result = onlooker.fold(request)
-    assert (result.state, result.exit_code, result.failure.kind) == ("not_folded", 2, "aborted")
-    folder = Path(result.run_dir)
-    assert {"cell.yaml", "report.html", "result.json", "run.rrd"} <= {p.name for p in folder.iterdir()}
-    assert result.recording.errors == ()
