@@ -32,6 +32,7 @@ import numpy as np
 from numba import njit
 
 from robots.ports import Array
+from skills.cloth.inner import inner
 
 __all__ = [
     "MODES",
@@ -119,7 +120,7 @@ def advance_set(law, hinge, x, pressure, seconds, side, parts, rest):
         rest[e] = 2.0 * np.sin(0.5 * total) * law.length[e]
 
 
-@njit(nogil=True)
+@inner()
 def _angle(x, a, b, c, d):
     """Return the signed angle [rad] of the hinge at edge a-b; the sign is that of `measure_turns`."""
     ex, ey, ez = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
@@ -132,7 +133,7 @@ def _angle(x, a, b, c, d):
     return np.arctan2(sin, cos)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def aim_hinges(n, which, hinge, weight, axis, turn, rest, side, x, target):
     """Write to target (n, 3) the vector that K x is at rest, for each of the hinges which[:n]. `measure_turns` has
     to be called before. The vector has the direction of the present K x, so that the elastic force exerts no

@@ -31,10 +31,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.cloth.inner import inner
 from skills.cloth.mesh import ClothMesh
 from skills.cloth.simd.f64x4 import FOUR, dots, ends, gather_f64x4, load_f64x4, splat_f64x4, where_above
 from skills.cloth.simd.vec3 import dot, load, spread, store, vector
@@ -313,17 +313,17 @@ def _stencils(mesh: ClothMesh) -> tuple[Array, Array]:
     return weight, areas
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _load_four(x, i):
     return load(x, i[0]), load(x, i[1]), load(x, i[2]), load(x, i[3])
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _apart(p, q):
     return q[0] - p[0], q[1] - p[1], q[2] - p[2], q[3] - p[3]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _store_four(x, i, p, share, d):
     """Store p + share * d in rows i of x, for four rows."""
     a, b, c, e = spread(share)
@@ -333,7 +333,7 @@ def _store_four(x, i, p, share, d):
     store(x, i[3], p[3] + e * d[3])
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
     """Do one sweep over the packed edges (sleep.py): four edges of a batch (`colour_batches`) together, the
     remaining edges of the batch one by one. batch_start: the start of each batch, then the end of the last one;
@@ -368,7 +368,7 @@ def solve_edges(batch_start, edge, inverse_square, wi, wj, x):
             k += single
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def measure_bends(n, hinge, weight, stiffen, sharpest, x, ratio):
     """Compute the factor on the correction of each of the first n packed hinges, 1 / (1 - g sin^2(a / 2)) for a
     hinge bent by the angle a (`bend_stiffening`). It comes from the positions, not from the extrapolated positions
@@ -380,7 +380,7 @@ def measure_bends(n, hinge, weight, stiffen, sharpest, x, ratio):
         ratio[k] = 1.0 / (1.0 - min(stiffen[k] * dot(r, r), sharpest))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def solve_hinges(n, hinge, weight, part, ratio, x):
     """Do one sweep over the first n packed hinges. part: w K / (sum w K^2 + compliance / h^2) of each vertex;
     ratio: see `measure_bends`."""
@@ -397,7 +397,7 @@ def solve_hinges(n, hinge, weight, part, ratio, x):
         store(x, d, pd - sd * r)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
     """Measure the turn, 2 sin(angle / 2), of the hinges which[:n], and its gradient at their vertices.
 
@@ -438,7 +438,7 @@ def measure_turns(n, which, hinge, soft, w, x, axis, foot, turn, inverse):
         inverse[k] = 1.0 / (TOGETHER * moved + soft[e])
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def bending_friction_moments(
     n, which, hinge, near, share, limit, axis, foot, turn, inverse, slip, held, x, moment
 ):
@@ -475,7 +475,7 @@ def bending_friction_moments(
         moment[k] = g
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment, grow, w, target, x):
     """Do the sweep of `solve_hinges` with friction and set. Each hinge is first bent by `grow` times its friction
     moment and then solved. Friction and elasticity thus balance where cloth stays bent. In two separate sweeps,
@@ -500,7 +500,7 @@ def solve_hinges_with_friction(n, hinge, weight, part, ratio, axis, foot, moment
         store(x, d, xd - part[k, 3] * r)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def damp_edges(batch_start, edge, rate, w, x, v):
     """Reduce the speed at which the ends of each edge separate or approach by the share `rate`; momentum is
     conserved. Four edges are processed together, as in `solve_edges`."""

@@ -5,12 +5,13 @@ hard."""
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from skills.cloth.inner import inner
 
 CLOSING = 0.12  # [s] time in which a closing pinch draws the cloth to the middle of the pads
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def hold(
     points, age, owner, vertex, bary, offset, height, impulse, soft, x, wa, since, position0, rotation0, position1,
     rotation1, a, pose
@@ -29,7 +30,7 @@ def hold(
         _hold_line(hand, points[hand], pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, height, owner, impulse):
     """Hold the `count` points of one hand. Several layers are held as a stack with fixed distances. The stack
     turns freely, like a hinge, about the held line, which is parallel to the tool's x axis at the mean height of
@@ -76,7 +77,7 @@ def _hold_line(hand, count, pose, ramp, soft, x, wa, vertex, bary, offset, heigh
             impulse[hand, d] -= g
 
 
-@njit(nogil=True)
+@inner()
 def release_overloaded(holds):
     """Release the cloth of each hand whose pinch force exceeds its limit."""
     for hand in range(2):

@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from skills.cloth.inner import inner
 from skills.cloth.simd.vec3 import dot, load, store, vector
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
     """Predict positions x after a substep of h [s] under gravity and air drag alone, and save the old positions in
     xp."""
@@ -27,7 +27,7 @@ def integrate(count, awake, h, drag, max_speed, gravity, x, xp, v):
         store(x, i, place + h * speed)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def extrapolate(count, awake, g, x, xp, u):
     """Compute u = x + g (x - xp). In terms of u, a damped constraint has the form of an undamped one."""
     for c in range(count):
@@ -36,7 +36,7 @@ def extrapolate(count, awake, g, x, xp, u):
         store(u, i, place + g * (place - load(xp, i)))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def undo_extrapolation(count, awake, g, x, xp, u):
     """Compute x from u and xp, the inverse of `extrapolate`."""
     scale = 1.0 / (1.0 + g)
@@ -45,7 +45,7 @@ def undo_extrapolation(count, awake, g, x, xp, u):
         store(x, i, scale * (load(u, i) + g * load(xp, i)))
 
 
-@njit(nogil=True)
+@inner()
 def restore_positions(first, end, awake, x, xp):
     """Reset the vertices awake[first:end] to their positions at the beginning of the substep."""
     for c in range(first, end):
@@ -53,7 +53,7 @@ def restore_positions(first, end, awake, x, xp):
         store(x, i, load(xp, i))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def update_velocities(count, awake, h, x, xp, v):
     """Compute the velocities v = (x - xp) / h."""
     inv_h = 1.0 / h

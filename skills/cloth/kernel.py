@@ -80,7 +80,7 @@ COMPILED = (
     "broad_phase/cluster_bounds.py", "broad_phase/cluster_search.py", "broad_phase/pairs.py", "clusters.py",
     "contact/capsules.py", "contact/contact_order.py", "contact/contacts.py", "contact/corners.py",
     "contact/edge_edge.py", "contact/ridges.py", "contact/table.py", "contact/vertex_sides.py",
-    "contact/vertex_triangle.py", "crease_set.py", "elasticity.py", "held_cloth.py", "integrate.py",
+    "contact/vertex_triangle.py", "crease_set.py", "elasticity.py", "held_cloth.py", "inner.py", "integrate.py",
     "intersections/crossings.py", "intersections/resolve.py", "kernel.py", "simd/f32x16.py", "simd/f64x4.py",
     "simd/f64x8.py", "simd/i32x16.py", "simd/registers.py", "simd/vec3.py", "sleep.py", "state.py",
 )  # fmt: skip
@@ -302,7 +302,7 @@ def _compile(sources: str) -> Callable[..., int]:
         return DONE
 
     run_frames.__qualname__ = f"run_frames_{sources[:12]}"
-    return njit(cache=True, nogil=True)(run_frames)
+    return njit(cache=True, nogil=True, no_cfunc_wrapper=True)(run_frames)  # type: ignore[call-overload]
 
 
 SOURCES = _fingerprint()

@@ -12,9 +12,9 @@ sweeps; its positions are restored afterwards.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.contact.capsules import squared_distance
+from skills.cloth.inner import inner
 from skills.cloth.simd.f64x4 import gather_f64x4
 from skills.cloth.simd.vec3 import load, members, store
 from skills.cloth.state import ACTIVE, AWAKE, EDGES, HINGES, MOVABLE, PACKED, SEARCHED, WATCHED
@@ -27,7 +27,7 @@ FRINGE = 2  # width of the fringe of sleeping vertices around awake ones, in rin
 NEAR_CAPSULE = 0.02  # [m] cloth nearer to a moving capsule is awake
 
 
-@njit(nogil=True)
+@inner()
 def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f):
     """Decide at the beginning of frame f which vertices are awake. Vertices that moved stay awake. They wake two
     rings of neighbours and the vertices that they touch. Quiet vertices fall asleep."""
@@ -78,7 +78,7 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
         count[SEARCHED] = 0
 
 
-@njit(nogil=True)
+@inner()
 def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, frames, stirred):
     """Mark in `stirred` the awake vertices that are not quiet, and move their reference points to their present
     positions. A vertex is not quiet if it left its reference point, or if it gains speed (its step in this frame
@@ -102,7 +102,7 @@ def _find_moving(index, n_awake, x, ref, last, quiet, kept, still, distance, fra
                 ref[i, m] = x[i, m]
 
 
-@njit(nogil=True)
+@inner()
 def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
     for k in range(len(cap_r)):
         travel = 0.0
@@ -117,7 +117,7 @@ def _stir_by_capsules(x, stirred, cap_p0, cap_p1, cap_r, f):
                 stirred[i] = True
 
 
-@njit(nogil=True)
+@inner()
 def _stir_by_contact(n, contact_vertices, stirred, near):
     for c in range(n):
         i, j, k, m = contact_vertices[c, 0], contact_vertices[c, 1], contact_vertices[c, 2], contact_vertices[c, 3]
@@ -125,7 +125,7 @@ def _stir_by_contact(n, contact_vertices, stirred, near):
             near[i] = near[j] = near[k] = near[m] = True
 
 
-@njit(nogil=True)
+@inner()
 def _grow(start, ring, near, rings):
     """Mark the neighbours of the marked vertices, `rings` times."""
     one, marked = np.uint64(1), np.empty(len(near) + 1, np.uint32)
@@ -145,7 +145,7 @@ def _grow(start, ring, near, rings):
         begin = last
 
 
-@njit(nogil=True)
+@inner()
 def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awake, wa, w):
     """Wake the vertices marked in `near`, and put to sleep those that were quiet for `sleep_frames`. Returns
     (changed, woke): changed is true if any vertex woke or fell asleep."""
@@ -169,7 +169,7 @@ def _settle(sleep_frames, near, x, xp, u, v, ref, last, turned, quiet, kept, awa
     return changed, woke
 
 
-@njit(nogil=True)
+@inner()
 def pack(body, state):
     """List the awake vertices, followed by their fringe. Also list the constraints that contain any of these
     vertices, with the shares of their ends (the packed edges and hinges). Vertices of the fringe count with their
@@ -204,7 +204,7 @@ def pack(body, state):
     count[PACKED] = 1
 
 
-@njit(nogil=True)
+@inner()
 def _pack_edges(
     edge, batch_start, inverse, inverse_square, damping, free, to_edge, to_batch_start, to_inverse_square, to_wi,
     to_wj, to_rate
@@ -225,7 +225,7 @@ def _pack_edges(
     return n
 
 
-@njit(nogil=True)
+@inner()
 def _pack_hinges(hinge, inverse, weight, stiffen, free, which, to_hinge, to_weight, to_part, to_stiffen):
     """List the hinges that have a free vertex; which: their indices. Returns their number."""
     n = np.uint64(0)
@@ -243,7 +243,7 @@ def _pack_hinges(hinge, inverse, weight, stiffen, free, which, to_hinge, to_weig
     return n
 
 
-@njit(nogil=True)
+@inner()
 def _watch(corner, start, awake, moving, watched):
     """List the clusters with a corner that is awake or predicted to move. Returns their number."""
     n = 0

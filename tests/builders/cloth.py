@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numba import njit
 
 from robots.ports import Array
 from skills.cloth.elasticity import shuffled
@@ -14,13 +16,19 @@ from skills.cloth.solver import ClothSimulation
 from skills.plane import rotation
 from skills.vocabulary import Material
 
-__all__ = ["COTTON", "EVERY_EDGE", "crease_angles", "straight", "turned"]
+__all__ = ["COTTON", "EVERY_EDGE", "call", "crease_angles", "straight", "turned"]
 
 EVERY_EDGE = np.float32(2.0)  # cosine from which an edge is a ridge, so that every edge is one
 COTTON = Material(
     areal_mass=0.3, stretch_fraction=0.02, bending_length=0.016, thickness=0.003, friction_static=0.6,
     friction_dynamic=0.55, friction_layers=0.5,
 )  # fmt: skip
+
+
+@njit(nogil=True)
+def call(inner: Any, *arguments: Any) -> Any:
+    """Call a function that only compiled code can call (skills/cloth/inner.py)."""
+    return inner(*arguments)
 
 
 def turned(mesh: ClothMesh, angle: float) -> ClothMesh:

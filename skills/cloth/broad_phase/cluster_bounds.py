@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import int32, njit
+from numba import int32
 
 from skills.cloth.clusters import FAR
 from skills.cloth.contact.ridges import find_ridges
+from skills.cloth.inner import inner
 from skills.cloth.simd.f32x16 import (
     LANES,
     ctz,
@@ -37,7 +38,7 @@ ZERO, ONE, HALF, THIRD = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.f
 TINY, FLAT = np.float32(1e-20), np.float32(1e-6)
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+@inner(error_model="numpy", fastmath=True, forceinline=True)
 def _fit_box(first, last, place, course, slack, horizon, box, g, k):
     """Store the bounds of corners first to last - 1 along the axes in lane k of row g of `box`."""
     for d in range(3):
@@ -49,7 +50,7 @@ def _fit_box(first, last, place, course, slack, horizon, box, g, k):
         box[g, d + 3, k] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+@inner(error_model="numpy", fastmath=True, forceinline=True)
 def _fit_normals(k, ring, start, geo, normal):
     """Store the least and the largest components of the normals of the triangles in and beside cluster k."""
     x_lo = y_lo = z_lo = ONE
@@ -63,7 +64,7 @@ def _fit_normals(k, ring, start, geo, normal):
     normal[k, 3], normal[k, 4], normal[k, 5] = x_hi, y_hi, z_hi
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True, forceinline=True)
+@inner(error_model="numpy", fastmath=True, forceinline=True)
 def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
     """Store the mean normal of cluster k's triangles, and the bounds of corners first to last - 1 along this
     normal."""
@@ -81,7 +82,7 @@ def _fit_slab(geo, k, first, last, place, course, slack, horizon, slab):
     slab[k, 4] = HALF * (hi - lo) + horizon * HALF * (fast - slow) + slack
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _at(a, d, rows, at, later):
     """Return a register. Each lane reads one element of a[d], where a has the shape (3, n, LANES). The lane's
     value in `at`, modulo LANES, is the index of the element in its row. The row is rows[1] if the lane's bit in
@@ -89,13 +90,13 @@ def _at(a, d, rows, at, later):
     return where(later, permute(load_f32x16(a, d, rows[1]), at), permute(load_f32x16(a, d, rows[0]), at))
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _three_at(a, rows, at, later):
     """Call `_at` for each of the three coordinates."""
     return _at(a, 0, rows, at, later), _at(a, 1, rows, at, later), _at(a, 2, rows, at, later)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _fit_speeds(k, d, p, q, r, geo):
     """Store the velocity of the triangles' middles along axis d, from the velocities p, q and r of their corners.
     Returns the squared differences between p, q, r and this velocity."""
@@ -105,7 +106,7 @@ def _fit_speeds(k, d, p, q, r, geo):
     return p * p, q * q, r * r
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
     """Store the geometry of the triangles of cluster k. Its corners are in the two `rows` of place and course, (3,
     rows, LANES) each; both are the same row if the cluster has LANES corners."""
@@ -141,7 +142,7 @@ def _fit_triangles(k, tris, at, rows, place, course, slack, geo):
     store_f32x16(geo, k, 14, splat_f32x16(slack))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_edge(i, j, place, course, slack, geo, row, a):
     """Store the geometry of the edge between corners i and j in lane `a` of row `row` of `geo`."""
     length2 = differs = ZERO
@@ -156,7 +157,7 @@ def _fit_edge(i, j, place, course, slack, geo, row, a):
     geo[row, 12, a] = ONE / (length2 + TINY)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _fit_vertices(row, vertices, at, place, course, slack, geo):
     for a in range(LANES):
         if vertices[row, a] < 0:
@@ -167,7 +168,7 @@ def _fit_vertices(row, vertices, at, place, course, slack, geo):
         geo[row, 6, a] = slack
 
 
-@njit(nogil=True, error_model="numpy")
+@inner(error_model="numpy")
 def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon, everything, flat):
     """Update the geometry of the clusters for the time `horizon` [s] after the substep `now`. The predicted
     position of a corner is base + course x time since the substep `born`, where a substep lasts `span` [s].
@@ -221,7 +222,7 @@ def fit_clusters(clusters, base, course, slack, born, moving, now, span, horizon
     _fit_groups(box, len(moving), ahead, clusters.group)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner(error_model="numpy")
 def fit_ridges(clusters, course, slack):
     """Update the geometry of the ridges in the clusters that were fitted (`fit_clusters`) or whose ridges changed.
     The ridges of a cluster are packed in its first rows."""
@@ -253,7 +254,7 @@ def fit_ridges(clusters, course, slack):
         ridges[k] = n
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _differ(first, last, a, b):
     """Return whether two arrays differ in the rows first to last - 1."""
     found = False
@@ -262,7 +263,7 @@ def _differ(first, last, a, b):
     return found
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _beside_some(beside, start, which, k):
     """Return whether `which` is set for cluster k or a cluster beside it."""
     found = False
@@ -271,7 +272,7 @@ def _beside_some(beside, start, which, k):
     return found
 
 
-@njit(nogil=True, error_model="numpy")
+@inner(error_model="numpy")
 def _fit_groups(box, m, horizon, group):
     for g in range(len(group)):
         for d in range(3):

@@ -17,10 +17,11 @@ paper, made once per mesh in clusters.py).
 from __future__ import annotations
 
 import numpy as np
-from numba import int32, njit
+from numba import int32
 
 from skills.cloth.clusters import FAR, LEAF
 from skills.cloth.contact.contacts import RELEASE, edge_distance
+from skills.cloth.inner import inner
 from skills.cloth.simd.f32x16 import (
     LANES,
     expect_columns,
@@ -62,7 +63,7 @@ BEYOND = np.float32(FAR)
 NONE, SINGLE, TWO, WIDE = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(LANES)  # unsigned, for indices
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _smooth(normal, a, b):
     """Return whether all normals of clusters a and b lean in one direction (SMOOTH)."""
     lean = 0.0
@@ -75,7 +76,7 @@ def _smooth(normal, a, b):
     return lean > SMOOTH * np.sqrt(d2)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _boxes_near(box, h, own, near, horizon):
     """Return a mask of 16 bits: bit i is set if the box in lane i of row `h` of `box` may come within `near` [m]
     of the box `own`, (9,), at a time within +-horizon [s]."""
@@ -89,7 +90,7 @@ def _boxes_near(box, h, own, near, horizon):
     return mask_less_equal(gap, splat_f32x16(ZERO))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _points_within(geo, r, box, slab, b, near, horizon):
     """Return a mask of 16 bits: bit i is set if the point in lane i of row `r` may come within `near` [m] of the
     box and the slab of cluster b, within +-horizon [s]."""
@@ -111,7 +112,7 @@ def _points_within(geo, r, box, slab, b, near, horizon):
     return mask_less_equal(gap, load_f32x16(geo, r, 6))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _beyond(x, u, box, g, c, d, near, sweep):
     """Return the least distances along axis d of points from the box of cluster g x LANES + c within +-sweep [s],
     minus `near` [m]. x, u: positions and speeds of the points along this axis. A negative number means that the
@@ -120,7 +121,7 @@ def _beyond(x, u, box, g, c, d, near, sweep):
     return away - splat_f32x16(box[g, d + 3, c] + near)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _edges_within(geo, r, box, slab, b, near, horizon):
     """Return a mask of 16 bits: bit i is set if the edge in lane i of row `r` may come within `near` [m] of the
     box and the slab of cluster b, within +-horizon [s]."""
@@ -137,7 +138,7 @@ def _edges_within(geo, r, box, slab, b, near, horizon):
     return mask_less_equal(gap, load_f32x16(geo, r, 11) + sweep * load_f32x16(geo, r, 10))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _triangles_near(geo, b, points, r, c, near, horizon):
     """Return a mask of 16 bits: bit i is set if the triangle in lane i of cluster b may come within `near` [m] of
     the point in lane c of row `r`, within +-horizon [s]. The boxes and the planes of the triangles are tested."""
@@ -160,7 +161,7 @@ def _triangles_near(geo, b, points, r, c, near, horizon):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _edges_near(geo, r, c, other, near, horizon):
     """Return a mask of 16 bits: bit i is set if the edge in lane i of row `other` may come within `near` [m] of
     the edge in lane c of row `r`, within +-horizon [s] (closest points: Ericson 2005, 5.1.9)."""
@@ -200,7 +201,7 @@ def _edges_near(geo, r, c, other, near, horizon):
     return mask_less_equal(rx * rx + ry * ry + rz * rz, reach * reach + along + along)
 
 
-@njit(nogil=True)
+@inner()
 def search_pairs(clusters, thick, horizon, vt, ee):
     """Find all pairs of primitives, at least one of them in a stale cluster, that can come within the release
     distance in the time from -horizon to +horizon [s] around the fitted state. The result is complete provided
@@ -268,14 +269,14 @@ def search_pairs(clusters, thick, horizon, vt, ee):
     return _counted(n_vt, vt), _counted(n_ee, ee)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _counted(n, pairs):
     """Return n, or a number above the length of the list if the list is too short. Every write covers LANES rows,
     so the last LANES rows stay unused."""
     return np.int64(n) if np.int64(n) <= len(pairs) - LANES else len(pairs) + 1
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _leave_out_smooth(a, smooth, start, normal, left_out):
     """Set the bits in `left_out` of the clusters that form one smooth region with cluster a."""
     for k in range(start[a], start[a + 1]):
@@ -283,7 +284,7 @@ def _leave_out_smooth(a, smooth, start, normal, left_out):
         left_out[b // WIDE] |= int32(_smooth(normal, np.uint64(a), b)) << int32(b % WIDE)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _meeting(box, group, own, left_out, near, horizon, hit):
     """Write to `hit` the clusters that may meet a cluster with the bounds `own`, except those whose bit in
     `left_out` is set. Returns their number."""
@@ -302,7 +303,7 @@ def _meeting(box, group, own, left_out, near, horizon, hit):
     return n
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _put_down(which, of, m, r, bits, b):
     """For each set bit, append one test: the lane of row r (to `which`) against cluster b (to `of`), from index m
     on. Returns the index after the last test."""
@@ -311,7 +312,7 @@ def _put_down(which, of, m, r, bits, b):
     return m + popcount(bits)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _near_triangles(
     a, hit, met, vertex, start, geo, face, tri_geo, box, slab, near, horizon, which, of, found, vt, n
 ):  # fmt: skip
@@ -342,13 +343,13 @@ def _near_triangles(
     return n
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _rows(n):
     """Return the number of rows that n lanes fill."""
     return np.uint64(n + (LANES - 1)) // WIDE
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inner(error_model="numpy", forceinline=True)
 def _near_edges(a, hit, met, ridges, ridge_edge, start, geo, box, slab, near, horizon, which, of, found, ee, n):
     """Append pairs of ridges of cluster a with ridges of clusters hit[:met]. Returns the number of pairs."""
     m, room, last = NONE, np.uint64(TESTS - ROOM), np.uint64(len(ee) - LANES)

@@ -5,12 +5,12 @@ impulses from old pairs to new ones."""
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.broad_phase.cluster_bounds import fit_clusters, fit_ridges
 from skills.cloth.broad_phase.cluster_search import search_pairs
 from skills.cloth.contact.contacts import PARKED
 from skills.cloth.contact.ridges import note_ridges, stay_ridges
+from skills.cloth.inner import inner
 from skills.cloth.simd.vec3 import load, store
 from skills.cloth.state import EE, FITTED, NOW, PACE, SEARCHED, SEARCHES, VT, WATCHED
 
@@ -28,7 +28,7 @@ ROOMY = 8  # places in the hash table per pair, so that few pairs collide
 RENEW = 4
 
 
-@njit(nogil=True)
+@inner()
 def needs_search(body, parameters, state):
     """Return whether pairs may be missing from the lists, so that a search is necessary."""
     count = state.counts
@@ -52,7 +52,7 @@ def needs_search(body, parameters, state):
     return must or count[SEARCHED] == 0
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, slack, born, moving, expired):
     """Return whether a cluster left its predicted course, or whether its course runs out within the next `pace`
     substeps, for which contacts are made now. Mark the clusters for which this is true, or nearly true
@@ -75,7 +75,7 @@ def _expire(now, pace, phase, h, n, watched, corner, start, x, base, course, sla
     return must
 
 
-@njit(nogil=True)
+@inner()
 def search(body, parameters, state, pairs):
     """Search the pairs of stale clusters again; pairs that are near keep their side. Returns False if a list is
     too small; in this case, no pair has changed."""
@@ -140,7 +140,7 @@ def search(body, parameters, state, pairs):
     return True
 
 
-@njit(nogil=True)
+@inner()
 def _have_room(n_new, n, pair, stale, of_first, of_second):
     """Return whether n_new pairs fit into the list after removal of the pairs of stale clusters from its first n
     pairs."""
@@ -151,7 +151,7 @@ def _have_room(n_new, n, pair, stale, of_first, of_second):
     return n_new <= room
 
 
-@njit(nogil=True)
+@inner()
 def _foresee(
     now, calm_slack, corner, start, x, v, awake, still, turned, expired, base, course, slack, born, moving, stale
 ):  # fmt: skip
@@ -175,7 +175,7 @@ def _foresee(
         slack[k] = SLACK if moving[k] else calm_slack
 
 
-@njit(nogil=True)
+@inner()
 def _renew(
     count, now, stale, of_first, of_second, pair, mark, due, borne, normal, n_new, new, width, scratch, memory,
     kept_normal, free, key, row
@@ -224,7 +224,7 @@ def _renew(
     return n
 
 
-@njit(nogil=True)
+@inner()
 def _note(pair, n, width, key, row):
     """Build a hash table (linear probing) that maps the key first * width + second of each of n pairs to its row.
     Returns the shift of the hash function. In places without a key, row is 0."""
@@ -240,7 +240,7 @@ def _note(pair, n, width, key, row):
     return shift
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _find(k, key, shift):
     """Return the place of key k in the table, or else the empty place for it (multiplicative hashing, Knuth
     6.4)."""

@@ -4,15 +4,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from skills.cloth.inner import inner
 from skills.cloth.state import EDGES
 
 PUSH_SPEED = 0.6  # [m/s] largest speed at which cloth inside a capsule is pushed out
 CAPSULE_FRICTION = 0.3
 
 
-@njit(nogil=True)
+@inner()
 def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
     """Return (m, 2): the pairs of a capsule and a packed edge (sleep.py) that can meet within frame f."""
     found = [(0, 0)]
@@ -39,7 +39,7 @@ def near_capsules(parameters, state, cap_p0, cap_p1, cap_r, f):
     return out
 
 
-@njit(nogil=True)
+@inner()
 def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, wa):
     """Push edges, and thus vertices, away from capsules. The motion of the capsules is given; an edge is pushed if
     it comes nearer than `near` [m] to the surface of a capsule. busy: (m, 2) capsule and edge. The ends of the
@@ -61,7 +61,7 @@ def push_by_capsules(busy, a, a0, p0, q0, p1, q1, radius, near, h, edge, x, xp, 
         _push_out(x, xp, wa, i, j, s, c, c0, radius[k] + near, h)
 
 
-@njit(nogil=True)
+@inner()
 def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
     """Move the point (1 - s) i + s j of edge i-j out of a ball of radius `reach` around c, with friction. The
     centre of the ball moved from c0 to c in this substep."""
@@ -97,7 +97,7 @@ def _push_out(x, xp, wa, i, j, s, c, c0, reach, h):
         x[j, m] += wa[j] * s * g
 
 
-@njit(nogil=True)
+@inner()
 def _closest_free(x, i, j, p, q):
     """Return the parameters (s, t), from 0 to 1, of the closest points of edge i-j and segment p-q."""
     a = e = f = c = b = 0.0
@@ -122,7 +122,7 @@ def _closest_free(x, i, j, p, q):
     return s, t
 
 
-@njit(nogil=True)
+@inner()
 def squared_distance(x, i, p, q):
     """Return the squared distance of vertex i from segment p-q."""
     ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]

@@ -10,8 +10,8 @@ contacts one by one.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from skills.cloth.inner import inner
 from skills.cloth.simd.f64x8 import EIGHT
 from skills.cloth.simd.vec3 import members
 
@@ -22,7 +22,7 @@ __all__ = ["PARTS", "group_contacts", "take_turns"]
 PARTS = 4
 
 
-@njit(nogil=True)
+@inner()
 def take_turns(n, contact_vertices, taken, turn, level, first):
     """Find an order in which successive contacts seldom share a vertex, so that a contact need not wait for the
     writes of another contact. Contacts that share a vertex keep their order. turn: (n,) the contacts in the new
@@ -48,7 +48,7 @@ def take_turns(n, contact_vertices, taken, turn, level, first):
         first[own] += np.uint32(1)
 
 
-@njit(nogil=True)
+@inner()
 def group_contacts(n, contact_vertices, taken, order, filled):
     """Put the contacts into groups of up to EIGHT contacts without a common vertex; a sweep solves a group
     together. Contacts that share a vertex keep the order of the interleaved list, which takes one contact from

@@ -29,9 +29,9 @@ and the velocities would form a loop of two integrators, which oscillates.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
+from skills.cloth.inner import inner
 from skills.cloth.simd.f64x8 import (
     EIGHT,
     add_shares,
@@ -80,7 +80,7 @@ OVERLAP_SPEED = 0.4  # [m/s] greatest speed of this release
 NORMAL, GAP, INVERSE, APART, BORNE, OF_LATE, PLACES = 0, 3, 4, 5, 8, 11, 14
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def expect_places(block):
     """Check that a block has PLACES registers per group, so that the compiler can compute offsets from
     constants."""
@@ -88,13 +88,13 @@ def expect_places(block):
         raise ValueError("not blocks of so many registers")
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def load_three(block, g, place):
     """Load a vector for each contact of a group: the three registers of coordinates that begin at `place`."""
     return load_f64x8(block, g, place), load_f64x8(block, g, place + 1), load_f64x8(block, g, place + 2)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def store_three(block, g, place, a):
     """Store three registers of coordinates, the reverse of `load_three`."""
     store_f64x8(block, g, place, a[0])
@@ -114,7 +114,7 @@ def phase_length(h: float, substeps: int) -> int:
     return max(fitting, default=PHASE)
 
 
-@njit(nogil=True)
+@inner()
 def next_narrow_phase(s, substeps, phase, pace, way):
     """Return the substep of the next narrow phase, and its pace: the number of substeps for which its contacts
     will be valid. The contacts of the present narrow phase, in substep s, are valid for `pace` substeps. way:
@@ -124,20 +124,20 @@ def next_narrow_phase(s, substeps, phase, pace, way):
     return min(s + step, on_grid, substeps), max(step, phase)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def is_due(due, now, pace):
     """Return whether a pair has to be examined in this narrow phase, because the next one would be too late."""
     return due < now + pace
 
 
-@njit(nogil=True)
+@inner()
 def later(now, pace, free, reach):
     """Return the substep in which a pair is to be examined again. The pair has to approach by `free` [m] to touch,
     and can approach by `reach` [m] in `pace` substeps."""
     return now + pace * (1 + int(min(max(free - reach, 0.0) / reach, MAX_WAIT)))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def release_overlaps(
     n,
     turn,
@@ -174,7 +174,7 @@ def release_overlaps(
         store(x, m, load(x, m) + sm)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def apply_impulses(n, turn, contact_vertices, contact_mobilities, contact_impulses, x):
     """Apply the mean impulses of the contacts at the beginning of a substep. Branch-free."""
     for place in range(np.uint64(n)):
@@ -188,7 +188,7 @@ def apply_impulses(n, turn, contact_vertices, contact_mobilities, contact_impuls
         store(x, m, load(x, m) + sm * borne)
 
 
-@njit(nogil=True)
+@inner()
 def room_for_groups(n):
     """Return uninitialised arrays for n groups: member, weight, share and block (see `lay_out`)."""
     member = np.empty((n * EIGHT, 4), np.uint32)
@@ -196,7 +196,7 @@ def room_for_groups(n):
     return member, weight, share, blocks(n, PLACES)
 
 
-@njit(nogil=True)
+@inner()
 def lay_out(
     groups,
     order,
@@ -232,7 +232,7 @@ def lay_out(
         store_three(block, g, OF_LATE, of_late)
 
 
-@njit(nogil=True)
+@inner()
 def measure_sides(groups, member, weight, block, xp):
     """Store in APART the separation of the two sides of each contact at the beginning of the substep, as a
     vector."""
@@ -241,7 +241,7 @@ def measure_sides(groups, member, weight, block, xp):
         store_three(block, g, APART, gather(xp, member, weight, g))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def solve_contacts(groups, order, filled, member, weight, share, block, x, friction, back, tolerance, work):
     """Do one sweep over the groups of contacts, in reverse order if `back` is set, with Coulomb friction. The
     sweep keeps the two sides of a contact at least the contact distance apart, or their distance at the beginning
@@ -291,7 +291,7 @@ def solve_contacts(groups, order, filled, member, weight, share, block, x, frict
     return moved
 
 
-@njit(nogil=True)
+@inner()
 def average_impulses(groups, order, block, contact_impulses):
     """Update each contact's mean impulse with its impulse in this substep; the next substep begins with the
     mean."""
@@ -306,7 +306,7 @@ def average_impulses(groups, order, block, contact_impulses):
         scatter(contact_impulses, order, g, x, y, z)
 
 
-@njit(nogil=True)
+@inner()
 def remember_impulses(n_vt, n, contact_pairs, contact_impulses, vt_j, ee_j):
     """Store the impulses of the contacts with their pairs, for the next narrow phase."""
     for c in range(n):

@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.contact.contacts import GIVE_UP, LEAST_SHARE, PARKED, RELEASE, STRAY, later
 from skills.cloth.contact.vertex_triangle import find_due
+from skills.cloth.inner import inner
 from skills.cloth.simd.vec3 import cross, dot, load, store, vector
 
 # sin^2 of an angle: two edges at a smaller angle count as parallel, and vertex-triangle contacts keep them apart
 NEAR_PARALLEL = 0.02
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _closest_on_segments(a, b, r):
     """Return the parameters (s, t), from 0 to 1, of the closest points of two segments along the vectors a and b;
     r is the vector from the start of the second segment to the start of the first (Ericson 2005, 5.1.9)."""
@@ -30,7 +30,7 @@ def _closest_on_segments(a, b, r):
     return s, t
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _sided(c, n, d, near, normal, release, give_up):
     """Return the normal and the gap of two crossing edges on their remembered side. Also updates what is
     remembered for pair c: near[c] and normal[c]."""
@@ -47,7 +47,7 @@ def _sided(c, n, d, near, normal, release, give_up):
     return n, d
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def narrow_edge_edge(count, n, now, pace, h, thick, edge, rim, x, v, w, pairs):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
     from row n on. Returns the number of rows, including the first n, and the largest distance that one of these

@@ -17,9 +17,9 @@ it one frame late. Until then, vertex-triangle contacts keep it apart from other
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.contact.contacts import edge_distance
+from skills.cloth.inner import inner
 from skills.cloth.simd.f32x16 import LANES
 
 __all__ = ["find_ridges", "flat_cosine", "note_ridges", "stay_ridges"]
@@ -35,7 +35,7 @@ def flat_cosine(thickness: float, edge: float) -> float:
     return float(np.cos(min(MOST_ANGLE, SHARE * 4.0 * (thickness - edge_distance(thickness)) / edge)))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def find_ridges(row, edges, beside, geo, flat):
     """Return a bit mask: bit i is set if the edge in lane i of the row is a ridge. beside: (rows, 2, LANES) the
     triangles beside the edges, as cluster x LANES + lane; geo: (clusters, 15, LANES), with normals in rows 6 to 8
@@ -49,7 +49,7 @@ def find_ridges(row, edges, beside, geo, flat):
     return bits
 
 
-@njit(nogil=True)
+@inner()
 def stay_ridges(n, pair, near, at, ridge):
     """Mark the edges of near pairs as ridges, so that these pairs keep their normals and impulses."""
     for c in range(n):
@@ -59,7 +59,7 @@ def stay_ridges(n, pair, near, at, ridge):
                 ridge[slot // LANES] |= np.int32(1 << (slot % LANES))
 
 
-@njit(nogil=True)
+@inner()
 def note_ridges(stale, start, ridge, searched, expired):
     """Record in `searched` (rows,) the ridges with which stale clusters were searched. Mark the other clusters
     that have ridges not yet recorded as `expired`, so that they are included in the next search. An edge that is

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from skills.cloth.inner import inner
 from skills.cloth.simd.vec3 import load, store, vector
 
 LOW = 0.004  # [m] vertices that are higher than this above their rest height cannot reach the table in a substep
@@ -16,7 +16,7 @@ SUNK_SHARE, SUNK_SPEED = 0.2, 0.1
 SLIDING = 0.02  # [m/s] speed from which friction with the table is fully dynamic
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press, low, floor, friction):
     """List in `low` the vertices of awake[:count] that contacts of this substep may press onto the table, in
     `floor` their lowest heights, and in `friction` the table's friction coefficient for each. The coefficient
@@ -39,7 +39,7 @@ def find_low(count, awake, thickness, mu_static, mu_dynamic, h, x, xp, v, press,
     return n
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def press_on_table(count, low, rest, floor, friction, x, xp, press):
     """Lift vertices that are below their lowest height `floor` up to it, with Coulomb friction of the table (the
     plane z = 0); vertices of a single layer rest at z = `rest`. The function is called before each sweep over the

@@ -10,7 +10,6 @@ then reduced until each vertex meets each sheet once; only the remaining rows be
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.contact.contacts import LEAST_SHARE, PARKED, is_due
 from skills.cloth.contact.corners import common_corner
@@ -34,6 +33,7 @@ from skills.cloth.contact.vertex_sides import (
     WITHIN,
     judge_sides,
 )
+from skills.cloth.inner import inner
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.simd.f64x8 import blocks
 from skills.cloth.simd.vec3 import load, store, store_singles, vector
@@ -52,7 +52,7 @@ TRIANGLE, CORNERS, VERTEX = 0, 1, 4
 DIRECTION, INSIDE, APART, AIM, AT_SECOND, AT_THIRD = 5, 8, 9, 10, 11, 12
 
 
-@njit(nogil=True)
+@inner()
 def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top):
     """Update the sides of the pairs, and write those that can touch within `pace` substeps of h [s] as contacts
     from row 0 on. Returns the number of contacts, and the largest distance that a near pair may move in this time
@@ -76,7 +76,7 @@ def narrow_vertex_triangle(count, now, pace, h, thick, tri, x, v, w, pairs, top)
     return np.int64(rows), farthest
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _find_near(
     count, now, pace, h, thick, tri, x, v, w, pair, side, due, memory, asked, near, ids, near_c, bearing
 ):  # fmt: skip
@@ -126,7 +126,7 @@ def _find_near(
     return n, bear, farthest
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _put_down(
     hits, hit, of, work, n, bear, farthest, tri, w, pair, memory, borne, near, ids, near_c, bearing
 ):  # fmt: skip
@@ -155,7 +155,7 @@ def _put_down(
     return n, bear, farthest
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _inverse_mass(i, p, q, r, b1, b2, w):
     """Return the inverse mass of vertex i against the point of a triangle with weights b1, b2 of the second and
     third corner."""
@@ -163,7 +163,7 @@ def _inverse_mass(i, p, q, r, b1, b2, w):
     return w[i] + b0 * b0 * w[p] + b1 * b1 * w[q] + b2 * b2 * w[r]
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def find_due(count, now, pace, due, asked):
     """Write the pairs that have to be examined now to `asked`. Returns their number."""
     n = np.uint64(0)
@@ -173,7 +173,7 @@ def find_due(count, now, pace, due, asked):
     return n
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _join(n, near, ids, rank, ring, top):
     """Link the rows of each vertex in a ring, and find the row of the highest rank, `top`. A row ranks higher if
     the vertex is farther inside its triangle; among equal rows, the lower triangle index ranks higher."""
@@ -187,7 +187,7 @@ def _join(n, near, ids, rank, ring, top):
         top[i] = np.uint64(c) if rank[c] >= rank[h] else h
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _ordered(a):
     """Return an unsigned integer that sorts like the float: its bits with the sign bit inverted, or all inverted
     if it is negative."""
@@ -195,7 +195,7 @@ def _ordered(a):
     return np.uint32(bits ^ ((bits >> np.int32(31)) | np.int32(-(2**31))))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
     """Reduce the rows so that each vertex meets each sheet once. Among neighbouring, nearly coplanar triangles, a
     vertex over their common border meets only the triangle that it is farthest inside, and no border of the
@@ -244,14 +244,14 @@ def _meet_once(n, nearly, near, ids, rank, ring, better, asked, top, second):
         top[np.uint64(ids[c, VERTEX])] = -1
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _stands_for(o, c, nearly, near, ids):
     """Return whether row o replaces row c, so that the vertex, which is farther inside the triangle of row o, need
     not meet the triangle of row c."""
     return common_corner(ids, c, o) & (_alike(o, c, near) > _least_alike(o, c, nearly, near))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _alike(o, c, near):
     """Return the cosine between the normals of two rows."""
     return (
@@ -261,7 +261,7 @@ def _alike(o, c, near):
     )
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _least_alike(o, c, nearly, near):
     """Return the cosine above which row o replaces row c. If the vertex is over one of the triangles only, the
     border of the other triangle must not block the vertex, whichever of the two is nearer. If the vertex is over
@@ -271,7 +271,7 @@ def _least_alike(o, c, nearly, near):
     return ZERO if over_one else over_both
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _pass_on(n, bearing, better, near_c, memory):
     """Add the impulse of each row that has a better row to that better row."""
     for m in range(n):
@@ -285,7 +285,7 @@ def _pass_on(n, bearing, better, near_c, memory):
             store(memory, mine, vector(0.0, 0.0, 0.0))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+@inner(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _enter(
     count, thick, w, better, left, memory, near, ids, near_c, contact_vertices, contact_weights,
     contact_mobilities, contact_normals, contact_impulses, contact_pairs, contact_distances, contact_masses

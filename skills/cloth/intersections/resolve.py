@@ -20,10 +20,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.cloth.inner import inner
 from skills.cloth.intersections.crossings import crosses
 from skills.cloth.simd.vec3 import cross, dot, load
 
@@ -62,7 +62,7 @@ def no_intersections(vertices: int) -> Intersections:
     )
 
 
-@njit(nogil=True)
+@inner()
 def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, thickness):
     """Find crossings among the pairs that are due by the substep `soon`, and resolve those that have lasted for
     some examinations. x: (n, 4) positions; w: (n,) inverse masses, 0 for sleeping vertices; thickness [m]."""
@@ -92,7 +92,7 @@ def resolve_intersections(body, pairs, intersections, n_vt, n_ee, soon, x, w, th
             _pull(x, w, edge[e], tri[t], STEP * thickness, way[c])
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _agree(n, cross, edge, tri, way, wish):
     """Give neighbouring crossings a common direction: the sum of the directions of all crossings with a common
     vertex. A direction is subtracted if the vertex belongs to the edge of one crossing and to the triangle of the
@@ -122,7 +122,7 @@ def _agree(n, cross, edge, tri, way, wish):
             way[c, d] = wish[i, d] + wish[j, d] - wish[p, d] - wish[q, d] - wish[r, d]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ring, ring_edge, x, reach, found):
     """Find crossings: of the edges at a vertex with a triangle near the vertex, and of each edge of a near pair
     with the triangles beside the other edge. Returns their number."""
@@ -150,7 +150,7 @@ def _find(soon, n_vt, vt, vt_due, n_ee, ee, near, tri, edge, edge_tri, start, ri
     return n
 
 
-@njit(nogil=True)
+@inner()
 def _add(n, e, t, edge, tri, x, cross):
     i, j = edge[e, 0], edge[e, 1]
     p, q, r = tri[t, 0], tri[t, 1], tri[t, 2]
@@ -165,7 +165,7 @@ def _add(n, e, t, edge, tri, x, cross):
     return n + 1
 
 
-@njit(nogil=True)
+@inner()
 def _grow_older(n, cross, edge, tri, age):
     """Increment the age of the vertices of crossings, and set the age of all other vertices to 0."""
     for c in range(n):
@@ -178,12 +178,12 @@ def _grow_older(n, cross, edge, tri, age):
         age[v] = -age[v] if age[v] < 0 else 0
 
 
-@njit(nogil=True)
+@inner()
 def _oldest(edge, tri, age):
     return max(max(age[edge[0]], age[edge[1]]), max(age[tri[0]], max(age[tri[1]], age[tri[2]])))
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
     """Set the side of both ends of the edge to the side of triangle t towards which the edge should move."""
     normal = np.empty(3)
@@ -196,7 +196,7 @@ def _put_vertices(n, pair, side, memory, edge, t, tri, x, way):
             memory[c, 0] = memory[c, 1] = memory[c, 2] = 0.0
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _pull(x, w, edge, tri, step, way):
     """Move the middles of the edge (2,) and the triangle (3,) apart by `step` [m]. Velocities and the centre of
     mass do not change."""
@@ -216,7 +216,7 @@ def _pull(x, w, edge, tri, step, way):
             x[v, d] += share * way[d]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _put_edges(n, pair, near, normal, memory, e, sides, way):
     """In the pairs of edge e with the triangle's edges, `sides` (3,), set the side to the one towards which e
     should move."""
@@ -234,7 +234,7 @@ def _put_edges(n, pair, near, normal, memory, e, sides, way):
                 memory[c, m] = 0.0
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def shorten(x, edge, beside, tri, t, way):
     """Write to `way` (3,) the direction in which an edge (2,) has to move against triangle t to shorten the
     contour: the sum over the triangles `beside` the edge (2,; -1: none). R - (E.R)/(E.N) N is the direction of
@@ -280,7 +280,7 @@ def shorten(x, edge, beside, tri, t, way):
         way[2] += rz - slope * normal[2]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
+@inner(error_model="numpy", fastmath={"contract"})
 def _normal(x, p, q, r, out):
     """Write the unit normal of triangle p, q, r to `out` (3,)."""
     ux, uy, uz = x[q, 0] - x[p, 0], x[q, 1] - x[p, 1], x[q, 2] - x[p, 2]

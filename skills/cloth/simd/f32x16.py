@@ -18,9 +18,10 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.cpython.unsafe.numbers import trailing_zeros
 
+from skills.cloth.inner import inner
 from skills.cloth.simd.i32x16 import LANES, flags, whole
 from skills.cloth.simd.registers import (
     INDEX,
@@ -93,14 +94,14 @@ def where(builder, bits, a, b):
     return builder.select(flags(builder, bits), a, b)
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def expect_rows(array, k):
     """Check that an array has the shape (m, k, LANES), so that the compiler can compute offsets from constants."""
     if array.shape[1] != k or array.shape[2] != LANES:
         raise ValueError("not an array of so many rows of lanes")
 
 
-@njit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def expect_columns(array, k):
     """Check that an array has the shape (m, k), so that the compiler can compute offsets from constants."""
     if array.shape[1] != k:

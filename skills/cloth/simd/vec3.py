@@ -15,10 +15,11 @@ from __future__ import annotations
 import operator
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import overload
 
 from robots.ports import Array
+from skills.cloth.inner import inner
 from skills.cloth.simd.aligned_arrays import aligned_zeros
 from skills.cloth.simd.registers import INDEX, ArrayOf, Register, elementwise, mixed, operation, splat_of
 
@@ -100,7 +101,7 @@ def dot(builder, a, b):
 _all, _times = splat_of(vector_type), elementwise(vector_type, "fmul")
 
 
-@njit(nogil=True)
+@inner()
 def cross(a, b):
     """Return a x b."""
     return _turned(a * _turned(b) - _turned(a) * b)

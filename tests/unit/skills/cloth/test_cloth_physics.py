@@ -15,7 +15,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.simd.aligned_arrays import aligned
 from skills.cloth.simd.vec3 import rows
 from skills.cloth.solver import ClothSimulation
-from tests.builders.cloth import straight, turned
+from tests.builders.cloth import call, straight, turned
 
 PATCH = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
 FREE = SolverSettings(gravity=(0.0, 0.0, 0.0), drag=0.0, sleep_frames=0)
@@ -52,7 +52,7 @@ def test_a_sweep_restores_the_length_of_an_edge(strain, error):
     x[1, :3] = x[0, :3] + (1.0 + strain) * length * along
     middle = x[0] / w[0] + x[1] / w[1]
     one, share = np.array([[0, 1]], np.uint32), w / w.sum()
-    solve_edges(np.array([0, 1]), one, np.array([length**-2]), share[:1], share[1:], x)
+    call(solve_edges, np.array([0, 1]), one, np.array([length**-2]), share[:1], share[1:], x)
     assert abs(np.linalg.norm(x[1] - x[0]) / length - 1.0) < error * abs(strain)
     assert x[0] / w[0] + x[1] / w[1] == pytest.approx(middle)
 
@@ -61,7 +61,7 @@ def test_an_edge_without_length_has_no_effect():
     x = rows(2)
     x[:, :3] = 1.0
     one, half = np.array([[0, 1]], np.uint32), np.full(1, 0.5)
-    solve_edges(np.array([0, 1]), one, np.array([2500.0]), half, half, x)
+    call(solve_edges, np.array([0, 1]), one, np.array([2500.0]), half, half, x)
     assert (x[:, :3] == 1.0).all()
 
 
@@ -98,8 +98,8 @@ def test_edges_in_groups_of_four_give_the_same_bits_as_one_by_one(seed):
 
     def swept(order, bounds):
         x, v, own = aligned(place), aligned(speed), edge[order].astype(np.uint32)
-        damp_edges(bounds, own, rate[order], w, x, v)
-        solve_edges(bounds, own, square[order], wi[order], wj[order], x)
+        call(damp_edges, bounds, own, rate[order], w, x, v)
+        call(solve_edges, bounds, own, square[order], wi[order], wj[order], x)
         return x, v
 
     single, fours = swept(np.arange(m), np.arange(m + 1)), swept(*colour_batches(edge))

@@ -11,6 +11,7 @@ from skills.cloth.settings import SolverSettings
 from skills.cloth.sleep import SWINGS, _find_moving, pack
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.state import AWAKE, EDGES, HINGES, MOVABLE, PACKED
+from tests.builders.cloth import call
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def wakes(path, distance=1e-3):
     for at in path[1:]:
         x[0, 1] = at
         stirred = np.zeros(1, np.bool_)
-        _find_moving(one, 1, x, ref, last, quiet, kept, still, distance, FRAMES, stirred)
+        call(_find_moving, one, 1, x, ref, last, quiet, kept, still, distance, FRAMES, stirred)
         found.append(stirred[0])
         if stirred[0]:
             assert ref[0, 1] == at
@@ -170,7 +171,7 @@ def test_packed_edges_have_a_free_end_and_their_shares(share):
     s = ClothSimulation(mesh, MATERIAL, fixed=rng.random(n) < 0.1)
     body, state, w = s._body, s._state, s._body.w
     state.awake[:] = (rng.random(n) < share) & (w > 0.0)
-    pack(body, state)
+    call(pack, body, state)
     near = state.awake.copy()
     for _ in range(2):
         near[mesh.edges[near[mesh.edges].any(axis=1)]] = True

@@ -1,7 +1,10 @@
 """The fingerprint of the compiled loop: a missing source file would leave stale code in the cache."""
 
 import ast
+from importlib import import_module
 from pathlib import Path
+
+from numba.core.dispatcher import Dispatcher
 
 from skills.cloth import kernel
 
@@ -22,9 +25,8 @@ def test_every_source_file_of_the_compiled_loop_is_in_its_fingerprint():
         if name not in reached:
             reached.add(name)
             ahead.extend(modules_of(name))
-    compiled = {
-        n for n in reached if "numba" in (FOLDER / n).read_text() or "llvmlite" in (FOLDER / n).read_text()
-    }
+    marks = "numba", "llvmlite", "@inner"
+    compiled = {n for n in reached if any(mark in (FOLDER / n).read_text() for mark in marks)}
     assert compiled <= set(kernel.COMPILED), compiled - set(kernel.COMPILED)
     assert set(kernel.COMPILED) <= reached
     assert {"simd/f32x16.py", "simd/vec3.py", "broad_phase/cluster_search.py"} <= compiled
@@ -43,3 +45,11 @@ def test_contractible_kernels_use_no_power_operator():
         if isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.Pow)
     ]
     assert powers == []
+
+
+def test_only_what_python_calls_is_compiled_with_conversions_from_python():
+    """They are a third of the time to compile, and a tuple of arrays makes a function of one line take seconds."""
+    modules = [import_module(f"skills.cloth.{n[:-3].replace('/', '.')}") for n in kernel.COMPILED]
+    functions = {f for module in modules for f in vars(module).values() if isinstance(f, Dispatcher)}
+    called = {f.py_func.__name__ for f in functions if not f.targetoptions.get("no_cpython_wrapper")}
+    assert called == {"run_frames", "advance_set", "_scan", "crosses", "judge_sides", "blocks"}

@@ -10,7 +10,7 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.state import new_pairs, new_state
 from skills.cloth.topology import topology_of
-from tests.builders.cloth import EVERY_EDGE
+from tests.builders.cloth import EVERY_EDGE, call
 
 NOTCHED = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.25], [0.16, 0.25], [0.15, 0.06], [0.14, 0.25], [0.0, 0.25]])
 MESH = mesh_from_contour(NOTCHED, 0.02, layers=2)
@@ -25,7 +25,7 @@ def test_the_geometry_of_triangles_agrees_with_their_corners():
     course = 0.3 * rng.normal(size=(3, corners)).astype(np.float32)
     slack = rng.random(m).astype(np.float32)
     born, moving = rng.integers(80, 100, m).astype(np.int32), np.ones(m, bool)
-    fit_clusters(clusters, base, course, slack, born, moving, 100, 0.001, 0.012, True, EVERY_EDGE)
+    call(fit_clusters, clusters, base, course, slack, born, moving, 100, 0.001, 0.012, True, EVERY_EDGE)
     assert set(np.diff(clusters.corner_start)) == {LANES, 2 * LANES}
     for k in range(m):
         own = slice(clusters.corner_start[k], clusters.corner_start[k + 1])

@@ -18,7 +18,7 @@ from skills.cloth.simd.f32x16 import LANES
 from skills.cloth.solver import ClothSimulation
 from skills.cloth.state import EE, SUBSTEP, VT, new_pairs
 from skills.vocabulary import Material
-from tests.builders.cloth import EVERY_EDGE
+from tests.builders.cloth import EVERY_EDGE, call
 
 THICK, SLACK, HORIZON = 0.003, 0.001, 0.02
 MATERIAL = Material(
@@ -127,19 +127,30 @@ def test_every_near_pair_of_two_sheets_is_found(stale_share, ridge_share):
     base, course = (np.ascontiguousarray(a[corner].T, np.float32) for a in (x, speed))
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
     moving, slack = (speed[:, 0] > 0)[corner[clusters.corner_start[:-1]]], np.full(m, SLACK, np.float32)
-    fit_clusters(
-        clusters, base, course, slack, np.zeros(m, np.int32), moving, 0, 0.004, 0.5 * HORIZON, True, EVERY_EDGE
+    call(
+        fit_clusters,
+        clusters,
+        base,
+        course,
+        slack,
+        np.zeros(m, np.int32),
+        moving,
+        0,
+        0.004,
+        0.5 * HORIZON,
+        True,
+        EVERY_EDGE,
     )
     ridge = rng.random(len(edges)) < ridge_share
     clusters.ridge[:] = bits_of(
         clusters, np.ones(len(edges), bool)
     )  # all edges first, then fewer: nothing of the first remains
-    fit_ridges(clusters, course, slack)
+    call(fit_ridges, clusters, course, slack)
     np.testing.assert_array_equal(clusters.ridge, clusters.bent)
     clusters.fitted[:] = False
     clusters.ridge[:] = bits_of(clusters, ridge)
-    fit_ridges(clusters, course, slack)
-    n_vt, n_ee = search_pairs(clusters, THICK, 0.5 * HORIZON, vt, ee)
+    call(fit_ridges, clusters, course, slack)
+    n_vt, n_ee = call(search_pairs, clusters, THICK, 0.5 * HORIZON, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
     assert len(found_vt) == n_vt and len(found_ee) == n_ee  # each pair is found once
     stale = np.ones(len(x), bool)  # only vertices of stale clusters
@@ -151,7 +162,7 @@ def test_every_near_pair_of_two_sheets_is_found(stale_share, ridge_share):
     assert not [(e, f) for e, f in lost_ee if ridge[e] and ridge[f]]
     for room in (LANES, 2 * LANES, 100):  # too short lists are reported, and nothing is written behind their ends
         short = [np.full((room + 2 * LANES, 2), -7, np.int32) for _ in range(2)]
-        told = search_pairs(clusters, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
+        told = call(search_pairs, clusters, THICK, 0.5 * HORIZON, *(a[LANES : LANES + room] for a in short))
         for a, n, wanted, all_of_them in zip(short, told, (n_vt, n_ee), (vt, ee), strict=True):
             assert (a[:LANES] == -7).all() and (a[LANES + room :] == -7).all()
             assert n == wanted if wanted <= room - LANES else n > room - LANES
@@ -184,10 +195,10 @@ def test_self_contact_of_flat_cloth_in_a_notch_is_found(turn, half, overlap):
     clusters.stale[:] = True
     base, still = np.ascontiguousarray(x[corner].T, np.float32), np.zeros((3, len(corner)), np.float32)
     born, moving, slack = np.zeros(m, np.int32), np.zeros(m, bool), np.full(m, SLACK, np.float32)
-    fit_clusters(clusters, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
-    fit_ridges(clusters, still, slack)
+    call(fit_clusters, clusters, base, still, slack, born, moving, 0, 0.004, 0.0, True, EVERY_EDGE)
+    call(fit_ridges, clusters, still, slack)
     vt, ee = np.zeros((40000, 2), np.int32), np.zeros((40000, 2), np.int32)
-    n_vt, n_ee = search_pairs(clusters, THICK, 0.0, vt, ee)
+    n_vt, n_ee = call(search_pairs, clusters, THICK, 0.0, vt, ee)
     found_vt, found_ee = {tuple(p) for p in vt[:n_vt].tolist()}, {tuple(p) for p in ee[:n_ee].tolist()}
 
     def faces(first, second):
@@ -216,7 +227,7 @@ def test_normals_are_up_to_date_for_every_search():
         clusters.stale[:] = stale
         base = np.ascontiguousarray(x[corner].T, np.float32)
         born, moving = np.zeros(m, np.int32), np.ones(m, bool)
-        fit_clusters(clusters, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
+        call(fit_clusters, clusters, base, still, slack, born, moving, 0, 0.004, 0.0, everything, EVERY_EDGE)
         return clusters.normal.copy()
 
     normals(x, True, True)
@@ -302,7 +313,7 @@ def test_contacts_are_not_used_beyond_the_horizon_of_their_pairs(phase, pace):
     foreseen = PHASES_FORESEEN * phase
     for age in range(2 * foreseen):
         x[0, :3] = age * h * speed
-        searched = _expire(
+        searched = call(_expire,
             age, pace, phase, h, 1, one, one, np.array([0, 1], np.int32), x, base, course,
             np.full(1, 1e-4, np.float32), one, ~none, none.copy()
         )  # fmt: skip

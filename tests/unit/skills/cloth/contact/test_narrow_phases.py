@@ -15,6 +15,7 @@ from skills.cloth.contact.contacts import (
     next_narrow_phase,
     phase_length,
 )
+from tests.builders.cloth import call
 
 FRAMES = st.sampled_from([16, 20, 28, 64])
 LIMITS = [share * way for way in (HASTE_WAY, LEISURE_WAY, 0.5 * LEISURE_WAY) for share in (0.99, 1.01)]
@@ -26,7 +27,7 @@ def test_no_pair_comes_too_near_between_two_narrow_phases(data, substeps, leisur
     phase = phase_length(1.0 / (60 * substeps), substeps)
     pace = 2 * phase if leisure else phase
     s = data.draw(st.integers(0, substeps - 1))
-    then, next_pace = next_narrow_phase(s, substeps, phase, pace, way / phase)
+    then, next_pace = call(next_narrow_phase, s, substeps, phase, pace, way / phase)
     assert s < then <= min(s + pace, substeps), "contacts are not used longer than planned"
     steps = then - s
     if steps > phase // 2:
@@ -40,7 +41,7 @@ def test_calm_cloth_has_half_as_many_narrow_phases(substeps):
     phase = phase_length(1.0 / (60 * substeps), substeps)
     looks, s, pace = 0, 0, 2 * phase
     while s < substeps:
-        s, pace = next_narrow_phase(s, substeps, phase, pace, 0.01 / phase)
+        s, pace = call(next_narrow_phase, s, substeps, phase, pace, 0.01 / phase)
         looks += 1
     assert looks == PHASES / 60 / 2
 
@@ -59,12 +60,12 @@ def test_an_approaching_pair_is_checked_before_contact(gap, speed, random, subst
     phase = phase_length(h, substeps)
     now, s, pace, due = 0, 0, phase, 0
     for _ in range(100_000):
-        if is_due(due, now, pace):
+        if call(is_due, due, now, pace):
             reach, free = STRAY + pace * h * speed, gap - now * h * speed
             if free <= reach:
                 break
-            due = later(now, pace, free, reach)
-        then, pace = next_narrow_phase(s, substeps, phase, pace, random.choice([0.01, 0.3, 1.0]))
+            due = call(later, now, pace, free, reach)
+        then, pace = call(next_narrow_phase, s, substeps, phase, pace, random.choice([0.01, 0.3, 1.0]))
         now += then - s
         s = then % substeps
     assert now * h * speed <= gap

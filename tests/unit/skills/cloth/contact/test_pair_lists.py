@@ -8,6 +8,7 @@ from skills.cloth.clusters import build_clusters
 from skills.cloth.contact.contacts import PARKED
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.state import new_pairs
+from tests.builders.cloth import call
 
 SHEET = mesh_from_contour(np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]), 0.026)
 ROOM = 400
@@ -57,9 +58,10 @@ def test_pairs_of_stale_clusters_are_replaced_and_others_kept(seed):
         found = [p for p in dict.fromkeys(again + fresh) if p in stale or p not in before]
         found = found[: rng.choice([len(stale) // 2, ROOM - n + len(stale)])]
         rng.shuffle(found)
-        assert _have_room(len(found), n, pair, clusters.stale, of_first, of_second)
+        assert call(_have_room, len(found), n, pair, clusters.stale, of_first, of_second)
         new[: len(found)] = np.array(found, np.int32).reshape(-1, 2)
-        count = _renew(
+        count = call(
+            _renew,
             n, 1000, clusters.stale, of_first.view(np.uint32), of_second.view(np.uint32), pair.view(np.uint32),
             known, due, borne, none[:0] if flat else normal, len(found), new, np.int64(len(of_second)),
             pairs.contact_vertices, pairs.kept, pairs.kept_normal, pairs.near_c, pairs.key, pairs.row,
@@ -79,4 +81,6 @@ def test_the_room_for_new_pairs_includes_the_pairs_of_stale_clusters():
     of = np.array([0, 1], np.int32)
     for stale, room in (((False, False), 1), ((True, False), 3), ((True, True), 4)):
         flags = np.array(stale)
-        assert _have_room(room, 3, pair, flags, of, of) and not _have_room(room + 1, 3, pair, flags, of, of)
+        assert call(_have_room, room, 3, pair, flags, of, of) and not call(
+            _have_room, room + 1, 3, pair, flags, of, of
+        )

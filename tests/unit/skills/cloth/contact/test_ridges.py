@@ -11,7 +11,7 @@ from skills.cloth.contact.contacts import edge_distance
 from skills.cloth.contact.ridges import flat_cosine, note_ridges, stay_ridges
 from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.state import new_pairs
-from tests.builders.cloth import EVERY_EDGE
+from tests.builders.cloth import EVERY_EDGE, call
 
 SQUARE = np.array([[-0.15, -0.12], [0.15, -0.12], [0.15, 0.12], [-0.15, 0.12]])
 THICK, EDGE = 0.003, 0.025
@@ -23,7 +23,7 @@ def ridges_of(mesh, x, flat):
     clusters = build_clusters(mesh, edges)
     base = np.ascontiguousarray(x[clusters.corner].T, np.float32)
     m = len(clusters.tri)
-    fit_clusters(
+    call(fit_clusters,
         clusters, base, 0.0 * base, np.zeros(m, np.float32), np.zeros(m, np.int32), np.ones(m, bool), 0, 0.001,
         0.0, True, np.float32(flat)
     )  # fmt: skip
@@ -96,9 +96,9 @@ def test_edges_that_are_near_each_other_stay_ridges():
     pairs.ee[:3] = [[0, 1], [2, 3], [4, 5]]
     pairs.near[:3] = [True, False, True]
     at = np.array([0, 17, 3, 4, 47, 32], np.int32)
-    stay_ridges(2, pairs.ee, pairs.near, at, ridge)
+    call(stay_ridges, 2, pairs.ee, pairs.near, at, ridge)
     np.testing.assert_array_equal(ridge, [1, 2, 0])
-    stay_ridges(3, pairs.ee, pairs.near, at, ridge)
+    call(stay_ridges, 3, pairs.ee, pairs.near, at, ridge)
     np.testing.assert_array_equal(ridge, [1, 2, 1 | 1 << 15])
 
 
@@ -109,7 +109,7 @@ def test_clusters_with_new_ridges_join_the_next_search():
 
     def noted(ridge, searched, stale=stale):
         searched, expired = np.array(searched, np.int32), np.array([True, True])
-        note_ridges(stale, start, np.array(ridge, np.int32), searched, expired)
+        call(note_ridges, stale, start, np.array(ridge, np.int32), searched, expired)
         return searched.tolist(), expired.tolist()
 
     assert noted([5, 2, 7], [5, 2, 1]) == ([5, 2, 7], [False, False])

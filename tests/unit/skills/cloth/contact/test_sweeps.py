@@ -24,6 +24,7 @@ from skills.cloth.contact.contacts import (
 )
 from skills.cloth.simd.f64x8 import EIGHT, blocks, coordinates, gather, load_f64x8, store_f64x8
 from skills.cloth.simd.vec3 import rows
+from tests.builders.cloth import call
 
 THICK = 0.003
 
@@ -59,7 +60,7 @@ class Contacts:
 
     def groups(self):
         order, filled = np.zeros((self.n, EIGHT), np.uint32), np.zeros(self.n, np.uint8)
-        count = group_contacts(self.n, self.members, np.zeros(len(self.w), np.int32), order, filled)
+        count = call(group_contacts, self.n, self.members, np.zeros(len(self.w), np.int32), order, filled)
         return count, order, filled
 
     def sweep(self, tolerance, friction=0.0, back=False, groups=None):
@@ -67,20 +68,32 @@ class Contacts:
         count, order, filled = self.groups() if groups is None else groups
         member, weight = np.zeros((EIGHT * count, 4), np.uint32), rows(EIGHT * count)
         share, block = rows(EIGHT * count), blocks(count, PLACES)
-        lay_out(
+        call(lay_out,
             count, order, self.members, self.weight, self.share, self.normal, self.aim, self.inverse, self.borne,
             member, weight, share, block,
         )  # fmt: skip
         block[:, APART : APART + 3] = self.apart[order[:count], :3].transpose(0, 2, 1)
-        moved = solve_contacts(
-            count, order, filled, member, weight, share, block, self.x, friction, back, tolerance, rows(self.n)
+        moved = call(
+            solve_contacts,
+            count,
+            order,
+            filled,
+            member,
+            weight,
+            share,
+            block,
+            self.x,
+            friction,
+            back,
+            tolerance,
+            rows(self.n),
         )
         self.borne[order[:count], :3] = block[:, BORNE : BORNE + 3].transpose(0, 2, 1)
         return moved
 
     def turns(self):
         turn, level, first = (np.zeros(self.n + k, np.uint32) for k in (0, 0, 1))
-        take_turns(self.n, self.members, np.zeros(len(self.w), np.int32), turn, level, first)
+        call(take_turns, self.n, self.members, np.zeros(len(self.w), np.int32), turn, level, first)
         return turn
 
 
@@ -161,13 +174,13 @@ def test_contacts_in_turns_give_the_same_bits_as_in_listed_order(n, m):
         contacts = Contacts(3, n, m)
         before, contacts.borne[:, :3] = contacts.x.copy(), 1e-6 * contacts.normal[:, :3]
         contacts.borne[::3] = 0.0
-        release_overlaps(
+        call(release_overlaps,
             n, turn, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
             contacts.inverse, contacts.x, before, 1e-3,
         )  # fmt: skip
         # both arrays are shifted equally
         assert contacts.x.tobytes() == before.tobytes() != Contacts(3, n, m).x.tobytes()
-        apply_impulses(n, turn, contacts.members, contacts.share, contacts.borne, contacts.x)
+        call(apply_impulses, n, turn, contacts.members, contacts.share, contacts.borne, contacts.x)
         x.append(contacts.x.tobytes() + before.tobytes())
     assert x[0] == x[1] and (x[1] != x[2] or n == 1)
 
@@ -180,7 +193,7 @@ def test_only_a_share_of_an_overlap_is_released():
         contacts.inverse = 1.0 / (contacts.weight * contacts.share).sum(axis=1)
         contacts.aim = contacts.gaps() + way * THICK
         begun, before = contacts.gaps(), contacts.x.copy()
-        release_overlaps(
+        call(release_overlaps,
             1, contacts.turns(), contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
             contacts.inverse, contacts.x, before, 1.0,
         )  # fmt: skip
@@ -194,14 +207,14 @@ def test_the_contact_memory_follows_the_load():
     count, order, _ = contacts.groups()
     member, weight = np.zeros((EIGHT * count, 4), np.uint32), rows(EIGHT * count)
     share, block, memory = rows(EIGHT * count), blocks(count, PLACES), contacts.borne.copy()
-    lay_out(
+    call(lay_out,
         count, order, contacts.members, contacts.weight, contacts.share, contacts.normal, contacts.aim,
         contacts.inverse, memory, member, weight, share, block,
     )  # fmt: skip
     for now in (3.0, 1.0):  # factor on the recent impulses
         block[:, BORNE : BORNE + 3] *= now
         wanted = memory * (1.0 + MEMORY * (now - 1.0))
-        average_impulses(count, order, block, memory)
+        call(average_impulses, count, order, block, memory)
         np.testing.assert_allclose(memory, wanted, rtol=1e-12)
         begun = block[:, BORNE : BORNE + 3].transpose(0, 2, 1)
         assert (begun == memory[order[:count], :3]).all()  # the next substep begins with the averaged impulses

@@ -8,6 +8,7 @@ from skills.cloth.contact.contacts import RELEASE
 from skills.cloth.contact.vertex_triangle import narrow_vertex_triangle
 from skills.cloth.simd.vec3 import rows
 from skills.cloth.state import new_pairs
+from tests.builders.cloth import call
 
 THICK = 0.003
 
@@ -49,7 +50,7 @@ def narrow(x, tri, order, borne=None, speed=0.0):
     pairs.vt_j[:, :3] = 0.0 if borne is None else borne[order]
     place, v, last = rows(n), rows(n), np.full(n, -1, np.int32)
     place[:, :3], v[-1, 2] = x, speed
-    kept, _ = narrow_vertex_triangle(m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
+    kept, _ = call(narrow_vertex_triangle, m, 0, 4, 0.001, THICK, tri, place, v, np.ones(n), pairs, last)
     assert (last == -1).all()  # the scratch array is reset
     assert not pairs.contact_normals[:, 3].any()
     return pairs, kept
@@ -117,7 +118,9 @@ def test_a_fast_vertex_beside_a_triangle_keeps_its_side():
     place[:, :3] = x
     place[-1, :3] = -0.0025, 0.0, 0.0035  # beside and above corner 0 of the triangle
     speed[-1, 2] = -1.0
-    kept, _ = narrow_vertex_triangle(1, 0, 4, 0.001, THICK, tri[:1], place, speed, np.ones(len(x)), pairs, last)
+    kept, _ = call(
+        narrow_vertex_triangle, 1, 0, 4, 0.001, THICK, tri[:1], place, speed, np.ones(len(x)), pairs, last
+    )
     assert np.linalg.norm(place[-1]) > RELEASE * THICK
     assert kept == 1 and pairs.side[0] == 1
 

@@ -13,6 +13,7 @@ from skills.cloth.mesh import mesh_from_contour
 from skills.cloth.settings import SolverSettings
 from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import Material
+from tests.builders.cloth import call
 from tests.builders.cloth import turned as rotated
 
 MATERIAL = Material(
@@ -179,7 +180,7 @@ def test_an_edge_is_pushed_along_the_steepest_descent_of_the_contours_length():
     eps = 1e-6
     for k in range(6):
         way = np.zeros(3)
-        shorten(x, np.array([3 + k, 9], np.int32), np.array([1 + k, 1 + (k - 1) % 6], np.int32), tri, 0, way)
+        call(shorten, x, np.array([3 + k, 9], np.int32), np.array([1 + k, 1 + (k - 1) % 6], np.int32), tri, 0, way)
         slope = np.array([(contour(k, eps * e) - contour(k, -eps * e)) / (2 * eps) for e in np.eye(3)])
         np.testing.assert_allclose(way, [-slope[0], -slope[1], -2.0 * slope[2]], atol=1e-6)
         assert way[2] > 0.1  # the peak is pushed back up
@@ -190,7 +191,7 @@ def test_crossing_flat_parts_give_no_push():
     x = np.array([[-9.0, -9, 0], [9, -9, 0], [0, 18, 0], [0, 0, -1], [0, 0, 1], [0, -2, 0.3], [0, 2, -0.2]])
     tri = np.array([[0, 1, 2], [3, 4, 5], [3, 4, 6]], np.int32)
     way = np.ones(3)
-    shorten(x, np.array([3, 4], np.int32), np.array([1, 2], np.int32), tri, 0, way)
+    call(shorten, x, np.array([3, 4], np.int32), np.array([1, 2], np.int32), tri, 0, way)
     assert np.linalg.norm(way) < FAINT
 
 

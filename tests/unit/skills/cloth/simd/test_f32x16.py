@@ -35,6 +35,7 @@ from skills.cloth.simd.i32x16 import (
     vmin_i32x16,
 )
 from skills.cloth.simd.vec3 import load, rows, store_singles
+from tests.builders.cloth import call
 
 OPERATIONS = {  # of two registers, and of two arrays
     "add": (lambda a, b: a + b, np.add), "subtract": (lambda a, b: a - b, np.subtract),
@@ -123,13 +124,13 @@ def test_integer_arrays_of_another_type_or_layout_are_refused(wrong):
 
 
 def test_arrays_of_another_shape_are_refused():
-    expect_rows(np.zeros((5, 3, LANES)), 3)
-    expect_columns(np.zeros((5, 3)), 3)
+    call(expect_rows, np.zeros((5, 3, LANES)), 3)
+    call(expect_columns, np.zeros((5, 3)), 3)
     for wrong in ((5, 4, LANES), (5, 3, LANES - 1)):
         with pytest.raises(ValueError, match="rows of lanes"):
-            expect_rows(np.zeros(wrong), 3)
+            call(expect_rows, np.zeros(wrong), 3)
     with pytest.raises(ValueError, match="columns"):
-        expect_columns(np.zeros((5, 4)), 3)
+        call(expect_columns, np.zeros((5, 4)), 3)
 
 
 @njit
