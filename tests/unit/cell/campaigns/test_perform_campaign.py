@@ -72,22 +72,22 @@ def test_a_campaign_killed_twice_makes_every_run_once(tmp_path: Path) -> None:
     assert (tmp_path / "campaign.html").exists()
 
 
-def performed(folder: Path, order: Iterable[int] | None = None) -> str:
-    campaign = trials_campaign(range(6), ("towel", "shirt"))
+def performed(folder: Path, workers: int, order: Iterable[int] | None = None) -> str:
+    campaign = trials_campaign(range(3), ("towel", "shirt"))
     if order is not None:
         campaign = type(campaign)(
             campaign.about, campaign.keep, tuple(campaign.requests[i] for i in order), campaign.variants
         )
     opened = CampaignFolder.create(folder, campaign, folder / "logs")
-    with ThreadPoolExecutor(4) as pool:
-        perform_campaign(opened, Workers(pool, 4), lambda trial: None, logged_fold)
+    with ThreadPoolExecutor(workers) as pool:
+        perform_campaign(opened, Workers(pool, workers), lambda trial: None, logged_fold)
     return (folder / "trials.json").read_text()
 
 
 def test_results_depend_on_neither_the_order_nor_the_number_of_workers(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
-    assert performed(tmp_path / "a") == performed(tmp_path / "b", reversed(range(12)))
+    assert performed(tmp_path / "a", 4) == performed(tmp_path / "b", 1, reversed(range(6)))
 
 
 def test_a_campaign_is_not_continued_by_another_program(tmp_path: Path) -> None:
