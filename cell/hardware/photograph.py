@@ -80,7 +80,7 @@ def perceive_photograph(
     frame = _frame(picture, calibration.intrinsics, 0)
     empty = _frame(reference, calibration.intrinsics, 1) if reference is not None else None
     thresholds = replace(settings.perception.settings(), least_confidence=LEAST_CONFIDENCE)
-    if picture.depth is None:  # no depth was given, which is not a fault of the camera
+    if picture.depth is None or unit == "px":  # no depth, or none that a calibration could contradict
         thresholds = replace(thresholds, depth_holes=1.0)
     if unit == "px":  # the scale of the picture is unknown
         thresholds = replace(thresholds, size_tolerance=ANY_SIZE)

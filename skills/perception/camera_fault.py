@@ -13,17 +13,28 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.rectification.table_view import TableView
+from skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
 from skills.perception.segmentation.mask import SMALLEST_AREA
 from skills.perception.settings import PerceptionSettings
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind
 
-__all__ = ["camera_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
+__all__ = ["camera_fault", "depth_fault", "picture_digests", "repeated", "same_picture", "table_unseen"]
 
 DARK_LEVEL = 6.0
 """A picture whose mean intensity (0..255) is below this is black."""
 WHITE_LEVEL = 254.0
 """A picture whose mean intensity is above this is white."""
+
+DEPTH_UNITS = {
+    4.0: "16-bit steps of 0.25 mm",
+    5.0: "16-bit steps of 0.2 mm",
+    8.0: "16-bit steps of 0.125 mm",
+    10.0: "16-bit steps of 0.1 mm",
+    1000.0: "floats in millimetres",
+}
+"""Factor by which the depth is too large if a file in the unit named is read in the unit that is expected."""
+SAME_UNIT = 0.15
+"""Largest relative deviation of a depth from the table's, by which its unit is still recognised."""
 
 
 def camera_fault(
@@ -74,6 +85,29 @@ def table_unseen(view: TableView) -> Failure | None:
         "calibrate its pose (calibrate hand-eye), or correct the table's place in cell.yaml",
         {"seen_m2": float(np.count_nonzero(view.valid)) * view.pixel**2},
     )
+
+
+def depth_fault(view: TableView, frame: CameraFrame, seen: RectifiedView, holes: float) -> Failure | None:
+    """Return CAMERA_FAULT if more than the share `holes` of the table has no possible height, else None.
+
+    A height far below the table is impossible. Such depth contradicts the calibration: it has another unit, or the
+    camera stands elsewhere.
+    """
+    missing = float(np.mean(~np.isfinite(seen.height[view.valid])))
+    ratio = view.depth_ratio(frame)
+    if missing <= holes or np.isnan(ratio):
+        return None
+    what = (
+        f"by its depth, {missing:.0%} of the table is missing or more than {BELOW * 100:.0f} cm below its top: "
+        f"the depth is {ratio:.3g} times that of the table"
+    )
+    units = [name for factor, name in DEPTH_UNITS.items() if abs(ratio / factor - 1.0) < SAME_UNIT]
+    hint = (
+        f"the depth looks like {units[0]}: divide it by {min(DEPTH_UNITS, key=lambda f: abs(ratio / f - 1.0)):.0f}"
+        if units
+        else "check the unit of the depth and the calibrated place of the camera"
+    )
+    return Failure(FailureKind.CAMERA_FAULT, what, hint, {"missing": missing, "depth_ratio": ratio})
 
 
 def same_picture(frame: CameraFrame, reference: CameraFrame) -> Failure | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from skills.perception.camera_fault import camera_fault, table_unseen
+from skills.perception.camera_fault import camera_fault, depth_fault, table_unseen
 from skills.perception.rectification.heights import height_above
 from skills.perception.rectification.table_view import RectifiedView, TableView
 from skills.perception.segmentation.obstruction import obstructed
@@ -53,6 +53,10 @@ def open_views(
         return Outcome(failure=unseen)
     seen = view.rectify(frame)
     empty = view.rectify(reference) if reference is not None else None
+    pictures = [(frame, seen)] + ([(reference, empty)] if reference is not None and empty is not None else [])
+    for taken, rectified in pictures:
+        if (wrong := depth_fault(view, taken, rectified, settings.depth_holes)) is not None:
+            return Outcome(failure=wrong)
     if not arms_in_view and (hidden := obstructed(view, seen, empty)) is not None:
         return Outcome(failure=hidden)
     return Outcome(Views(view, seen, empty, height_above(seen, empty), frame.rgb))

@@ -133,16 +133,27 @@ class TableView:
         return RectifiedView(rgb.astype(np.uint8, copy=False), height.astype(np.float32, copy=False), self.valid)
 
     def _height(self, frame: CameraFrame) -> NDArray[np.float32]:
-        """Convert depth (H, W) along the optical axis to height (H, W) above the table [m]."""
+        """Convert depth (H, W) along the optical axis to height (H, W) above the table [m], NaN for invalid
+        points."""
+        height = frame.depth * self._slope(frame) + np.float32(self._calibration.T_table_camera[2, 3])
+        # A height can be far too low: a shiny table mirrors objects above it, and some drivers report their
+        # largest range for missing values.
+        return np.where(height > -BELOW, height, np.float32(np.nan))
+
+    def depth_ratio(self, frame: CameraFrame) -> float:
+        """Return the median ratio of the measured depth to the depth of the table on the same line of sight: 1 for
+        an empty table, and NaN if nothing was measured."""
+        ratio = frame.depth * self._slope(frame) / -np.float32(self._calibration.T_table_camera[2, 3])
+        known = ratio[np.isfinite(ratio)]
+        return float(np.median(known)) if len(known) else float("nan")
+
+    def _slope(self, frame: CameraFrame) -> NDArray[np.float32]:
+        """Return the change of height per depth (H, W) on the line of sight of each pixel."""
         k, T = self._calibration.intrinsics, self._calibration.T_table_camera
         rows, columns = frame.depth.shape
         across = T[2, 0] * (np.arange(columns) - k.cx) / k.fx
         down = T[2, 1] * (np.arange(rows) - k.cy) / k.fy
-        slope = (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
-        height = frame.depth * slope + np.float32(T[2, 3])
-        # A height can be far too low: a shiny table mirrors objects above it, and some drivers report their
-        # largest range for missing values.
-        return np.where(height > -BELOW, height, np.float32(np.nan))
+        return (across[None, :] + down[:, None] + T[2, 2]).astype(np.float32)
 
     def _inside(self) -> NDArray[np.bool_]:
         """Return whether each pixel of the view lies in the camera's picture, at least one camera pixel inside its

@@ -60,6 +60,33 @@ def test_picture_files_give_the_same_result_as_arrays(
     assert np.array_equal(by_arrays.contour, by_files.contour)
 
 
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(4.0, "steps of 0.25 mm"), (5.0, "steps of 0.2 mm"), (1000.0, "floats in millimetres")]
+)
+@pytest.mark.parametrize("which", ["depth", "reference_depth"])
+def test_depth_in_another_unit_is_refused_with_its_factor(
+    taken: tuple[CameraFrame, CameraFrame, np.ndarray], factor: float, unit: str, which: str
+) -> None:
+    frame, bare, _ = taken
+    depths = {"depth": frame.depth, "reference_depth": bare.depth}
+    depths[which] = depths[which] * np.float32(factor)
+    seen = foldcell.perceive(frame.rgb, reference=bare.rgb, **depths)
+    assert seen.failure is not None and seen.failure.kind is FailureKind.CAMERA_FAULT
+    assert seen.failure.values["depth_ratio"] == pytest.approx(factor, rel=0.05)
+    assert f"{unit}: divide it by {factor:.0f}" in seen.failure.hint
+
+
+def test_depth_far_below_the_table_counts_as_missing(taken: tuple[CameraFrame, CameraFrame, np.ndarray]) -> None:
+    frame, _, _ = taken
+    depth = frame.depth.copy()
+    depth[: len(depth) * 4 // 10] = np.nan
+    assert foldcell.perceive(frame.rgb, depth).failure is None
+    depth[len(depth) * 8 // 10 :] = 5.0
+    seen = foldcell.perceive(frame.rgb, depth)
+    assert seen.failure is not None and seen.failure.kind is FailureKind.CAMERA_FAULT
+    assert "of the table is missing or more than 10 cm below its top" in seen.failure.what
+
+
 def test_a_picture_without_a_garment_returns_a_failure_and_raises_no_error() -> None:
     table = np.random.default_rng(0).normal(170, 2, (240, 320, 3)).astype(np.uint8)
     seen = foldcell.perceive(table, unit="px")
