@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from foldcell.arguments import flag, own_numeric_state, path, text, whole
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["fold"]
 
 LARGEST_SEED = 2**31 - 1
+_ONE_RUN = Lock()
+"""A run uses signals, terminal and physics engine, which a process has only once."""
 
 
 @own_numeric_state
@@ -43,7 +46,7 @@ def fold(
     for `load_run`. If the function is called on the main thread, SIGINT and SIGTERM stop the cell during the run,
     and `signal` of the record is the number of that signal.
 
-    Raises ConfigurationError and StorageError before anything moves.
+    A process performs one run at a time. Raises ConfigurationError and StorageError before anything moves.
     """
     from cell.config.garments.garment_file import load_garment
     from cell.runs.fold_run import fold_once
@@ -69,4 +72,11 @@ def fold(
         quiet=flag(quiet, "quiet"),
         logs=prepare_logs(logs_directory(None if logs is None else path(logs, "logs"))),
     )
-    return fold_once(request)
+    if not _ONE_RUN.acquire(blocking=False):
+        raise ConfigurationError(
+            "another thread of this process performs a run", "wait for it, or use a process each"
+        )
+    try:
+        return fold_once(request)
+    finally:
+        _ONE_RUN.release()

@@ -19,7 +19,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from skills.cloth.broad_phase.pairs import needs_search, search
 from skills.cloth.contact.capsules import near_capsules, push_by_capsules
@@ -74,6 +73,7 @@ from skills.cloth.state import (
     SUBSTEP,
     VT,
 )
+from skills.compiled import cached
 
 DONE, PAIRS_FULL = 0, 1  # reasons to return from the loop
 COMPILED = (
@@ -302,7 +302,7 @@ def _compile(sources: str) -> Callable[..., int]:
         return DONE
 
     run_frames.__qualname__ = f"run_frames_{sources[:12]}"
-    return njit(cache=True, nogil=True, no_cfunc_wrapper=True)(run_frames)  # type: ignore[call-overload]
+    return cached(no_cfunc_wrapper=True)(run_frames)
 
 
 SOURCES = _fingerprint()

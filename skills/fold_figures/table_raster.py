@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from skills.compiled import cached
 from skills.vocabulary import Array
 
 __all__ = ["PIXEL", "TableRaster", "rasterise"]
@@ -51,7 +51,7 @@ class TableRaster:
         return cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * PIXEL > margin
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def rasterise(
     xy: Array, z: Array, triangles: NDArray[np.int32], rows: int, columns: int
 ) -> tuple[Array, NDArray[np.int32]]:
@@ -84,12 +84,12 @@ def rasterise(
     return top, count
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@cached(inline="always")
 def _edge(xy: Array, a: int, b: int, x: float, y: float) -> float:
     return (xy[b, 0] - xy[a, 0]) * (y - xy[a, 1]) - (xy[b, 1] - xy[a, 1]) * (x - xy[a, 0])
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@cached(inline="always")
 def _covers(w: float, xy: Array, a: int, b: int) -> bool:
     """Whether the edge function w covers the pixel. A pixel on an edge belongs to one triangle (top-left rule)."""
     if w != 0.0:

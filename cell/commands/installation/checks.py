@@ -7,10 +7,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
 from cell.support.files.paths import free_bytes, journal_path, repository_root, user_cache
@@ -170,19 +170,42 @@ def _robot_model(name: str) -> Iterable[Check]:
     yield Check(f"{robot.title} model", Verdict.GOOD, str(robot.model_file()))
 
 
-def numba_cache_folder() -> Path:
-    """Return the folder of the compiled functions: NUMBA_CACHE_DIR, or `__pycache__` beside the sources."""
-    from_environment = os.environ.get("NUMBA_CACHE_DIR")
-    if from_environment:
-        return Path(from_environment)
-    import skills.cloth
-
-    return Path(next(iter(skills.cloth.__path__))) / "__pycache__"
+COMPILED = (
+    "cell.report.pictures.cloth_raster", "cell.simulation.camera.mesh_raster",
+    "skills.cloth.intersections.crossings",
+    "skills.cloth.kernel", "skills.fold_figures.table_raster", "skills.motion.kinematics.ik",
+    "skills.perception.registration.energy", "skills.perception.segmentation.colour_model",
+)  # fmt: skip
+"""Modules with functions whose compiled code is kept on disk."""
 
 
 def _caches() -> Iterable[Check]:
-    yield from _writable("compile cache", numba_cache_folder(), "compiled again at every start")
+    yield from _compile_cache()
     yield from _writable("user cache", user_cache(), "robot meshes are converted again at every start")
+
+
+def _compile_cache() -> Iterable[Check]:
+    """Load every entry, and check that the folder of the cloth simulation can be written: NUMBA_CACHE_DIR, or
+    `__pycache__` beside the sources, or the user's cache of numba."""
+    from skills.compiled import FallibleCache
+
+    for module in COMPILED:
+        import_module(module)
+    loaded, damaged = 0, []
+    for cache in FallibleCache.caches:
+        try:
+            loaded += cache.check()
+        except Exception:  # damaged bytes raise anything
+            damaged.append(cache.index)
+    folder = next(c.index for c in FallibleCache.caches if c.index.name.startswith("kernel.")).parent
+    for check in _writable("compile cache", folder, "compiled again at every start, one to three minutes"):
+        if damaged and check.verdict is Verdict.GOOD:
+            hint = "these functions are compiled again when they are used next"
+            yield Check(check.name, Verdict.WARNING, f"damaged: {', '.join(map(str, damaged))}", hint)
+        elif check.verdict is Verdict.GOOD:
+            yield replace(check, found=f"{folder}; all {loaded} compiled functions load")
+        else:
+            yield replace(check, hint=check.hint + "; or name another folder with NUMBA_CACHE_DIR")
 
 
 def _writable(name: str, folder: Path, without: str) -> Iterable[Check]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.compiled import cached
 
 __all__ = ["Raster", "darken", "draw_cloth", "raster_cloth", "raster_shadow", "vertex_normals"]
 
@@ -86,7 +86,7 @@ def _without_slivers(front: NDArray[np.uint8], cloth: NDArray[np.bool_], sliver:
     return front
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore[no-untyped-def]
     """Fill triangles with a z-buffer. p: (n, 3) pixel and depth; shade, facing: (n,) at the vertices. depth, tone,
     front: (H, W) results: depth, brightness, and 1 where the front of the cloth shows."""
@@ -115,7 +115,7 @@ def _rasterise(p, triangles, shade, facing, depth, tone, front):  # type: ignore
                     front[row, column] = side
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def _fill(p, triangles, mask):  # type: ignore[no-untyped-def]
     """Fill triangles with 255. p: (n, 2) corners [px]; mask: (H, W) result."""
     height, width = mask.shape
@@ -135,7 +135,7 @@ def _fill(p, triangles, mask):  # type: ignore[no-untyped-def]
                     mask[row, column] = 255
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def darken(canvas, shadow, strength):  # type: ignore[no-untyped-def]
     """Darken a picture (H, W, 3) in place by `strength` (0..1) where the shadow (H, W) is 1."""
     for row in range(canvas.shape[0]):
@@ -146,7 +146,7 @@ def darken(canvas, shadow, strength):  # type: ignore[no-untyped-def]
                     canvas[row, column, k] = np.uint8(canvas[row, column, k] * (1.0 - strength * s) + 0.5)
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def draw_cloth(canvas, tone, front, front_colour, back_colour):  # type: ignore[no-untyped-def]
     """Paint rastered cloth onto a part (H, W, 3) of a picture, in place. front_colour, back_colour: (3,)."""
     for row in range(canvas.shape[0]):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.compiled import cached
 
 __all__ = ["Canvas", "Lens", "Mesh", "draw_mesh"]
 
@@ -66,7 +66,7 @@ def draw_mesh(canvas: Canvas, mesh: Mesh, poses: Array, lens: Lens, light: Array
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def _raster(p, w, triangles, shade, texels, texture, rgb, nearest):  # type: ignore[no-untyped-def]
     """Fill the triangles. p: (n, 2) column and row of the vertices, pixel centres at integers; w: (n,) inverse
     depth, 0 for a vertex that is too near; shade: (n,) brightness, 0 to 1."""
@@ -108,7 +108,7 @@ def _raster(p, w, triangles, shade, texels, texture, rgb, nearest):  # type: ign
                     rgb[row, column, channel] = np.uint8(light * texture[texel_row, texel_column, channel])
 
 
-@numba.njit(cache=True, nogil=True)
+@cached()
 def _draw(  # type: ignore[no-untyped-def]
     vertices, normals, body, triangles, texels, texture, poses, light, fx, fy, cx, cy, near_limit, ambient,
     diffuse, rgb, nearest,

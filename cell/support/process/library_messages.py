@@ -12,6 +12,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from threading import RLock
 
 __all__ = ["captured_messages", "quiet_libraries"]
 
@@ -38,14 +39,26 @@ def quiet_libraries() -> Iterator[None]:
             os.environ.pop(name, None)
 
 
+_capturing = RLock()
+# a process that is forked during a capture would have the captured file as its standard error
+os.register_at_fork(
+    before=_capturing.acquire, after_in_parent=_capturing.release, after_in_child=_capturing.release
+)
+
+
 @contextmanager
 def captured_messages() -> Iterator[Callable[[], str]]:
     """Capture the output of C libraries to the standard error of the process. Yields a function that returns the
     captured text.
 
     The codecs of pictures (libjpeg, libpng) report a damaged picture only on standard error. The output of other
-    threads to standard error is captured too.
+    threads to standard error is captured too, so one thread captures at a time and the others wait.
     """
+    with _capturing:
+        yield from _captured()
+
+
+def _captured() -> Iterator[Callable[[], str]]:
     try:
         before = os.dup(2)
     except OSError:  # standard error is closed: there is nothing to capture

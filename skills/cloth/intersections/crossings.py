@@ -8,6 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.compiled import cached
 
 __all__ = ["count_crossings", "crosses", "find_crossings"]
 
@@ -29,7 +30,7 @@ def count_crossings(positions: Array, triangles: NDArray[np.int32]) -> int:
     return len(find_crossings(positions, triangles))
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _scan(x, tri, edge, order, lo, hi):
     widest = 0.0
     for t in range(len(tri)):

@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from robots.model import ArmChain, RobotModel
 from robots.ports import Array, Side
+from skills.compiled import cached
 
 __all__ = ["PathSolution", "arm_seeds", "follow_path", "jacobian", "solve_pose", "solve_seeds", "tool_pose"]
 
@@ -32,7 +32,7 @@ SEEDS = 12
 """Number of fixed random configurations that serve as seeds, besides the arm's present and its parked one."""
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-untyped-def]
     """Fills in, in the base frame: axes and origins (arm, 3) of the joints, and the tool's R (3, 3), p
     (3,)."""
@@ -66,7 +66,7 @@ def _forward(rotation, translation, q, axes, origins, R, p):  # type: ignore[no-
             R[i, j] = W[i, j]
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _pose_error(R, p, R_target, p_target, e):  # type: ignore[no-untyped-def]
     """Fills e (6,) with the position difference and the rotation vector of R_target R^T; returns their norms."""
     D = np.empty((3, 3))
@@ -86,7 +86,7 @@ def _pose_error(R, p, R_target, p_target, e):  # type: ignore[no-untyped-def]
     return np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2), np.sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2)
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _fill_jacobian(axes, origins, p, J):  # type: ignore[no-untyped-def]
     for k in range(axes.shape[0]):
         d0, d1, d2 = p[0] - origins[k, 0], p[1] - origins[k, 1], p[2] - origins[k, 2]
@@ -97,7 +97,7 @@ def _fill_jacobian(axes, origins, p, J):  # type: ignore[no-untyped-def]
         J[3, k], J[4, k], J[5, k] = a0, a1, a2
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _cholesky_solve(A, b):  # type: ignore[no-untyped-def]
     """Solves A x = b in place for a symmetric positive definite A (n, n); b (n,) becomes x."""
     n = b.shape[0]
@@ -119,7 +119,7 @@ def _cholesky_solve(A, b):  # type: ignore[no-untyped-def]
         b[i] = total / A[i, i]
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-def]
     """Fills dq (arm,) = J+ e + (I - J+ J) rest over the active joints, where J+ is the damped pseudo-inverse and
     rest (arm,) the desired step in the null space."""
@@ -143,7 +143,7 @@ def _damped_step(J, e, rest, damping, active, dq):  # type: ignore[no-untyped-de
                 dq[k] += J[i, k] * b[i]
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_reference, gain, iterations):  # type: ignore[no-untyped-def]
     """Iterates q (arm,) in place; returns whether the tool reaches the pose within TOLERANCE."""
     n = q.shape[0]
@@ -183,7 +183,7 @@ def _solve(rotation, translation, R_target, p_target, q, lower, upper, q_referen
     return False
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, gain, iterations, out):  # type: ignore[no-untyped-def]
     """Solves from every seed (m, arm) in turn; returns the number of distinct solutions in out (m, arm)."""
     found, n = 0, seeds.shape[1]
@@ -206,7 +206,7 @@ def _solve_many(rotation, translation, R_target, p_target, seeds, lower, upper, 
     return found
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-untyped-def]
     """Fills out (arm,) with a step of self-motion that moves joints away from limits that they are near, while the
     tool travels `distance` [m]."""
@@ -228,7 +228,7 @@ def _away_from_limits(J, q, lower, upper, distance, out):  # type: ignore[no-unt
         _damped_step(J, np.zeros(6), push, 1e-6, active, out)
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _follow(rotation, translation, R_path, p_path, q0, lower, upper, max_step, out):  # type: ignore[no-untyped-def]
     """Fills out (n, arm) with the joints along a path of n poses; returns the number of poses that are reached
     without a joint step above max_step."""

@@ -18,10 +18,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robots.ports import Array
+from skills.compiled import cached
 from skills.perception.outline import (
     counter_clockwise,
     interior_angles,
@@ -143,7 +143,7 @@ def solve_damped(A: Array, g: Array, damping: float) -> Array:
     return np.asarray(_solve(A, g, float(damping)))
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _shape_terms(  # type: ignore[no-untyped-def]
     X, rest, angle, seen, distance, slope, kappa, beta, r, vertex, gradient
 ):
@@ -182,7 +182,7 @@ def _shape_terms(  # type: ignore[no-untyped-def]
             gradient[b, 2, k] = -gradient[b, 0, k] - gradient[b, 1, k]
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _cover_terms(X, q, segment, t, foot, scale, r, vertex, gradient):  # type: ignore[no-untyped-def]
     """Fills in the residuals of E_cover, one per boundary sample, and their derivatives."""
     n = len(X)
@@ -204,7 +204,7 @@ def _cover_terms(X, q, segment, t, foot, scale, r, vertex, gradient):  # type: i
         gradient[k, 1, 0], gradient[k, 1, 1] = scale * t[k] * dx, scale * t[k] * dy
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _normal(r, vertex, gradient, n):  # type: ignore[no-untyped-def]
     A, g = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
     for row in range(len(r)):
@@ -220,7 +220,7 @@ def _normal(r, vertex, gradient, n):  # type: ignore[no-untyped-def]
     return A, g
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _solve(A, g, damping):  # type: ignore[no-untyped-def]
     n = len(g)
     L, x, first = np.zeros((n, n)), np.empty(n), np.zeros(n, np.int64)
@@ -258,7 +258,7 @@ def closest_segments(
     )
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _nearest(points, step, x):  # type: ignore[no-untyped-def]
     """Finds the distance and the index of the nearest of `points` for each x. Neighbouring points are at most
     `step` apart, so the search skips many points that are far away. The result for one x is the first guess for
@@ -278,7 +278,7 @@ def _nearest(points, step, x):  # type: ignore[no-untyped-def]
     return distance, index
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _closest(X, q, normals, reach):  # type: ignore[no-untyped-def]
     n, m = len(X), len(q)
     edge, square, facing = np.empty((n, 2)), np.empty(n), np.empty((n, 2))

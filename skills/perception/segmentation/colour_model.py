@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
 from robots.ports import Array
+from skills.compiled import cached
 from skills.perception.segmentation.mask import Field, Image, Mask
 
 __all__ = ["FLOOR", "cluster_colours", "colour_likelihood", "log_colour", "noise_scale", "opponent"]
@@ -58,7 +58,7 @@ def colour_likelihood(image: Field, noise: Field, core: Mask) -> Field:
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@cached()
 def _mixture(channels, noise, core_noise, centres, roots, constants):  # type: ignore[no-untyped-def]
     """Computes the log density (h, w) of the most likely Gaussian at each pixel. roots: inverse Cholesky factors
     of the covariances. Where the noise exceeds `core_noise`, the Gaussians are wider by the ratio of the two."""

@@ -1,0 +1,73 @@
+"""The decorator of compiled functions whose code is kept on disk, and the cache that may fail without harm.
+
+numba takes its cache to be infallible: a damaged entry raises, and so does a program folder that cannot be
+written. Here an entry that cannot be read is compiled again and replaced, and code that cannot be written is not
+kept. The code in a program folder that is read-only is still used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, ClassVar
+
+from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+
+__all__ = ["FallibleCache", "cached"]
+
+
+class _UncheckedPlace(InTreeCacheLocator):
+    """The folder beside the source, which may be read-only."""
+
+    def ensure_cache_path(self) -> None:
+        pass
+
+
+class _Implementation(CompileResultCacheImpl):
+    _locator_classes = [*CompileResultCacheImpl._locator_classes, _UncheckedPlace]  # noqa: RUF012
+
+
+class FallibleCache(FunctionCache):
+    """The code of one function on disk. Neither reading nor writing it raises."""
+
+    _impl_class = _Implementation
+    caches: ClassVar[list[FallibleCache]] = []
+    """The caches of all functions that were imported."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # damaged bytes raise anything
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(Exception):  # the compiled function is good, wherever it cannot be written
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+    @property
+    def index(self) -> Path:
+        return Path(self._cache_file._index_path)
+
+    def check(self) -> int:
+        """Load all entries and return their number. Raises any exception if one is damaged."""
+        names = self._cache_file._load_index().values()
+        for name in names:
+            self._cache_file._load_data(name)
+        return len(names)
+
+
+def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function with numba, without the interpreter's lock, and keeps its code
+    on disk. options: further ones of `numba.njit`."""
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(nogil=True, **options)(function)
+        dispatcher._cache = FallibleCache(function)  # type: ignore[no-untyped-call]
+        FallibleCache.caches.append(dispatcher._cache)
+        return dispatcher
+
+    return compiled
