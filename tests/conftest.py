@@ -51,6 +51,7 @@ COMPILES = ("cell/operator/progress/test_compiling.py",)
 DRAWS_PICTURES = (
     "cell/commands/test_perceive_command.py",
     "cell/config/test_new_garment.py",
+    "cell/hardware/test_own_picture.py",
     "cell/simulation/test_camera_sensor.py",
     "foldcell/test_api_perceive.py",
     "skills/perception",

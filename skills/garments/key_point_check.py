@@ -11,7 +11,15 @@ import shapely
 
 from robots.ports import Array
 from skills.garments.garment import Garment
-from skills.garments.picture_measure import PictureMeasure
+from skills.garments.outline_check import (
+    LARGEST,
+    SMALLEST,
+    crosses_itself,
+    impossible_size,
+    runs_clockwise,
+    same_places,
+)
+from skills.garments.picture_measure import PictureMeasure, as_laid
 
 __all__ = ["KeyPointFinding", "check_key_points"]
 
@@ -22,13 +30,9 @@ SIDES = (("left", "right"), ("near", "far"))
 """Parts of the names of key points that mirror each other."""
 MOST_PAIRS = 10
 """Exchanges are sought for garments with at most this many pairs of mirrored key points."""
-SAME_PLACE = 0.002
-"""Neighbouring key points that are nearer than this lie at the same place, relative to the garment's size."""
 OFF_OUTLINE = 0.05
 """A key point may lie this far off the outline that was seen, relative to the garment's size. At a rounded corner,
 it lies a little outside."""
-SMALLEST, LARGEST = 0.05, 3.0
-"""Smallest and largest extent of a garment [m]."""
 UNLIKE = 2.0
 """A garment that is larger or smaller than the known one by more than this factor is probably measured wrong."""
 
@@ -87,15 +91,13 @@ def _places(points: Mapping[str, Array], like: Garment, picture: PictureMeasure)
 
 
 def _shape(pixels: Array, like: Garment, picture: PictureMeasure) -> Iterator[KeyPointFinding]:
-    edges = np.linalg.norm(np.roll(pixels, -1, axis=0) - pixels, axis=1)
-    short = np.flatnonzero(edges <= SAME_PLACE * np.linalg.norm(np.ptp(pixels, axis=0)))
-    polygon = shapely.Polygon(pixels)
-    if len(short):
-        for names in (_edge(like, int(i)) for i in short):
+    same = same_places(pixels, like.keypoints)
+    if same:
+        for names in same:
             yield KeyPointFinding(names, f"{names[0]} and {names[1]} lie at the same place", "move one of them")
-    elif not polygon.is_valid:
+    elif crosses_itself(pixels):
         yield _wrong_order("the outline through the key points crosses itself", pixels, like, picture)
-    elif polygon.exterior.is_ccw:  # rows count downwards
+    elif runs_clockwise(as_laid(pixels)):
         yield _wrong_order("the key points run clockwise", pixels, like, picture)
     else:
         yield from _proportions(picture.to_laid(pixels), like)
@@ -131,7 +133,8 @@ def _proportions(laid: Array, like: Garment) -> Iterator[KeyPointFinding]:
 
 
 def _size(pixels: Array, like: Garment, picture: PictureMeasure) -> Iterator[KeyPointFinding]:
-    size, nominal = np.ptp(picture.template(pixels, like.template), axis=0), np.array(like.size_m)
+    template = picture.template(pixels, like.template)
+    size, nominal = np.ptp(template, axis=0), np.array(like.size_m)
     names: tuple[str, ...] = ()
     hint = "check that the cell's camera took this picture"
     if picture.measured is not None:
@@ -140,7 +143,7 @@ def _size(pixels: Array, like: Garment, picture: PictureMeasure) -> Iterator[Key
             f"check the measured length ({picture.length:g} m from {names[0]} to {names[1]}) and these key points"
         )
     what = f"the garment would be {size[0]:.3f} x {size[1]:.3f} m"
-    if size.max() > LARGEST or size.min() < SMALLEST:
+    if impossible_size(template):
         yield KeyPointFinding(names, f"{what}; {SMALLEST:g} to {LARGEST:g} m is possible", hint)
     elif not 1 / UNLIKE <= float(np.exp(np.log(size / nominal).mean())) <= UNLIKE:
         compared = f"{what}, {like.name} is {nominal[0]:.3f} x {nominal[1]:.3f} m"

@@ -23,7 +23,7 @@ from cell.hardware.placement import (
     refuse_too_large,
 )
 from cell.hardware.robot_model import load_robot
-from robots.errors import ConfigurationError
+from robots.errors import ConfigurationError, Failure
 from skills.garments.garment import Garment
 
 __all__ = ["add_options"]
@@ -81,6 +81,7 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     placed = _drawn_on_table(garment, settings, options.draw)
     folds = _folds_on_table(name, garment, settings)
     pictures = [path for path in (drawing, placed) if path]
+    refused = _unrecognised(name, garment, settings)
     words, good, predicted = list[str](), True, None
     if not options.no_predictions:
         # loaded only now, because the simulation takes seconds to load, and a file is refused sooner
@@ -90,15 +91,18 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
         shown = draw_prediction(options, garment, settings, found)
         pictures += [shown] if shown else []
         words, good, predicted = lines(found), found.good, figures(found, shown)
+    good = good and refused is None
     verdict = f"{'good' if good else 'will not go'}, {len(folds)} folds"
     _say(options, f"{name}: {verdict}" + (f", drawn in {', '.join(pictures)}" if pictures else ""))
+    if refused is not None:
+        _say(options, f"  not recognised in a drawing of itself on the table: {refused.what}\n    {refused.hint}")
     for fold in folds:
         if fold.why:
             _say(options, f"  {fold.name} is folded as {fold.variant}: {fold.why}")
     for line in words:
         _say(options, f"  {line}")
     return {
-        "file": name, "good": good, "drawing": drawing, "on_table": placed,
+        "file": name, "good": good, "drawing": drawing, "on_table": placed, "unrecognised": refused,
         "variants": {fold.name: fold.variant for fold in folds}, "prediction": predicted,
     }  # fmt: skip
 
@@ -112,6 +116,14 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
 
     picture = draw_cell(settings, load_robot(settings), garment, garment.poses.middle)
     return write_drawing(folder, f"{garment.name}-on-table", picture)
+
+
+def _unrecognised(name: str, garment: Garment, settings: CellSettings) -> Failure | None:
+    """Return why the garment would not be recognised on this table; None if it would be."""
+    # loaded only now, because perception takes a second to load, and a file is refused sooner
+    from cell.hardware.own_picture import own_picture_refused
+
+    return own_picture_refused(name, garment, settings)
 
 
 def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list[PlacedFold]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import shapely
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -28,6 +27,14 @@ from cell.config.garments.plan_check import check_lines_and_grasps
 from cell.config.yaml_file import Document, Key, dotted, parse_yaml, read_text, shown
 from robots.errors import ConfigurationError
 from skills.garments.garment import Anchor, Garment, PlanGrasp, PlanStep, PlanVariant, PoseRange
+from skills.garments.outline_check import (
+    LARGEST,
+    SMALLEST,
+    crosses_itself,
+    impossible_size,
+    runs_clockwise,
+    same_places,
+)
 from skills.vocabulary import CREASE_SET, REFERENCE_DROP, GraspId, Material, frozen
 
 __all__ = [
@@ -239,11 +246,17 @@ class _GarmentFile(_Strict):
     @model_validator(mode="after")
     def _outline(self) -> _GarmentFile:
         points = np.array(list(self.keypoints.values()))
-        polygon = shapely.Polygon(points)
-        if not polygon.is_valid or polygon.area < 1e-3:
-            raise _rule("the outline through them in this order crosses itself or has no area", "keypoints")
-        if not polygon.exterior.is_ccw:
+        same = same_places(points, list(self.keypoints))
+        if same:
+            raise _rule(f"{same[0][0]} and {same[0][1]} lie at the same place; move one", "keypoints", same[0][1])
+        if crosses_itself(points):
+            raise _rule("the outline through them in this order crosses itself", "keypoints")
+        if runs_clockwise(points):
             raise _rule("list them counter-clockwise (x away from the robot, y to its left)", "keypoints")
+        if impossible_size(points):
+            size = np.ptp(points, axis=0)
+            what = f"they span {size[0]:.3f} x {size[1]:.3f} m; {SMALLEST:g} to {LARGEST:g} m is possible"
+            raise _rule(what, "keypoints")
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         if np.abs(middle).max() > 0.002:
             raise _rule(f"their middle is {middle.round(3).tolist()}, not [0, 0]", "keypoints")
