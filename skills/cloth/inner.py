@@ -1,5 +1,5 @@
 """The decorator of functions that only compiled code calls. It leaves out the conversions between Python's and
-numba's values, a third of the time to compile the loop: a tuple of arrays has hundreds of values to convert."""
+numba's values, a fifth of the time to compile the loop: a tuple of arrays has hundreds of values to convert."""
 
 from functools import partial
 

@@ -48,7 +48,7 @@ def test_contractible_kernels_use_no_power_operator():
 
 
 def test_only_what_python_calls_is_compiled_with_conversions_from_python():
-    """They are a third of the time to compile, and a tuple of arrays makes a function of one line take seconds."""
+    """They were a fifth of the time to compile, and a tuple of arrays makes a one-line function take seconds."""
     modules = [import_module(f"skills.cloth.{n[:-3].replace('/', '.')}") for n in kernel.COMPILED]
     functions = {f for module in modules for f in vars(module).values() if isinstance(f, Dispatcher)}
     called = {f.py_func.__name__ for f in functions if not f.targetoptions.get("no_cpython_wrapper")}
