@@ -35,7 +35,7 @@ def test_unfinished_cotton_keeps_its_measured_angle_on_any_mesh():
     assert np.ptp(found) < 15.0
 
 
-@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("edge", EDGES[1:])
 def test_a_crease_keeps_more_after_a_longer_time_and_under_a_greater_load(edge):
     most = kept(STANDARD_PRESSURE, 300.0, edge)
     times = [*(kept(STANDARD_PRESSURE, t, edge, specimens=3) for t in (1.0, 30.0)), most]

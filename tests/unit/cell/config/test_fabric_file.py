@@ -43,7 +43,7 @@ def test_within_a_class_rigidity_does_not_fall_with_areal_mass() -> None:
         assert np.all(np.diff(rigidities) >= -1e-12)
 
 
-@pytest.mark.parametrize("name", ["jeans", "t_shirt", "small_towel"])
+@pytest.mark.parametrize("name", ["jeans", "small_towel"])
 def test_worlds_draw_the_whole_range_of_the_class(name: str) -> None:
     garment, noise = GARMENTS[name], load_noise().garment
     assert garment.fabric is not None

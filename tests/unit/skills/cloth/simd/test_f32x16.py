@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numba import njit
 from numba.core.errors import TypingError
 
@@ -138,15 +140,16 @@ def shared(rows, i, j):
     return common_corner(rows, i, j)
 
 
-@pytest.mark.parametrize("seed", range(200))
-def test_common_corners_of_triangles_agree_with_sets(seed):
+CORNERS = st.lists(st.integers(0, 8), min_size=3, max_size=3, unique=True)
+
+
+@given(CORNERS, CORNERS)
+def test_common_corners_of_triangles_agree_with_sets(one, other):
     """The first number of a row is not a corner."""
-    rng = np.random.default_rng(seed)
-    given = np.column_stack([np.zeros(2), [rng.choice(9, 3, False) for _ in range(2)]]).astype(np.uint32)
-    common = bool(set(given[0, 1:]) & set(given[1, 1:]))
-    assert shared(given, 0, 1) == common
+    rows, common = np.array([[0, *one], [0, *other]], np.uint32), bool({*one} & {*other})
+    assert shared(rows, 0, 1) == common
     wide = np.zeros((2, 16), np.uint32)  # numbers after the fourth are not corners either
-    wide[:, :4] = given
+    wide[:, :4] = rows
     assert shared(wide, 0, 1) == common
 
 
