@@ -26,7 +26,18 @@ from pydantic_core import ErrorDetails
 
 from robots.errors import ConfigurationError
 
-__all__ = ["Document", "Key", "dotted", "merge", "parse_yaml", "read_text", "read_yaml", "shown", "validated"]
+__all__ = [
+    "Document",
+    "Key",
+    "did_you_mean",
+    "dotted",
+    "merge",
+    "parse_yaml",
+    "read_text",
+    "read_yaml",
+    "shown",
+    "validated",
+]
 
 M = TypeVar("M", bound=BaseModel)
 Key = tuple[str | int, ...]
@@ -342,7 +353,8 @@ def _explain(
         return f"{where}: {key} = {shown(value)}: a group of keys is expected", f"keys of '{key}': {known}"
     if kind == "value_error" and not _allowed(field):  # the message of a rule over several keys names these keys
         return f"{where}: {_message(fault)}", ""
-    allowed = _allowed(field) or _message(fault)
+    choices = [choice for choice in (get_args(field.annotation) if field else ()) if isinstance(choice, str)]
+    allowed = did_you_mean(value, choices) + (_allowed(field) or _message(fault))
     hint = _unit_hint(field, value) or _number_hint(value) or _about(field)
     return f"{where}: {key} = {shown(value)}: {allowed}", hint
 
@@ -402,10 +414,15 @@ def _names(owner: type[BaseModel]) -> list[str]:
     return [field.alias or name for name, field in owner.model_fields.items()]
 
 
+def did_you_mean(value: Any, known: Sequence[str]) -> str:
+    """Return a question that names the known word that is nearest to a value; empty if none is near."""
+    near = difflib.get_close_matches(str(value), known, 1, cutoff=0.6)
+    return f"did you mean '{near[0]}'? " if near else ""
+
+
 def _known_keys(owner: type[BaseModel] | None, name: str) -> str:
     known = _names(owner) if owner else []
-    near = difflib.get_close_matches(name, known, 1, cutoff=0.6)
-    return (f"did you mean '{near[0]}'? " if near else "") + (f"known here: {', '.join(known)}" if known else "")
+    return did_you_mean(name, known) + (f"known here: {', '.join(known)}" if known else "")
 
 
 def _extra(field: FieldInfo | None) -> Mapping[str, Any]:

@@ -27,7 +27,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
-from cell.config.yaml_file import Key, read_yaml, validated
+from cell.config.yaml_file import Key, did_you_mean, read_yaml, validated
 from cell.simulation import TRAITS, Fault, FaultKind
 from cell.states.commands import OPERATOR_EVENTS
 from cell.states.transition_table import TERMINAL, Event, State
@@ -62,7 +62,7 @@ def one_of(kind: Any, known: Any = None) -> Any:
     def convert(value: Any) -> Any:
         if value in choices:
             return kind(value)
-        raise ValueError(f"allowed is one of {', '.join(choices)}")
+        raise ValueError(f"{did_you_mean(value, choices)}allowed is one of {', '.join(choices)}")
 
     return Annotated[kind, BeforeValidator(convert)]
 

@@ -141,7 +141,7 @@ def _outcome(p: ScriptResult) -> str:
     times = f"{p.result.robot_time_s:.1f} s robot, {p.seconds:.1f} s wall" if p.result else "no run"
     lines = [f"         {'passed' if p.passed else 'FAILED'}  ({times})"]
     lines += [f"         - {what}" for what in p.broken]
-    if p.broken and p.result:
+    if p.result:
         lines.append(f"         {p.result.run_dir}/report.html")
     return "\n".join(lines)
 

@@ -65,6 +65,9 @@ def test_every_field_of_a_script_is_read(tmp_path: Path) -> None:
         ({"do": [{"when": {"state": "folding"}}]}, "one of fault, say, stop and tell"),
         ({"do": [{"say": "pause", "stop": "now"}]}, "one of fault, say, stop and tell"),
         ({"do": [{"say": "faster"}]}, "approve"),
+        ({"do": [{"fault": {"kind": "droped_corner"}}]}, "did you mean 'dropped_corner'? allowed is one of"),
+        ({"expect": {"end": "foldet"}}, "did you mean 'folded'?"),
+        ({"cell": {"optimiser": {"method": "papper"}}}, "did you mean 'paper'?"),
         ({"do": [{"when": {"state": "folding", "time_s": 1.0}, "say": "pause"}]}, "either `time_s` or `state`"),
         ({"do": [{"when": {"time_s": 1.0, "visit": 2}, "say": "pause"}]}, "need `state`"),
         ({"do": [{"when": {"state": "dancing"}, "say": "pause"}]}, "folding"),
@@ -83,7 +86,7 @@ def test_every_field_of_a_script_is_read(tmp_path: Path) -> None:
 def test_invalid_input_is_refused_with_its_reason(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
     path = script_file(tmp_path, **changes)
     with pytest.raises(ConfigurationError) as error:
-        read_script(path)
+        check_script(read_script(path), load_settings(), "sim")
     assert said in f"{error.value.what} {error.value.hint}" and str(path) in error.value.what
 
 
