@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,6 +58,21 @@ def port(text: str) -> int:
     if not text.isdecimal() or not (int(text) == 0 or 1024 <= int(text) <= 65_535):
         raise argparse.ArgumentTypeError(f"{text!r} is no port; a whole number from 1024 to 65535 is, or 0")
     return int(text)
+
+
+def origin(text: str) -> str:
+    """Convert the origin of a page, as in http://localhost:9000: a scheme, a host and perhaps a port."""
+    if not re.fullmatch(r"https?://[A-Za-z0-9.-]+(:[0-9]{1,5})?/?", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: http:// or https://, a host and perhaps :PORT are expected")
+    return text.rstrip("/").lower()
+
+
+def page_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
+    parser.add_argument(
+        "--page-origin", type=origin, default="", metavar="URL",
+        help="where a browser opens the page through a forwarded port, as http://localhost:9000",
+    )  # fmt: skip
 
 
 def driver_option(parser: argparse.ArgumentParser, real: bool = True) -> None:

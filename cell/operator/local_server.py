@@ -42,9 +42,11 @@ def content_policy(may: str) -> dict[str, str]:
     return {"Content-Security-Policy": f"{own}; {may}"}
 
 
-def origins(listener: socket.socket, scheme: str = "http") -> list[str]:
-    """Return the origins of a page that is served at the listener's port."""
-    return [f"{scheme}://{host}:{listener.getsockname()[1]}" for host in HOSTS]
+def origins(listener: socket.socket, forwarded: str = "") -> list[str]:
+    """Return the origins of a page that is served at the listener's port. forwarded: a further one, which the
+    user named because a forwarded port or a proxy leads to the page; empty for none."""
+    own = [f"http://{host}:{listener.getsockname()[1]}" for host in HOSTS]
+    return [*own, forwarded] if forwarded else own
 
 
 class _WithHeaders:

@@ -102,7 +102,13 @@ class RunObservers:
 
         viewer = recorded_view(self._run.directory / RECORDING) if self._request.record else None
         with operators_page(
-            self._run_status, self._live_view, self.commands, stop, viewer, self._listener
+            self._run_status,
+            self._live_view,
+            self.commands,
+            stop,
+            viewer,
+            self._listener,
+            self._request.page_origin,
         ) as address:
             say(f"operator's page: {address}")
             yield

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from calibration.shear import clip_and_lowest
-from cell.commands.options import Commands, add_command, cell_option, json_option, port
+from cell.commands.options import Commands, add_command, cell_option, json_option, page_options
 from cell.commands.output import print_json
 from cell.commands.skill.perceive import look_at, write_overlay, write_picture, write_refused
 from cell.config.cell_settings import CellSettings, load_settings
@@ -51,7 +51,7 @@ def add_options(actions: Commands) -> None:
         help="key points read off the IMAGE by hand: YAML or JSON, name: [column, row]",
     )
     new.add_argument("--edit", action="store_true", help="serve a page to place or correct the key points by hand")
-    new.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
+    page_options(new)
     new.add_argument("--title", help="title of the garment")
     new.add_argument("--output", type=Path, metavar="FILE", help="garment file to write (IMAGE's name, here)")
     new.add_argument("--replace", action="store_true", help="write over a file that exists")

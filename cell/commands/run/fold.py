@@ -24,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     run_options(parser)
     parser.add_argument("--approve", action="store_true", help="ask before each fold")
     parser.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
-    parser.set_defaults(page=False, page_port=0)
+    parser.set_defaults(page=False, page_port=0, page_origin="")
     json_option(parser)
 
 
@@ -49,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
             realtime=options.realtime,
             page=options.page,
             page_port=options.page_port,
+            page_origin=options.page_origin,
             world=options.world,
             quiet=options.json,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from cell.commands.options import json_option, port, run_options
+from cell.commands.options import json_option, page_options, run_options
 from cell.commands.run.fold import run
 
 __all__ = ["add_options"]
@@ -14,6 +14,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
     run_options(parser)
     parser.add_argument("--no-page", dest="page", action="store_false", help="do not serve the operator's page")
-    parser.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
+    page_options(parser)
     parser.set_defaults(approve=True, realtime=True)
     json_option(parser)

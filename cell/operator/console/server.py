@@ -61,17 +61,19 @@ def operators_page(
     stop: Stop,
     viewer: tuple[Path, Path] | None,
     listener: socket.socket,
+    forwarded: str = "",
 ) -> Iterator[str]:
     """Serve the page for the duration of the context, then close the live view. Yields the page's address.
 
     viewer: folder with the program files of Rerun's web viewer, and the recording that it shows; None: no 3-D
-    view. listener: from `open_listener`, closed at the end. Raises StorageError if the page cannot be served.
+    view. listener: from `open_listener`, closed at the end. forwarded: see
+    `origins`. Raises StorageError if the page cannot be served.
     """
     ended = threading.Event()
     source = ViewerSource(*viewer, ended.is_set) if viewer else None
-    page = _Page(run_status, live_view, commands, stop, source, origins(listener))
+    page = _Page(run_status, live_view, commands, stop, source, origins(listener, forwarded))
     may, hint = (
-        MAY_LOAD.format(sockets=" ".join(origins(listener, "ws"))),
+        MAY_LOAD.format(sockets=" ".join("ws" + at.removeprefix("http") for at in origins(listener, forwarded))),
         "use --no-page and keys at the terminal",
     )
     with served(page.routes(), may, listener, "the operator's page", hint, LONGEST) as address:
@@ -108,6 +110,7 @@ class _Page:
     async def page(self, request: Request) -> HTMLResponse:
         viewer = json.dumps(VIEWER if self._viewer else None)
         page = read_page(PAGE).replace("{{viewer}}", viewer).replace("{{chart}}", marked_chart())
+        page = page.replace("{{origins}}", json.dumps(self._origins))
         return HTMLResponse(page)
 
     async def picture(self, request: Request) -> Response:

@@ -69,16 +69,17 @@ def edit_key_points(
     announce: Callable[[str], None],
     keep: Callable[[Points], str],
     save: Callable[[Points], str],
+    forwarded: str = "",
 ) -> bool:
     """Serve the page until the person has saved the garment or cancelled. Returns whether it was saved.
 
     listener: from `open_listener`, closed at the end. announce: is given the address. keep: writes the key points,
     name -> (2,) [px]. save: writes the garment with these key points. Both return a text about the written files
     and are called on this thread. The page shows their ConfigurationError and StorageError, and the editing goes
-    on. Raises StorageError if the page cannot be served.
+    on. forwarded: see `origins`. Raises StorageError if the page cannot be served.
     """
     tasks: queue.Queue[_Task] = queue.Queue()
-    routes = _Page(edit, tasks, origins(listener)).routes()
+    routes = _Page(edit, tasks, origins(listener, forwarded)).routes()
     with served(routes, MAY_LOAD, listener, "the page of the key points", "choose another --page-port") as address:
         announce(address)
         while True:
@@ -128,8 +129,10 @@ class _Page:
         })  # fmt: skip
 
     async def points(self, request: Request) -> Response:
-        if request.headers.get("origin") not in self._origins:
-            return _json({"refused": "the request comes from another page"}, 403)
+        origin = request.headers.get("origin")
+        if origin not in self._origins:
+            hint = f"if you forward the page's port, give the command --page-origin {origin}"
+            return _json({"refused": f"the request comes from another page ({origin}): {hint}"}, 403)
         length = request.headers.get("content-length", "")
         if not length.isdecimal() or int(length) > LONGEST:
             return _json({"refused": "the message is too long"}, 413)

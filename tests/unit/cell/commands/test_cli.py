@@ -51,6 +51,7 @@ class Request:
     quiet: bool
     page: bool = False
     page_port: int = 0
+    page_origin: str = ""
 
 
 class FakeRun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import time
 import urllib.error
@@ -17,6 +18,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from cell.commands.options import origin as page_origin
 from cell.config.garments.garment_file import load_garment
 from cell.operator.console.live_view import LiveView
 from cell.operator.console.run_status import RunStatus
@@ -157,6 +159,36 @@ def test_the_page_needs_the_secret_address(address: str, path: str) -> None:
     assert error.value.code == 404
     with pytest.raises(InvalidStatus), linked(f"{origin_of(address)}/{path}", origin_of(address)):
         pass
+
+
+def test_a_forwarded_page_is_linked_and_nothing_else(
+    cell: FakeCell, board: RunStatus, view: LiveView, commands: CommandQueue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cell.operator.console.server.LAST_WORD_S", 0.0)
+    mine, stop = "http://localhost:9000", cell.ports().stop
+    with operators_page(board, view, commands, stop, None, open_listener(), mine) as address:
+        link = address.replace("http", "ws") + "link?page=one"
+        for own in (mine, origin_of(address)):
+            with connect(link, origin=own) as opened:  # type: ignore[arg-type]
+                assert "run_status" in json.loads(opened.recv())
+        for other in (
+            "http://localhost:9001",
+            "https://localhost:9000",
+            "http://localhost:9000.evil.example",
+            None,
+        ):
+            with pytest.raises(InvalidStatus), connect(link, origin=other):  # type: ignore[arg-type]
+                pass
+        with urllib.request.urlopen(address) as answer:
+            assert "ws://localhost:9000" in answer.headers["Content-Security-Policy"]
+            assert f'"{mine}"' in answer.read().decode()
+
+
+@pytest.mark.parametrize("wrong", ["localhost:9000", "*", "http://*", "http://a b", "ftp://a", "http://a/b", ""])
+def test_only_one_origin_can_be_named(wrong: str) -> None:
+    assert page_origin("http://LocalHost:9000/") == "http://localhost:9000"
+    with pytest.raises(argparse.ArgumentTypeError):
+        page_origin(wrong)
 
 
 def test_pages_of_other_sites_are_refused(address: str, commands: CommandQueue) -> None:

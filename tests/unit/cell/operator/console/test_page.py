@@ -81,7 +81,10 @@ class Silent(BaseHTTPRequestHandler):
             self.wfile.write(jpeg_file(np.full((48, 64, 3), 90, np.uint8)))
             return
         if "link?" not in self.path:
-            page = PAGE.read_text(encoding="utf-8").replace("{{viewer}}", "null") + self.script
+            page = (
+                PAGE.read_text(encoding="utf-8").replace("{{viewer}}", "null").replace("{{origins}}", "null")
+                + self.script
+            )
             self.send_response(200)
             self.end_headers()
             self.wfile.write(page.encode())
