@@ -3,17 +3,23 @@
 numba takes its cache to be infallible: a damaged entry raises, and so does a program folder that cannot be
 written. Here an entry that cannot be read is compiled again and replaced, and code that cannot be written is not
 kept. The code in a program folder that is read-only is still used.
+
+The main thread waits for a compilation on another thread, so that a signal is handled at once. An exception of its
+handler leaves the other thread behind.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread, current_thread, main_thread
 from typing import Any, ClassVar
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.compiler_lock import global_compiler_lock
 
 __all__ = ["FallibleCache", "cached"]
 
@@ -66,8 +72,27 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         dispatcher = njit(nogil=True, **options)(function)
+        dispatcher.compile = _on_a_thread(dispatcher.compile)
         dispatcher._cache = FallibleCache(function)  # type: ignore[no-untyped-call]
         FallibleCache.caches.append(dispatcher._cache)
         return dispatcher
 
     return compiled
+
+
+def _on_a_thread(compile_now: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def compile_there(signature: Any) -> Any:
+        if current_thread() is not main_thread() or global_compiler_lock.is_locked():  # locked by this thread
+            return compile_now(signature)
+        done: Future[Any] = Future()
+
+        def work() -> None:
+            try:
+                done.set_result(compile_now(signature))
+            except BaseException as error:
+                done.set_exception(error)
+
+        Thread(target=work, name="compiler").start()
+        return done.result()
+
+    return compile_there

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -29,8 +30,16 @@ def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int
     """Parse a command line, run its command and return the exit code. Never raises.
 
     A closed pipe (`| head`) does not change the exit code. If standard output cannot be written for another
-    reason, a successful command returns USAGE. Messages of libraries are suppressed.
+    reason, a successful command returns USAGE. Messages of libraries are suppressed. If a signal has ended the
+    command while code is compiled (skills/compiled.py), the process ends here, because Python would wait for it.
     """
+    code = _framed(parse, asked_for_json)
+    if any(thread.name == "compiler" for thread in threading.enumerate()):
+        os._exit(code)
+    return code
+
+
+def _framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
     with lasting_streams() as output, unwinding(), quiet_libraries():
         code = _perform(parse, asked_for_json)
         lost = output.lost
