@@ -183,7 +183,7 @@ def person(monkeypatch: pytest.MonkeyPatch, act: Callable[..., bool]) -> list[Ke
     the person saw."""
     seen: list[KeyPointEdit] = []
 
-    def edit_key_points(edit: KeyPointEdit, listener: Any, announce: Any, keep: Any, save: Any) -> bool:
+    def edit_key_points(edit: KeyPointEdit, listener: Any, announce: Any, keep: Any, save: Any, _: str) -> bool:
         listener.close()
         seen.append(edit)
         announce("http://127.0.0.1:8642/secret/")
