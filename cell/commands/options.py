@@ -70,7 +70,7 @@ def origin(text: str) -> str:
 def page_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--page-port", type=port, default=0, metavar="N", help="port of the page (a free one)")
     parser.add_argument(
-        "--page-origin", type=origin, default="", metavar="URL",
+        "--page-origin", type=origin, metavar="URL",
         help="where a browser opens the page through a forwarded port, as http://localhost:9000",
     )  # fmt: skip
 

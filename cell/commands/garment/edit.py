@@ -62,7 +62,7 @@ def edited(
         return f"{kept} (--key-points {kept} --edit goes on with it)"
 
     edit = KeyPointEdit(title, photograph.rgb, like, measure, outline, start, about)
-    return edit_key_points(edit, open_listener(options.page_port), announce, keep, save, options.page_origin)
+    return edit_key_points(edit, open_listener(options.page_port), announce, keep, save, options.page_origin or "")
 
 
 def write_key_points(path: Path, points: Mapping[str, Array], image: Path) -> None:

@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
             realtime=options.realtime,
             page=options.page,
             page_port=options.page_port,
-            page_origin=options.page_origin,
+            page_origin=options.page_origin or "",
             world=options.world,
             quiet=options.json,
         )
