@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cell.hardware.robot_model import load_robot
 from robots.camera_mount import CameraMount
 from robots.errors import ConfigurationError
 from robots.model import RobotModel
-from robots.ports import Intrinsics, Side
+from robots.ports import Side
 from robots.registry import find_robot
 from robots.robot import Robot
 from skills.motion.validation.collision import CollisionChecker
@@ -33,11 +33,6 @@ LEAST_COVERED = 0.4
 """Share of this area's length and width that the table has to cover."""
 LEAST_SEEN = 0.8
 """Share of the table in this area that the camera has to see."""
-OFF_MIDDLE = 0.08
-"""Largest distance of the principal point from the middle of the picture, relative to the picture's size. Cameras
-for RGB-D pictures keep to 0.05. A point of another resolution lies further off."""
-UNEQUAL_FOCAL = 0.1
-"""Largest relative difference of the two focal lengths. Pixels are square, unless a picture was stretched."""
 HEIGHT_STEP, LOWEST_HEIGHT = 0.01, -0.6
 """Table heights are tried in these steps down to the lowest allowed one [m]."""
 
@@ -82,17 +77,6 @@ def robot_findings(
 
 def cell_findings(settings: CellSettings) -> Iterator[Finding]:
     """Check the cell that the settings describe: the robot's model, and what the camera sees of the table."""
-    for finding in _findings(settings):
-        yield replace(finding, key=_key_in_force(settings, finding.key))
-
-
-def _key_in_force(settings: CellSettings, key: str) -> str:
-    """Return the key that decides: a table's calibration file overrides table.height."""
-    calibrated = key == "table.height" and "table" in settings.calibrations
-    return "table.calibration" if calibrated else key
-
-
-def _findings(settings: CellSettings) -> Iterator[Finding]:
     area = f"{AREA_X[0]:.2f} to {AREA_X[1]:.2f} m before the robot, {AREA_Y[1]:.2f} m to both sides"
     covered = {
         f"table.{axis}": max(_overlap(span, wanted), 0.0) / (wanted[1] - wanted[0])
@@ -104,25 +88,11 @@ def _findings(settings: CellSettings) -> Iterator[Finding]:
     seen = work_area_seen(settings)
     found = f"{seen:.0%} of the table where garments lie ({area})"
     stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
-    lens = "camera.calibration" if "camera" in settings.calibrations else f"camera.{(stated or ['target'])[0]}"
-    yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, lens)
-    yield _lens(camera_calibration(settings).intrinsics, lens)
+    yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
     yield from _gripper(settings)
     parked = tuple(side for side in Side if getattr(settings.park, side.value) is not None)
     robot, model = find_robot(settings.robot), load_robot(settings)
     yield from robot_findings(robot, model, camera_mount(settings), settings.table, parked)
-
-
-def _lens(lens: Intrinsics, key: str) -> Finding:
-    """Check that the intrinsics belong to the picture's size."""
-    off = abs(lens.cx - 0.5 * (lens.width - 1)) / lens.width, abs(lens.cy - 0.5 * (lens.height - 1)) / lens.height
-    good = max(off) <= OFF_MIDDLE and abs(lens.fx / lens.fy - 1.0) <= UNEQUAL_FOCAL
-    found = f"middle ({lens.cx:.1f}, {lens.cy:.1f}), focal length {lens.fx:.1f} and {lens.fy:.1f} pixels"
-    size = f"{lens.width} x {lens.height} pixels"
-    if not good:
-        middle = f"({0.5 * (lens.width - 1):.1f}, {0.5 * (lens.height - 1):.1f})"
-        found += f"; such a picture has its middle near {middle}, and its focal lengths are nearly equal"
-    return Finding("camera's lens", good, f"{size}, {found}", key)
 
 
 def _gripper(settings: CellSettings) -> Iterator[Finding]:

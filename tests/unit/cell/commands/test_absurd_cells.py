@@ -11,9 +11,7 @@ import pytest
 import yaml
 
 from cell.commands.main import main
-from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import shipped_garment_path
-from cell.hardware.camera import camera_calibration
 
 Refused = Callable[..., str]
 
@@ -74,37 +72,6 @@ def test_a_cell_that_cannot_work_is_refused(
 ) -> None:
     write(tmp_path / "cell.yaml", settings)
     refused("fold small_towel --cell cell.yaml", *parts)
-
-
-@pytest.mark.parametrize(
-    ("lens", "turned", "parts"),
-    [
-        ({"cy": 179.5}, False, ["camera's lens", "middle (319.5, 179.5)", "near (319.5, 239.5)"]),
-        ({"fy": 434.0}, False, ["camera's lens", "focal length 577.0 and 434.0", "nearly equal"]),
-        ({}, True, ["camera's view of the table"]),
-    ],
-)
-def test_an_unfit_camera_file_is_named_as_what_decides(
-    refused: Refused, tmp_path: Path, lens: Mapping[str, float], turned: bool, parts: list[str]
-) -> None:
-    settings = {"camera": {"target": [0.6, 0.0, 0.0], "position": [0.25, 0.0, 1.1], "calibration": "camera.yaml"}}
-    stated = camera_calibration(load_settings())
-    T = np.array(stated.T_table_camera)
-    if turned:  # it looks over the table's far edge
-        T[0, 3] += 3.0
-    intrinsics = {"width": 640, "height": 480, "fx": 577.0, "fy": 577.0, "cx": 319.5, "cy": 239.5, **lens}
-    file = {"schema": 1, "kind": "camera", "intrinsics": intrinsics, "T_table_camera": T.tolist(), "head_pan": 0.0}
-    write(tmp_path / "camera.yaml", file)
-    write(tmp_path / "cell.yaml", settings)
-    message = refused("fold small_towel --cell cell.yaml", "camera.calibration = ", *parts)
-    assert "camera.target" not in message
-
-
-def test_a_height_from_a_table_file_is_named_as_what_decides(refused: Refused, tmp_path: Path) -> None:
-    write(tmp_path / "table.yaml", {"schema": 1, "kind": "table", "height": 0.3})
-    write(tmp_path / "cell.yaml", {"table": {"calibration": "table.yaml"}})
-    message = refused("fold small_towel --cell cell.yaml", "table.calibration = ", "left_wrist")
-    assert "table.height" not in message
 
 
 def garment(name: str, **changes: Any) -> dict[str, Any]:
