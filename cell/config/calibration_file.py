@@ -40,6 +40,13 @@ __all__ = [
     "tactile_text",
 ]
 
+FARTHEST_CENTRE = 0.1
+"""Largest distance of the principal point from the picture's middle, as a share of its width or height. The
+lenses of RGB-D cameras are centred within a few per cent. More means the values of another resolution."""
+MOST_OBLONG = 1.2
+"""Largest ratio of the two focal lengths. The pixels of cameras are square. More means the values of a
+stretched picture."""
+
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Row = tuple[_Number, _Number, _Number, _Number]
 
@@ -96,7 +103,9 @@ def read_camera_file(path: Path) -> CameraFile:
     file = validated(document, _CameraFile)
     T = np.array(file.T_table_camera)
     _check_pose(T, f"{document.where(('T_table_camera',))}: T_table_camera")
-    calibration = CameraCalibration(Intrinsics(**file.intrinsics.model_dump()), frozen(T), file.head_pan)
+    intrinsics = Intrinsics(**file.intrinsics.model_dump())
+    _check_lens(intrinsics, document.where(("intrinsics",)))
+    calibration = CameraCalibration(intrinsics, frozen(T), file.head_pan)
     return CameraFile(calibration, file.table_height, file.provenance)
 
 
@@ -160,6 +169,24 @@ def tactile_text(
 def _text(kind: str, data: Mapping[str, Any], provenance: Mapping[str, Mapping[str, Any]] | None) -> str:
     origin = {"provenance": {part: dict(notes) for part, notes in provenance.items()}} if provenance else {}
     return yaml.safe_dump({"schema": 1, "kind": kind, **data, **origin}, sort_keys=False, allow_unicode=True)
+
+
+def _check_lens(lens: Intrinsics, where: str) -> None:
+    for name, centre, side in (("cx", lens.cx, lens.width), ("cy", lens.cy, lens.height)):
+        middle = 0.5 * (side - 1)
+        off, most = abs(centre - middle), FARTHEST_CENTRE * side
+        if off > most:
+            raise ConfigurationError(
+                f"{where}: intrinsics.{name} = {centre:g}: the principal point is {off:.0f} pixels "
+                f"from the middle ({middle:g}) of {side} pixels; at most {most:.0f} are plausible",
+                f"it looks like that of a picture of about {round(2 * centre + 1)} pixels: give the values of the "
+                "resolution that is used, or calibrate the camera again",
+            )
+    if not 1.0 / MOST_OBLONG <= lens.fx / lens.fy <= MOST_OBLONG:
+        raise ConfigurationError(
+            f"{where}: intrinsics.fx = {lens.fx:g}, fy = {lens.fy:g}: the pixels would not be square",
+            "give the values of the resolution that is used, or calibrate the camera again",
+        )
 
 
 def _check_pose(T: Array, where: str) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cell.config.cell_settings import CellSettings
+from cell.config.deciding_setting import overriding_file
 from cell.hardware.camera import camera_calibration, camera_mount
 from cell.hardware.robot_check import PLACES_X, PLACES_Y, reached_places, view_margins
 from cell.hardware.robot_model import load_robot
@@ -19,7 +20,7 @@ from robots.registry import find_robot
 from robots.robot import Robot
 from skills.motion.validation.collision import CollisionChecker
 from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import Table
+from skills.vocabulary import CameraCalibration, Table, frozen
 
 __all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "work_area_seen"]
 
@@ -76,7 +77,14 @@ def robot_findings(
 
 
 def cell_findings(settings: CellSettings) -> Iterator[Finding]:
-    """Check the cell that the settings describe: the robot's model, and what the camera sees of the table."""
+    """Check the cell that the settings describe: the robot's model, and what the camera sees of the table. Each
+    finding names the key in force: that of a calibration file where it overrides the key of the part."""
+    for finding in _findings(settings):
+        overridden = finding.key and overriding_file(finding.key, settings) is not None
+        yield replace(finding, key=f"{finding.key.split('.')[0]}.calibration") if overridden else finding
+
+
+def _findings(settings: CellSettings) -> Iterator[Finding]:
     area = f"{AREA_X[0]:.2f} to {AREA_X[1]:.2f} m before the robot, {AREA_Y[1]:.2f} m to both sides"
     covered = {
         f"table.{axis}": max(_overlap(span, wanted), 0.0) / (wanted[1] - wanted[0])
@@ -86,7 +94,7 @@ def cell_findings(settings: CellSettings) -> Iterator[Finding]:
     found = f"{share:.0%} of the length where garments lie ({area})"
     yield Finding("table before the robot", share >= LEAST_COVERED, found, key)
     seen = work_area_seen(settings)
-    found = f"{seen:.0%} of the table where garments lie ({area})"
+    found = f"{seen:.0%} of the table where garments lie ({area}){_if_inverted(settings, seen)}"
     stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
     yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
     yield from _gripper(settings)
@@ -112,8 +120,7 @@ def _gripper(settings: CellSettings) -> Iterator[Finding]:
     for name, limit in (("contact_force", "press_force"), ("held_force", "grip_force")):
         reached, largest = getattr(forces, name), getattr(forces, limit)
         found = f"{reached:.2f} N{source}, {limit.replace('_', ' ')} {largest:.1f} N"
-        key = f"grasp.{name}" if file is None else "grasp.calibration"
-        yield Finding(name.replace("_", " "), reached < largest, found, key)
+        yield Finding(name.replace("_", " "), reached < largest, found, f"grasp.{name}")
 
 
 def refuse_unfit_cell(settings: CellSettings) -> None:
@@ -132,7 +139,22 @@ def work_area_seen(settings: CellSettings) -> float:
     table = settings.table
     if min(_overlap(table.x, AREA_X), _overlap(table.y, AREA_Y)) <= 0.0:
         return 0.0
-    view = TableView(camera_calibration(settings), table, pixel=0.01)
+    return _area_seen(camera_calibration(settings), table)
+
+
+def _if_inverted(settings: CellSettings, seen: float) -> str:
+    """Return a note if the calibrated camera sees too little, and would see enough with its pose inverted."""
+    if settings.camera.calibration is None or seen >= LEAST_SEEN:
+        return ""
+    calibration = camera_calibration(settings)
+    inverse = replace(calibration, T_table_camera=frozen(np.linalg.inv(calibration.T_table_camera)))
+    if _area_seen(inverse, settings.table) < LEAST_SEEN:
+        return ""
+    return "; T_table_camera looks inverted: it has to transform from the camera to the table"
+
+
+def _area_seen(calibration: CameraCalibration, table: Table) -> float:
+    view = TableView(calibration, table, pixel=0.01)
     low, high = view.to_pixel(np.array([[AREA_X[0], AREA_Y[0]], [AREA_X[1], AREA_Y[1]]]))
     rows = slice(max(round(high[1]), 0), max(round(low[1]), 0) + 1)
     columns = slice(max(round(high[0]), 0), max(round(low[0]), 0) + 1)

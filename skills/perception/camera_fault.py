@@ -25,6 +25,10 @@ DARK_LEVEL = 6.0
 WHITE_LEVEL = 254.0
 """A picture whose mean intensity is above this is white."""
 
+LENS_TOLERANCE = 0.1
+"""Largest difference between the calibrated intrinsics and those that the camera itself states: relative to the
+focal lengths, and to the picture's size for the principal point. A calibration corrects a few per cent."""
+
 DEPTH_UNITS = {
     4.0: "16-bit steps of 0.25 mm",
     5.0: "16-bit steps of 0.2 mm",
@@ -43,8 +47,8 @@ def camera_fault(
     previous: CameraFrame | None,
     settings: PerceptionSettings,
 ) -> Failure | None:
-    """Return CAMERA_FAULT for a picture that has the wrong size, is black, is white, has no depth or equals
-    `previous`; else None."""
+    """Return CAMERA_FAULT for a picture that has the wrong size or lens, is black, is white, has no depth or
+    equals `previous`; else None."""
     expected_shape = (calibration.intrinsics.height, calibration.intrinsics.width)
     hint = "check the camera's cable, exposure and driver, then look again"
     if frame.rgb.shape != (*expected_shape, 3) or frame.depth.shape != expected_shape:
@@ -55,6 +59,8 @@ def camera_fault(
             f"{frame.depth.shape[0]}",
             "set the camera's resolution back, or calibrate it anew",
         )
+    if (other := _other_lens(frame, calibration)) is not None:
+        return other
     level = float(frame.rgb[::4, ::4].mean())
     if level < DARK_LEVEL:
         return Failure(FailureKind.CAMERA_FAULT, "the picture is black", hint, {"mean_level": level})
@@ -73,6 +79,27 @@ def camera_fault(
             {"sequence": frame.sequence, "stamp_s": frame.stamp},
         )
     return None
+
+
+def _other_lens(frame: CameraFrame, calibration: CameraCalibration) -> Failure | None:
+    """Return CAMERA_FAULT if the camera states intrinsics far from the calibrated ones, else None."""
+    own, used = frame.intrinsics, calibration.intrinsics
+    differences = {
+        "fx": (own.fx - used.fx) / used.fx,
+        "fy": (own.fy - used.fy) / used.fy,
+        "cx": (own.cx - used.cx) / used.width,
+        "cy": (own.cy - used.cy) / used.height,
+    }
+    name = max(differences, key=lambda key: abs(differences[key]))
+    if abs(differences[name]) <= LENS_TOLERANCE:
+        return None
+    stated, calibrated = getattr(own, name), getattr(used, name)
+    return Failure(
+        FailureKind.CAMERA_FAULT,
+        f"the camera states {name} = {stated:.1f} pixels, its calibration {calibrated:.1f}",
+        "set the camera's resolution and lens back, or calibrate it anew",
+        {"stated_px": stated, "calibrated_px": calibrated},
+    )
 
 
 def table_unseen(view: TableView) -> Failure | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,10 @@ import pytest
 import yaml
 
 from cell.commands.main import main
+from cell.config.calibration_file import calibration_text, table_text
+from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import shipped_garment_path
+from cell.hardware.camera import camera_calibration
 
 Refused = Callable[..., str]
 
@@ -110,3 +114,22 @@ def test_the_stated_camera_is_drawn_with_the_cell(tmp_path: Path, capsys: pytest
     assert main(line) == 0, capsys.readouterr()
     picture = cv2.imread(str(tmp_path / "cell.png"))
     assert picture is not None and np.ptp(picture) > 200
+
+
+def test_an_inverted_calibration_is_named_instead_of_the_key_that_it_overrides(
+    refused: Refused, tmp_path: Path
+) -> None:
+    calibration = camera_calibration(load_settings())
+    T = np.linalg.inv(calibration.T_table_camera)
+    (tmp_path / "camera.yaml").write_text(calibration_text(replace(calibration, T_table_camera=T)))
+    place = {"position": [0.25, 0.0, 1.1], "target": [0.62, 0.0, 0.0], "calibration": "camera.yaml"}
+    write(tmp_path / "cell.yaml", {"camera": place})
+    message = refused("fold small_towel --cell cell.yaml", "camera.calibration = ", "camera.yaml", "inverted")
+    assert "camera.target" not in message
+
+
+def test_a_calibrated_table_is_named_by_its_file(refused: Refused, tmp_path: Path) -> None:
+    (tmp_path / "table.yaml").write_text(table_text(0.30))
+    write(tmp_path / "cell.yaml", {"table": {"calibration": "table.yaml"}})
+    message = refused("fold small_towel --cell cell.yaml", "table.calibration = ", "table.yaml", "are free")
+    assert "table.height" not in message

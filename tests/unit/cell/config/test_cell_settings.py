@@ -1,6 +1,7 @@
 """Settings: invalid values are refused with a helpful message."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -263,7 +264,6 @@ def test_truncated_and_binary_calibrations_are_refused_by_the_settings(tmp_path:
 
 @pytest.mark.parametrize("fault", ["scaled", "mirrored", "millimetres", "looking up", "below"])
 def test_impossible_camera_poses_are_refused(tmp_path: Path, fault: str) -> None:
-    from dataclasses import replace
 
     nominal = camera_calibration(load_settings())
     T = np.array(nominal.T_table_camera)
@@ -324,3 +324,28 @@ def test_thresholds_of_a_file_reach_the_skills(tmp_path: Path) -> None:
     inspection = settings.inspection.settings(settings.perception)
     assert inspection.perception.method == "watershed" and inspection.perception.flat_height == 0.03
     assert inspection.drift_angle == pytest.approx(np.pi / 20) and inspection.iou == 0.8
+
+
+@pytest.mark.parametrize(
+    ("values", "parts"),
+    [
+        ({"cy": 179.5}, ["intrinsics.cy = 179.5", "360 pixels"]),
+        ({"cx": 639.5}, ["intrinsics.cx = 639.5", "1280 pixels"]),
+        ({"fy": 434.0}, ["fy = 434", "square"]),
+    ],
+)
+def test_intrinsics_of_another_resolution_are_refused(
+    tmp_path: Path, values: dict[str, float], parts: list[str]
+) -> None:
+    nominal = camera_calibration(load_settings())
+    other = replace(nominal, intrinsics=replace(nominal.intrinsics, **values))
+    with pytest.raises(ConfigurationError) as refused:
+        load_camera_calibration(calibration_file(tmp_path, calibration_text(other)))
+    assert all(part in str(refused.value) for part in parts)
+
+
+def test_a_lens_that_is_a_little_off_its_middle_is_accepted(tmp_path: Path) -> None:
+    nominal = camera_calibration(load_settings())
+    real = replace(nominal, intrinsics=replace(nominal.intrinsics, cx=335.0, cy=225.0, fx=560.0))
+    read = load_camera_calibration(calibration_file(tmp_path, calibration_text(real)))
+    assert np.array_equal(read.intrinsics.matrix, real.intrinsics.matrix)

@@ -136,10 +136,12 @@ def broken(frame, how):
         return replace(frame, rgb=np.minimum(frame.rgb.astype(int) * 3, 255).astype(np.uint8))
     if how == "no depth":
         return replace(frame, depth=np.full_like(frame.depth, np.nan))
+    if how == "another lens":
+        return replace(frame, intrinsics=replace(frame.intrinsics, cy=frame.intrinsics.cy - 60.0))
     return CameraFrame(frame.stamp, frame.sequence, frame.rgb[::2, ::2], frame.depth[::2, ::2], frame.intrinsics)
 
 
-@pytest.mark.parametrize("how", ["black", "overexposed", "no depth", "half the resolution"])
+@pytest.mark.parametrize("how", ["black", "overexposed", "no depth", "another lens", "half the resolution"])
 def test_camera_faults_are_reported(towel_picture, calibration, towels, how):
     _, _, picture, bare = towel_picture(0)
     outcome = perceive(broken(picture, how), calibration, TABLE, bare, towels)
