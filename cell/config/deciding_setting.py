@@ -1,45 +1,86 @@
-"""The setting that decides whether something counts as a failure, for messages to the operator."""
+"""The setting that decided that something counts as a failure, for messages to the operator."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 
+import numpy as np
+
 from cell.config.cell_settings import CellSettings
-from robots.errors import FailureKind
+from robots.errors import Failure, FailureKind
 
-__all__ = ["DECIDING", "deciding_setting", "overriding_file", "setting_in_words"]
+__all__ = ["LIMITS", "Limit", "deciding_setting", "overriding_file", "setting_in_words"]
 
-DECIDING: Mapping[FailureKind, str] = {
-    FailureKind.UNKNOWN_GARMENT: "perception.min_template_iou",
-    FailureKind.LOW_CONFIDENCE: "perception.min_fit",
-    FailureKind.NOT_FLAT: "perception.flat_height",
-    FailureKind.PREDICTION_POOR: "optimiser.simulations",
-    FailureKind.OPTIMISER_FAILED: "optimiser.simulations",
-    FailureKind.START_MISMATCH: "motion.start_tolerance_deg",
-    FailureKind.TRACKING_ERROR: "motion.tracking_tolerance",
-    FailureKind.STALE_STATE: "motion.max_state_age_s",
-    FailureKind.NO_CONTACT: "grasp.contact_force",
-    FailureKind.MISSED_GRASP: "grasp.held_force",
-    FailureKind.SLIPPED: "grasp.grip_force",
-    FailureKind.DRIFT: "inspection.drift",
-    FailureKind.PILING: "inspection.extra_height",
-    FailureKind.TOO_HIGH: "pressing.max_attempts",
-    FailureKind.SAG: "inspection.deviation",
-    FailureKind.OFF_TARGET: "inspection.iou",
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that can be set. key: GROUP.NAME in cell.yaml. figure: name of the measured value among those of the
+    failure. least: whether the limit is a minimum. factor: from the unit of the figure to that of the setting.
+    known: name of a value that has to be above 0, else another cause decided."""
+
+    key: str
+    figure: str
+    least: bool = False
+    factor: float = 1.0
+    known: str = ""
+
+
+_OUTLINE = (
+    Limit("inspection.deviation", "edge_deviation_m"),
+    Limit("inspection.iou", "iou_aligned", least=True),
+)
+_DEGREES = 180.0 / np.pi
+LIMITS: Mapping[FailureKind, tuple[Limit, ...]] = {
+    FailureKind.UNKNOWN_GARMENT: (Limit("perception.min_template_iou", "best_iou", least=True),),
+    FailureKind.LOW_CONFIDENCE: (
+        Limit("perception.min_fit", "fit", least=True),
+        Limit("perception.least_confidence", "confidence", least=True),
+    ),
+    FailureKind.NOT_FLAT: (
+        Limit("inspection.iou", "iou_aligned", least=True),
+        Limit("perception.flat_height", "height_m"),
+    ),
+    FailureKind.START_MISMATCH: (Limit("motion.start_tolerance_deg", "off_rad", factor=_DEGREES),),
+    FailureKind.TRACKING_ERROR: (Limit("motion.tracking_tolerance", "off_rad"),),
+    FailureKind.STALE_STATE: (Limit("motion.max_state_age_s", "age_s"),),
+    # pads between which there is no layer feel too little under any threshold
+    FailureKind.MISSED_GRASP: (Limit("grasp.held_force", "force_n", least=True, known="layers"),),
+    FailureKind.DRIFT: (
+        Limit("inspection.drift", "drift_m"),
+        Limit("inspection.drift_deg", "drift_rad", factor=_DEGREES),
+    ),
+    FailureKind.PILING: (Limit("inspection.extra_height", "extra_height_m"),),
+    FailureKind.SAG: _OUTLINE,
+    FailureKind.DROPPED_CORNER: _OUTLINE,
+    FailureKind.OFF_TARGET: (*_OUTLINE, Limit("inspection.claim_iou", "target_iou", least=True)),
 }
-"""Failure kind -> key in cell.yaml, GROUP.NAME. The other kinds have no limit that can be set."""
+"""Failure kind -> the limits that may have decided. The other kinds have no limit that can be set."""
 
 _TACTILE = ("grasp.contact_force", "grasp.held_force")
 """Keys that a tactile calibration overrides."""
 
 
-def deciding_setting(kind: FailureKind, settings: CellSettings) -> str:
-    """Return file, key and present value of the setting that decides, for example "`inspection.iou: 0.9` in
-    cell.yaml"; empty if there is none."""
-    key = DECIDING.get(kind)
-    return "" if key is None else setting_in_words(key, settings)
+def deciding_setting(failure: Failure, settings: CellSettings) -> str:
+    """Return file, key and present value of the limit that the failure's figures have passed, with the measured
+    value, for example "`inspection.iou: 0.9` in cell.yaml, measured 0.85"; empty if there is none."""
+    for limit in LIMITS.get(failure.kind, ()):
+        measured = failure.values.get(limit.figure)
+        if not isinstance(measured, float) or (limit.known and not failure.values.get(limit.known)):
+            continue
+        value = abs(measured) * limit.factor
+        allowed = _in_force(limit.key, settings)
+        if value < allowed if limit.least else value > allowed:
+            return f"{setting_in_words(limit.key, settings)}, measured {value:.3g}"
+    return ""
+
+
+def _in_force(key: str, settings: CellSettings) -> float:
+    group, name = key.split(".")
+    source = settings.grasp.calibrated() if key in _TACTILE else getattr(settings, group)
+    return float(getattr(source, name))
 
 
 def setting_in_words(key: str, settings: CellSettings) -> str:

@@ -68,8 +68,8 @@ def _unseen(claim: Any) -> Any:
 
 @dataclass(frozen=True)
 class FailureRecord:
-    """The failure that ended a run. what, hint: in words. setting: the setting that decides whether this counts as
-    a failure, with its value. It is empty if there is no such setting."""
+    """The failure that ended a run. what, hint: in words. setting: the limit of cell.yaml that
+    decided, with its value and the measured one. It is empty if no such limit decided."""
 
     kind: FailureKind
     what: str

@@ -116,9 +116,7 @@ def _failure(end: RunEnd, request: FoldRequest) -> FailureRecord | None:
     failure = end.context.failure
     if failure is None or end.state is State.FOLDED:
         return None
-    return FailureRecord(
-        failure.kind, failure.what, failure.hint, deciding_setting(failure.kind, request.settings)
-    )
+    return FailureRecord(failure.kind, failure.what, failure.hint, deciding_setting(failure, request.settings))
 
 
 def _folds(context: RunContext) -> Iterator[FoldRecord]:

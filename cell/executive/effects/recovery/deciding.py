@@ -49,7 +49,7 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if recovery.reason:
         limit = setting_in_words(recovery.limit, cell.settings) if recovery.limit else ""
         reason = recovery.reason.format(tries=len(context.retries), limit=limit)
-        asking = replace(context, asking=reason, setting=deciding_setting(failed.kind, cell.settings))
+        asking = replace(context, asking=reason, setting=deciding_setting(failed, cell.settings))
         return Result(event, asking, {**record, "reason": reason})
     if recovery.not_made and context.fold.attempt is not None:
         context = context.with_attempt(replace(context.fold.attempt, carried=False))

@@ -1,7 +1,8 @@
-"""Messages name the setting that decides: file, key and value."""
+"""Messages name the setting that decided: file, key, value and the measured value beside it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,29 +11,45 @@ import yaml
 from cell.config import cell_settings
 from cell.config.calibration_file import tactile_text
 from cell.config.cell_settings import load_settings
-from cell.config.deciding_setting import DECIDING, deciding_setting
-from robots.errors import FailureKind
+from cell.config.deciding_setting import LIMITS, deciding_setting
+from robots.errors import Failure, FailureKind
 
 SHIPPED = yaml.safe_load(Path(cell_settings.__file__).with_name("cell.yaml").read_text())
 
 
-@pytest.mark.parametrize("kind", DECIDING)
-def test_the_key_is_one_of_cell_yaml(kind: FailureKind) -> None:
-    group, name = DECIDING[kind].split(".")
-    assert deciding_setting(kind, load_settings()) == f"`{group}.{name}: {SHIPPED[group][name]}` in cell.yaml"
+@pytest.mark.parametrize("kind", LIMITS)
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_a_limit_is_named_only_if_the_measured_value_is_beyond_it(kind: FailureKind, part: float) -> None:
+    for limit in LIMITS[kind]:
+        group, name = limit.key.split(".")
+        allowed = SHIPPED[group][name]
+        measured = part * allowed / limit.factor
+        values = {limit.figure: measured, limit.known or "hand": 1}
+        said = deciding_setting(Failure(kind, "", values=values), load_settings())
+        decided = part < 1.0 if limit.least else part > 1.0
+        wanted = f"`{limit.key}: {allowed}` in cell.yaml, measured {part * allowed:.3g}"
+        assert said == (wanted if decided else "")
+
+
+def test_a_limit_that_another_value_would_not_have_changed_is_not_named() -> None:
+    empty = {"force_n": 0.0, "opening_m": 0.0, "layers": 0}
+    assert deciding_setting(Failure(FailureKind.MISSED_GRASP, "", values=empty), load_settings()) == ""
+    whole = {"iou_aligned": 0.98, "target_iou": 0.975, "edge_deviation_m": 0.001}
+    assert deciding_setting(Failure(FailureKind.OFF_TARGET, "", values=whole), load_settings()) == ""
+    assert deciding_setting(Failure(FailureKind.OFF_TARGET, ""), load_settings()) == "", "nothing was measured"
 
 
 def test_the_present_value_is_named(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("inspection: {iou: 0.77}\n")
     settings = load_settings(tmp_path / "cell.yaml")
-    assert deciding_setting(FailureKind.OFF_TARGET, settings) == "`inspection.iou: 0.77` in cell.yaml"
-    assert deciding_setting(FailureKind.STOPPED, settings) == ""
+    failure = Failure(FailureKind.OFF_TARGET, "", values={"iou_aligned": 0.7})
+    assert deciding_setting(failure, settings) == "`inspection.iou: 0.77` in cell.yaml, measured 0.7"
+    assert deciding_setting(replace(failure, kind=FailureKind.STOPPED), settings) == ""
 
 
 def test_the_value_of_a_tactile_calibration_is_named_with_its_file(tmp_path: Path) -> None:
     (tmp_path / "pads.yaml").write_text(tactile_text({"contact_force": 0.3, "held_force": 1.25}))
     (tmp_path / "cell.yaml").write_text("grasp: {held_force: 0.77, calibration: pads.yaml}\n")
     settings = load_settings(tmp_path / "cell.yaml")
-    named = deciding_setting(FailureKind.MISSED_GRASP, settings)
-    assert named == f"`held_force: 1.25` in {tmp_path / 'pads.yaml'}"
-    assert deciding_setting(FailureKind.SLIPPED, settings).startswith("`grasp.grip_force: ")
+    failure = Failure(FailureKind.MISSED_GRASP, "", values={"force_n": 1.0, "layers": 2})
+    assert deciding_setting(failure, settings) == f"`held_force: 1.25` in {tmp_path / 'pads.yaml'}, measured 1"
