@@ -102,7 +102,8 @@ def test_the_code_in_a_folder_that_is_read_only_is_used(folder: Path, monkeypatc
 def test_the_folder_that_the_user_names_is_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder / "named"))
     loads(imported(folder))
-    assert len(list((folder / "named").rglob("*.nbc"))) == 1 and not (folder / "__pycache__").exists()
+    (code,) = folder.rglob("*.nbc")
+    assert code.is_relative_to(folder / "named")
     assert loads(imported(folder)) == 1
 
 
