@@ -44,7 +44,7 @@ test: setup-dev        ## lint, types, layers and the whole test suite
 	$(MAKE) --jobs=2 lint compile
 	$(BIN)/python -m pytest $(PARALLEL)
 
-quick: setup-dev       ## the tests that take a minute together: no whole runs, and nothing marked long
+quick: setup-dev       ## the tests that take two minutes together: no whole runs, and nothing marked long
 	$(BIN)/python -m pytest $(PARALLEL) -m "not slow and not long"
 
 lint: setup-dev
