@@ -128,10 +128,10 @@ def depth_fault(view: TableView, frame: CameraFrame, seen: RectifiedView, holes:
         f"by its depth, {missing:.0%} of the table is missing or more than {BELOW * 100:.0f} cm below its top: "
         f"the depth is {ratio:.3g} times that of the table"
     )
-    units = [name for factor, name in DEPTH_UNITS.items() if abs(ratio / factor - 1.0) < SAME_UNIT]
+    factor = min(DEPTH_UNITS, key=lambda factor: abs(ratio / factor - 1.0))
     hint = (
-        f"the depth looks like {units[0]}: divide it by {min(DEPTH_UNITS, key=lambda f: abs(ratio / f - 1.0)):.0f}"
-        if units
+        f"the depth looks like {DEPTH_UNITS[factor]}: divide it by {factor:.0f}"
+        if abs(ratio / factor - 1.0) < SAME_UNIT
         else "check the unit of the depth and the calibrated place of the camera"
     )
     return Failure(FailureKind.CAMERA_FAULT, what, hint, {"missing": missing, "depth_ratio": ratio})

@@ -1,5 +1,5 @@
-"""A whole run of benchmarks/regression_runs with the shipped settings and trajectories, but few pictures of each
-fold, and few simulations where the library has no arc."""
+"""Whole runs with the shipped settings and trajectories, but few pictures of each fold, and few simulations where
+the library has no arc: the garments of benchmarks/regression_runs end folded."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ FEW_SIMULATIONS = {"optimiser": {"simulations": 2}}
 RUNS = Path(__file__).parents[2] / "benchmarks" / "regression_runs"
 
 
-# towels: tests/cell/test_fold_run.py; a long-sleeve shirt, which is folded as the T-shirt: the script
-# drop_after_the_release.yaml
-def test_pants_end_folded(tmp_path: Path) -> None:
-    script = read_script(RUNS / "pants.yaml")
+# the medium towel: tests/cell/test_fold_run.py; a long-sleeve shirt is folded as the T-shirt
+@pytest.mark.parametrize("name", ["t_shirt", "pants"])
+def test_a_shipped_garment_ends_folded(name: str, tmp_path: Path) -> None:
+    script = read_script(RUNS / f"{name}.yaml")
     result = fold_once(fold_request(tmp_path, FEW_SIMULATIONS, garment=script.garment_named, seed=script.seed))
     assert (result.result, result.state, result.exit_code) == ("folded", "folded", 0), result.failure
     assert result.failure is None
