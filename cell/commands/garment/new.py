@@ -90,14 +90,15 @@ def run(options: argparse.Namespace) -> int:
     look = look_at(options, options.like)
     if (failure := look.outcome.failure) is not None:
         write_refused(overlay, look)
+        hint = failure.hint if look.region is None else HINT  # key points do not mend a picture
         if options.json:
             print_json({
-                "image": str(options.image), "recognised": False, "reason": failure.what, "hint": HINT,
+                "image": str(options.image), "recognised": False, "reason": failure.what, "hint": hint,
                 "overlay": str(overlay),
             })  # fmt: skip
         else:
-            print(f"not recognised as {options.like}: {failure.what}\n  {HINT}")
-            print(f"overlay  {overlay}   (what was taken for the garment)")
+            print(f"not recognised as {options.like}: {failure.what}\n  {hint}")
+            print(f"overlay  {overlay}   ({look.shows})")
         return 2
     perception = look.outcome.unwrap()
     write_overlay(overlay, perception, look.frame)

@@ -37,6 +37,11 @@ class Look:
     frame: CameraFrame
     region: tuple[TableView, Segmentation] | None
 
+    @property
+    def shows(self) -> str:
+        """What the picture of a refusal shows, in words."""
+        return "the picture as given" if self.region is None else "what was taken for the garment"
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
@@ -67,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         if options.json:
             print_json({**_refused(options.image, output, options.unit, failure), "notes": notes})
         else:
-            print(f"not recognised: {failure}\noverlay  {output}   (what was taken for the garment)")
+            print(f"not recognised: {failure}\noverlay  {output}   ({look.shows})")
         return 2
     perception = look.outcome.unwrap()
     write_overlay(output, perception, look.frame)

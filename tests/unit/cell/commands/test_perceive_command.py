@@ -77,3 +77,16 @@ def test_garments_in_independently_drawn_photographs_are_measured(kind: str, see
 def test_a_garment_that_is_not_flat_is_refused_with_a_hint(kind: str, seed: int) -> None:
     failure = look_at(drawn(kind, seed), [load_garment(name) for name in list_garments()]).failure
     assert failure is not None and "spread" in failure.hint
+
+
+@pytest.mark.parametrize("command", ["perceive", "garment new --like medium_towel --unit m"])
+def test_a_picture_that_was_not_searched_is_not_said_to_show_a_garment(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    photograph(tmp_path / "towel.png", (640, 480))
+    cv2.imwrite(str(tmp_path / "depth.png"), np.full((480, 640), 5200, np.uint16))
+    assert main([*command.split(), "towel.png", "--depth", "depth.png"]) == 2
+    told = capsys.readouterr().out
+    assert "the picture as given" in told and "what was taken for the garment" not in told
+    assert "divide it by" in told, "the hint is that of the refusal"
