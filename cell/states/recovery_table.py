@@ -32,6 +32,7 @@ from cell.states.situation import (
     fold_tries_used_up,
     good_enough,
     lies_as_before,
+    near_enough,
     no_trajectory,
     not_planned,
     not_recognised,
@@ -134,6 +135,9 @@ _OTHER_WAY = _in_turn(
 _HOLD_BETTER = _in_turn(Recovery(Event.LOOK_AGAIN, A.STRONGER), Recovery(Event.LOOK_AGAIN, A.INWARD))
 _CARRY_ON = Recovery(Event.CARRY_ON, when=(good_enough,))
 _GOOD_ENOUGH = (_CARRY_ON, *_LOOK_ONCE_MORE)
+_NEAR_ENOUGH = Recovery(Event.CARRY_ON, when=(near_enough,))
+"""Make the next folds although the finished garment may not be claimed: a repair was not possible or has not
+helped."""
 _SPREAD = Recovery(Event.SPREAD, when=(spreadable,))
 """Pull the heap apart. After a failure of recognition this is possible only if the garment was pulled before and
 is still not flat: otherwise a person may have laid another garment."""
@@ -201,15 +205,16 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.GRIPPER_FAULT: (*_FEEL_AGAIN, *_ask("the gripper does not do as it is told")),
     # the fold itself; if it is only displaced, the plan is moved to it
     K.DRIFT: (Recovery(Event.CARRY_ON, when=(carried,)), *_SHAPE),
-    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), *_SHAPE),
-    K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
+    K.OFF_TARGET: (*_GOOD_ENOUGH, *_repair(A.NONE), _NEAR_ENOUGH, *_SHAPE),
+    K.PILING: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, *_SHAPE),
     # the last fold stands higher than its fabric explains, and pressing has not helped: it is folded anew
     K.TOO_HIGH: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
-    K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), *_SHAPE),
-    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), *_SHAPE),
+    K.SAG: (*_GOOD_ENOUGH, *_repair(A.OPTIMISE), _NEAR_ENOUGH, *_SHAPE),
+    K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), _NEAR_ENOUGH, *_SHAPE),
     K.MISSED_LAYER: (
         _CARRY_ON,
         *_held_too_many((*_LOOK_ONCE_MORE, *_repair(A.LOWER))),
+        _NEAR_ENOUGH,
         *_SHAPE,
     ),
     # the garment lies neither as before nor as after the fold: the estimate must be the same twice

@@ -18,6 +18,7 @@ __all__ = [
     "fold_tries_used_up",
     "good_enough",
     "lies_as_before",
+    "near_enough",
     "no_trajectory",
     "not_planned",
     "not_recognised",
@@ -56,7 +57,8 @@ class Situation:
     attempt: number of failures of this kind in the present fold, this one included; the verdicts of inspections
     count together. edited: whether the operator has changed the plan of the fold, and the hands have not
     approached yet. held: whether a hand holds cloth. If an inspection failed, overlap: IoU of observed and
-    predicted shape; deviation_m: the larger of the outline's deviation and the length of cloth left behind [m].
+    predicted shape; deviation_m: the larger of the outline's deviation and the length of cloth left behind [m];
+    lasting_defect: whether the finished garment would fail by the shape of this fold.
     The conditions below explain the other values.
     """
 
@@ -73,6 +75,7 @@ class Situation:
     repairing: bool = False
     overlap: float = 1.0
     deviation_m: float = 0.0
+    lasting_defect: bool = False
     too_many_layers: bool = False
     repairable: bool = False
     lies_as_before: bool = False
@@ -96,11 +99,17 @@ def carried(s: Situation) -> bool:
     return s.carried
 
 
-def good_enough(s: Situation) -> bool:
+def near_enough(s: Situation) -> bool:
     """the hands completed the fold, another fold follows, and this one is near enough to its prediction for it: an
     IoU of at least 0.85, and edges at most 30 mm off"""
     near = s.overlap >= GOOD_ENOUGH_IOU and s.deviation_m <= GOOD_ENOUGH_M
     return s.carried and not s.last_fold and near
+
+
+def good_enough(s: Situation) -> bool:
+    """the next fold can build on this one (an IoU of at least 0.85, edges at most 30 mm off), and this one has no
+    defect of its shape that spoils the finished garment"""
+    return near_enough(s) and not s.lasting_defect
 
 
 def too_many_layers(s: Situation) -> bool:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cell.hardware.workcell import Workcell
@@ -13,7 +11,7 @@ from robots.errors import Failure, FailureKind
 from skills.fold_plan.folding import folded_creases, target_vertices
 from skills.perception.inspection.claim import Claim
 from skills.perception.inspection.claiming import claim_fold, displacement_of
-from skills.perception.inspection.diagnosis import diagnose
+from skills.perception.inspection.diagnosis import lasting_defect
 from skills.perception.inspection.height_expectation import (
     CameraBias,
     IdealHeights,
@@ -28,10 +26,6 @@ from skills.perception.registration.alignment import align
 from skills.vocabulary import PredictedShape, frozen
 
 __all__ = ["claim_failure", "fold_target", "make_claim"]
-
-OUTLINE_LIMIT = 0.027
-"""Largest distance between the observed and the predicted outline of an earlier fold [m]: the 30 mm of the score,
-less the error of an outline."""
 
 HINTS = {
     FailureKind.TOO_HIGH: "press its creases by hand, or allow more pressing (pressing.max_attempts in cell.yaml)",
@@ -70,12 +64,10 @@ def make_claim(
 
 
 def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:
-    """Return the names of the earlier folds that an inspection refused and that are also beyond the claim's limit
-    for an outline. The limit of the inspection is stricter, because a fold can still be repaired then."""
-    limits = replace(settings, deviation=max(settings.deviation, OUTLINE_LIMIT))
+    """Return the names of the earlier folds that an inspection refused for a defect that a later fold can hide."""
     refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
     steps = {step.name: step for step in plan.steps}
-    return tuple(name for name, seen in refused if diagnose(seen, steps[name], limits)[0] is not None)
+    return tuple(name for name, seen in refused if lasting_defect(seen, steps[name], settings) is not None)
 
 
 def claim_failure(claim: Claim) -> Failure:

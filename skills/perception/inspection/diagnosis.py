@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.result import MAX_PILED_AREA, Inspection, InspectionSettings
 from skills.vocabulary import Array, FailureKind, FoldStep
 
-__all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "outline_matches"]
+__all__ = ["beyond_limits", "diagnose", "diagnosed_by_height", "lasting_defect", "outline_matches"]
 
 CORNER_RADIUS = 0.07
 """If a deviation of the outline is nearer than this to a corner of the target, it counts as a deviation of this
@@ -34,6 +36,11 @@ MAX_LAG_THIN = 0.030
 """Both limits grow in inverse proportion to the rise if the layers raise the surface by less than `THIN_RISE`,
 because wrinkles of a millimetre then hide the edge. If the edge is too short for wide strips, the limits also grow
 in proportion to the noise of its strips. No limit exceeds `MAX_LAG_THIN`."""
+
+LASTING_DEVIATION = 0.025
+"""Largest distance between the observed and the predicted outline of a fold that is followed by another [m]: the
+30 mm that the score allows between edges, less 5 mm by which edges lay further apart at the end of a run than the
+outline of the earlier fold had shown."""
 
 
 def diagnose(
@@ -70,6 +77,19 @@ def diagnose(
         abs(seen.edge_deviation_m) / settings.deviation,
     )
     return None, float(np.clip(1.0 - 0.5 * worst, 0.5, 1.0))
+
+
+def lasting_defect(seen: Inspection, step: FoldStep | None, settings: InspectionSettings) -> FailureKind | None:
+    """Return what is wrong with the shape of a fold that is followed by another, if the finished garment would
+    fail by it and the last look cannot show it; None if there is nothing.
+
+    Heights and the place of the garment are left out. The last look shows both, because heaped-up cloth raises
+    the whole stack and a drift moves it. The limit for the outline is `LASTING_DEVIATION`. An edge whose sag
+    exceeds its limit by less than the standard error counts as not visible.
+    """
+    edge = None if seen.edge is not None and _sag_uncertain(seen.edge) else seen.edge
+    shape = replace(seen, piled_area_m2=0.0, drift_m=0.0, drift_rad=0.0, edge=edge)
+    return diagnose(shape, step, replace(settings, deviation=max(settings.deviation, LASTING_DEVIATION)))[0]
 
 
 def outline_matches(seen: Inspection, settings: InspectionSettings) -> bool:
@@ -134,6 +154,12 @@ def _moved_edge_defect(seen: Inspection) -> tuple[FailureKind, float] | None:
         return None
     kind = FailureKind.DROPPED_CORNER if corner > sag else FailureKind.SAG
     return kind, _confidence(max(corner, sag), 1.0)
+
+
+def _sag_uncertain(edge: MovedEdge) -> bool:
+    """Whether the edge is refused for its sag alone, and the sag is within its standard error of the limit."""
+    corner_limit, sag_limit = _edge_limits(edge)
+    return sag_limit < edge.sag <= sag_limit + edge.sag_error and not edge.corner > corner_limit
 
 
 def _edge_limits(edge: MovedEdge) -> tuple[float, float]:

@@ -8,6 +8,7 @@ thickness of a layer, but the noise of the mean over a strip along the edge is t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -52,6 +53,9 @@ _TOLERANCE = 0.010
 """Huber threshold: in the fit of an edge, strips whose lag differs from the fit by more than this count
 less [m]."""
 
+_MAD = 1.4826
+"""Standard deviation of normal errors, relative to the median of their absolute values."""
+
 
 @dataclass(frozen=True, eq=False)
 class MovedEdge:
@@ -80,14 +84,22 @@ class MovedEdge:
 
     @property
     def sag(self) -> float:
-        """Lag of the middle of the edge relative to the straight line between its two ends [m].
+        """Lag of the middle of the edge relative to the straight line between its two ends [m]; NaN if too few
+        strips are visible."""
+        return self._fitted_sag()[0]
 
-        The sum of a straight line and half a sine is fitted to the lags of all strips with Huber's weights. The
-        amplitude of the sine is returned; NaN if too few strips are visible.
-        """
+    @property
+    def sag_error(self) -> float:
+        """Standard error of the sag, by the median residual of its fit [m]; NaN if there is none."""
+        return self._fitted_sag()[1]
+
+    def _fitted_sag(self) -> tuple[float, float]:
+        """Fit the sum of a straight line and half a sine to the lags of all strips with Huber's weights. Returns
+        the amplitude of the sine and its standard error [m]; NaN if fewer than five strips are visible."""
         known = np.isfinite(self.lag)
-        if np.count_nonzero(known) < 5:
-            return float("nan")
+        count = np.count_nonzero(known)
+        if count < 5:
+            return float("nan"), float("nan")
         t = (np.flatnonzero(known) + 0.5) / len(self.lag)
         basis, lag = np.stack([1.0 - t, t, np.sin(np.pi * t)], axis=1), self.lag[known]
         weight = np.ones(len(lag))
@@ -95,7 +107,8 @@ class MovedEdge:
         for _ in range(5):
             fit = np.asarray(np.linalg.lstsq(basis * weight[:, None], lag * weight, rcond=None)[0], dtype=float)
             weight = np.sqrt(np.minimum(1.0, _TOLERANCE / np.maximum(np.abs(lag - basis @ fit), 1e-9)))
-        return float(fit[2])
+        sigma = _MAD * float(np.median(np.abs(lag - basis @ fit))) * math.sqrt(count / (count - 3))
+        return float(fit[2]), sigma * math.sqrt(float(np.linalg.inv(basis.T @ basis)[2, 2]))
 
     def _ends(self) -> tuple[float, float]:
         """For each end, its lag minus the median lag of the opposite half of the edge [m]; NaN if the end is not

@@ -22,6 +22,7 @@ from cell.states.situation import Situation
 from cell.states.stages import Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
+from skills.perception.inspection.diagnosis import lasting_defect
 from skills.state_estimate.hypothesis import FoldState
 
 __all__ = ["ask_approval", "ask_operator", "choose_next", "pause"]
@@ -80,6 +81,7 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
         repairing=fold.repair is not None,
         overlap=_value(failed, "iou_aligned", 1.0),
         deviation_m=max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)),
+        lasting_defect=_lasting_defect(cell, fold),
         too_many_layers=_value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf),
         repairable=_repairable(fold, _value(failed, "iou_aligned", 0.0)),
         lies_as_before=fold.estimate is not None and fold.estimate.state is FoldState.BEFORE,
@@ -95,6 +97,13 @@ def _attempt(context: RunContext, kind: FailureKind) -> int:
     """Return the number of failures of this kind in the present fold. Verdicts of inspections count together."""
     kinds = VERDICTS if kind in VERDICTS else {kind}
     return sum(context.attempts.get((context.fold.index, k.value), 0) for k in kinds)
+
+
+def _lasting_defect(cell: Workcell, fold: FoldContext) -> bool:
+    attempt = fold.attempt
+    if attempt is None or attempt.inspection is None:
+        return False
+    return lasting_defect(attempt.inspection, attempt.step, cell.inspection) is not None
 
 
 IN_SHAPE = 0.85

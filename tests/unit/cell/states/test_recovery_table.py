@@ -55,7 +55,10 @@ def test_each_situation_has_one_answer_that_the_machine_knows(s: Situation) -> N
 
 @pytest.mark.parametrize("kind", list(FailureKind))
 def test_each_row_is_reached_and_the_last_one_asks(kind: FailureKind) -> None:
-    names = ("carried", "too_many_layers", "repairable", "lies_as_before", "spreadable", "other_variant")
+    names = (
+        "carried", "too_many_layers", "repairable", "lies_as_before", "spreadable", "other_variant",
+        "lasting_defect",
+    )  # fmt: skip
     situations = [
         Situation(kind, attempt, **dict(zip(names, values, strict=True)))
         for attempt in (1, 2, 3, 4)
@@ -147,6 +150,16 @@ def test_a_fold_that_is_too_far_from_its_prediction_is_never_good_enough(
     refused = [Event.LOOK_AFTER] + [Event.ASK] * 8
     assert [r.event for r in tried(K.OFF_TARGET, **seen)] == ([Event.CARRY_ON] * 9 if good_enough else refused)
     assert [r.event for r in tried(K.OFF_TARGET, **seen, last_fold=True)] == refused
+
+
+@pytest.mark.parametrize("kind", [K.OFF_TARGET, K.SAG, K.DROPPED_CORNER, K.PILING])
+def test_a_fold_that_would_spoil_the_garment_is_repaired_before_the_next_one(kind: FailureKind) -> None:
+    """If it cannot be repaired, the next folds are made, and the claim decides."""
+    spoiled = {"carried": True, "lasting_defect": True, "deviation_m": 0.028}
+    mended = [r.event for r in tried(kind, **spoiled, repairable=True)]
+    assert mended == [Event.LOOK_AFTER, Event.REPAIR, Event.REPAIR] + [Event.CARRY_ON] * 6
+    assert [r.event for r in tried(kind, **spoiled)] == [Event.LOOK_AFTER] + [Event.CARRY_ON] * 8
+    assert Event.CARRY_ON not in [r.event for r in tried(kind, **spoiled | {"deviation_m": 0.032})]
 
 
 @pytest.mark.parametrize(

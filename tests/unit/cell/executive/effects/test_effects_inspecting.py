@@ -159,6 +159,19 @@ def test_an_earlier_fold_refutes_the_claim_only_beyond_the_claims_own_limit(
 
 
 @pytest.mark.parametrize(
+    ("earlier", "claimed"), [({"piled_area_m2": 0.0014}, True), ({"iou_aligned": 0.8}, False)]
+)
+def test_cloth_heaped_up_in_an_earlier_fold_is_judged_by_the_height_of_the_finished_garment(
+    earlier: dict[str, float], claimed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for height, flat in ((0.011, True), (0.031, False)):
+        look(monkeypatch, seen(target=as_seen(height)))
+        context = last_fold(seen(K.PILING, **earlier))
+        claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
+        assert claim is not None and (claim.shape, claim.flat) == (claimed, flat)
+
+
+@pytest.mark.parametrize(
     ("view", "kind", "words"),
     [
         (as_seen(0.031), K.TOO_HIGH, "folded, but stands 31 mm high, 17 mm more than it should"),

@@ -9,6 +9,7 @@ from robots.errors import FailureKind
 from skills.perception.inspection.diagnosis import (
     EDGE_CORNER,
     EDGE_SAG,
+    LASTING_DEVIATION,
     MAX_LAG_THIN,
     MAX_LEFT_BEHIND,
     MAX_MISSING,
@@ -16,6 +17,7 @@ from skills.perception.inspection.diagnosis import (
     beyond_limits,
     diagnose,
     diagnosed_by_height,
+    lasting_defect,
 )
 from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.inspection.result import MAX_PILED_AREA
@@ -216,3 +218,31 @@ def test_places_that_are_not_seen_have_the_same_effect_in_any_order(order, value
     """A missed layer needs both grasps to be seen: one of them may as well have a dropped corner beside it."""
     seen = inspection(edge_deviation_m=0.05, iou_aligned=0.7, left_behind={name: values[name] for name in order})
     assert diagnose(seen, None, INSPECTION)[0] is kind
+
+
+def uneven(sag, scatter):
+    """A sagging edge whose strips lie alternately before and behind it."""
+    t = (np.arange(9) + 0.5) / 9
+    return MovedEdge(sag * np.sin(np.pi * t) + scatter * np.resize([1.0, -1.0], 9), 0.003)
+
+
+@pytest.mark.parametrize(
+    ("figures", "kind"),
+    [
+        ({"piled_area_m2": 2.0 * MAX_PILED_AREA}, None),
+        ({"drift_m": 2.0 * S.drift, "drift_rad": 2.0 * S.drift_angle}, None),
+        ({"edge_deviation_m": 0.99 * LASTING_DEVIATION}, None),
+        ({"edge_deviation_m": 1.01 * LASTING_DEVIATION}, K.OFF_TARGET),
+        ({"piled_area_m2": 2.0 * MAX_PILED_AREA, "edge": edge(corner=0.03)}, K.DROPPED_CORNER),
+        ({"drift_m": 2.0 * S.drift, "iou_aligned": 0.8, "edge_place": np.array([0.9, 0.0])}, K.OFF_TARGET),
+        ({"edge": edge(sag=1.1 * EDGE_SAG)}, K.SAG),
+        ({"edge": uneven(1.3 * EDGE_SAG, 0.008)}, None),
+        ({"edge": uneven(2.0 * EDGE_SAG, 0.008)}, K.SAG),
+        ({"edge": uneven(1.3 * EDGE_SAG, 0.008), "missing_layer": 1.1 * MAX_MISSING}, K.DROPPED_CORNER),
+    ],
+)
+def test_only_a_measured_defect_of_the_shape_lasts_under_the_next_fold(figures, kind):
+    """The last look shows heights and place. A sag within its standard error of the limit is not measured."""
+    seen = inspection(**figures)
+    assert diagnose(seen, STEP, S)[0] is not None, "the inspection refuses all of them"
+    assert lasting_defect(seen, STEP, S) is kind

@@ -323,6 +323,14 @@ def test_fewer_than_five_strips_give_no_sag():
     assert np.isnan(edge.sag) and not edge.wholly_seen
 
 
+def test_the_error_of_a_sag_is_the_scatter_of_repeated_measurements():
+    rng = np.random.default_rng(3)
+    edges = [MovedEdge(0.02 * np.sin(np.pi * T) + rng.normal(0.0, 0.004, 9), LAYER) for _ in range(400)]
+    scatter = float(np.std([edge.sag for edge in edges]))
+    assert float(np.mean([edge.sag_error for edge in edges])) == pytest.approx(scatter, rel=0.15)
+    assert MovedEdge(0.02 * np.sin(np.pi * T), LAYER).sag_error == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize("strip", range(1, 8))
 @pytest.mark.parametrize("wrong", [-0.024, 0.1])
 def test_one_outlying_strip_is_no_sag(strip, wrong):
