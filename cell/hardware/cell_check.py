@@ -10,7 +10,17 @@ import numpy as np
 from cell.config.cell_settings import CellSettings
 from cell.config.deciding_setting import overriding_file
 from cell.hardware.camera import camera_calibration, camera_mount
-from cell.hardware.robot_check import PLACES_X, PLACES_Y, reached_places, view_margins
+from cell.hardware.camera_place import (
+    AREA_X,
+    AREA_Y,
+    LEAST_SEEN,
+    LEAST_VIEW_MARGIN,
+    area_seen,
+    hidden_by_robot,
+    place_in_words,
+    place_that_fits,
+)
+from cell.hardware.robot_check import reached_places, view_margins
 from cell.hardware.robot_model import load_robot
 from robots.camera_mount import CameraMount
 from robots.errors import ConfigurationError
@@ -19,21 +29,14 @@ from robots.ports import Side
 from robots.registry import find_robot
 from robots.robot import Robot
 from skills.motion.validation.collision import CollisionChecker
-from skills.perception.rectification.table_view import TableView
-from skills.vocabulary import CameraCalibration, Table, frozen
+from skills.vocabulary import Table, frozen
 
 __all__ = ["Finding", "cell_findings", "refuse_unfit_cell", "robot_findings", "work_area_seen"]
 
-LEAST_VIEW_MARGIN = 0.01
-"""Distance by which the parked arms have to be out of the camera's picture [m]."""
 LEAST_REACHED = 0.9
 """Share of the places where garments lie. Each arm has to reach at least this share."""
-AREA_X, AREA_Y = (float(PLACES_X[0]), float(PLACES_X[-1])), (-float(PLACES_Y[-1]), float(PLACES_Y[-1]))
-"""Area in which garments lie, in the table frame [m]."""
 LEAST_COVERED = 0.4
 """Share of this area's length and width that the table has to cover."""
-LEAST_SEEN = 0.8
-"""Share of the table in this area that the camera has to see."""
 HEIGHT_STEP, LOWEST_HEIGHT = 0.01, -0.6
 """Table heights are tried in these steps down to the lowest allowed one [m]."""
 
@@ -79,12 +82,18 @@ def robot_findings(
 def cell_findings(settings: CellSettings) -> Iterator[Finding]:
     """Check the cell that the settings describe: the robot's model, and what the camera sees of the table. Each
     finding names the key in force: that of a calibration file where it overrides the key of the part."""
-    for finding in _findings(settings):
-        overridden = finding.key and overriding_file(finding.key, settings) is not None
-        yield replace(finding, key=f"{finding.key.split('.')[0]}.calibration") if overridden else finding
+    robot, model, told = find_robot(settings.robot), load_robot(settings), False
+    for finding in _findings(settings, robot, model):
+        key, found = finding.key, finding.found
+        if key and overriding_file(key, settings) is not None:
+            key = f"{key.split('.')[0]}.calibration"
+        if not finding.good and not told and key.startswith("camera."):
+            told = True
+            found = f"{found}; {place_that_fits(settings, model)}"
+        yield replace(finding, key=key, found=found)
 
 
-def _findings(settings: CellSettings) -> Iterator[Finding]:
+def _findings(settings: CellSettings, robot: Robot, model: RobotModel) -> Iterator[Finding]:
     area = f"{AREA_X[0]:.2f} to {AREA_X[1]:.2f} m before the robot, {AREA_Y[1]:.2f} m to both sides"
     covered = {
         f"table.{axis}": max(_overlap(span, wanted), 0.0) / (wanted[1] - wanted[0])
@@ -93,14 +102,18 @@ def _findings(settings: CellSettings) -> Iterator[Finding]:
     key, share = min(covered.items(), key=lambda item: item[1])
     found = f"{share:.0%} of the length where garments lie ({area})"
     yield Finding("table before the robot", share >= LEAST_COVERED, found, key)
+    yield Finding("camera", True, place_in_words(settings), "camera.position")
     seen = work_area_seen(settings)
     found = f"{seen:.0%} of the table where garments lie ({area}){_if_inverted(settings, seen)}"
     stated = [name for name in ("target", "view_deg", "width") if getattr(settings.camera, name) is not None]
     yield Finding("camera's view of the table", seen >= LEAST_SEEN, found, f"camera.{(stated or ['target'])[0]}")
     yield from _gripper(settings)
     parked = tuple(side for side in Side if getattr(settings.park, side.value) is not None)
-    robot, model = find_robot(settings.robot), load_robot(settings)
     yield from robot_findings(robot, model, camera_mount(settings), settings.table, parked)
+    hidden = hidden_by_robot(settings, model, camera_calibration(settings))
+    found = "no part of the robot" if hidden is None else hidden.what
+    key = "camera.calibration" if settings.camera.calibration is not None else "camera.position"
+    yield Finding("robot in the camera's picture", hidden is None, found, key)
 
 
 def _gripper(settings: CellSettings) -> Iterator[Finding]:
@@ -139,7 +152,7 @@ def work_area_seen(settings: CellSettings) -> float:
     table = settings.table
     if min(_overlap(table.x, AREA_X), _overlap(table.y, AREA_Y)) <= 0.0:
         return 0.0
-    return _area_seen(camera_calibration(settings), table)
+    return area_seen(camera_calibration(settings), table)
 
 
 def _if_inverted(settings: CellSettings, seen: float) -> str:
@@ -148,17 +161,9 @@ def _if_inverted(settings: CellSettings, seen: float) -> str:
         return ""
     calibration = camera_calibration(settings)
     inverse = replace(calibration, T_table_camera=frozen(np.linalg.inv(calibration.T_table_camera)))
-    if _area_seen(inverse, settings.table) < LEAST_SEEN:
+    if area_seen(inverse, settings.table) < LEAST_SEEN:
         return ""
     return "; T_table_camera looks inverted: it has to transform from the camera to the table"
-
-
-def _area_seen(calibration: CameraCalibration, table: Table) -> float:
-    view = TableView(calibration, table, pixel=0.01)
-    low, high = view.to_pixel(np.array([[AREA_X[0], AREA_Y[0]], [AREA_X[1], AREA_Y[1]]]))
-    rows = slice(max(round(high[1]), 0), max(round(low[1]), 0) + 1)
-    columns = slice(max(round(high[0]), 0), max(round(low[0]), 0) + 1)
-    return float(np.mean(view.valid[rows, columns]))
 
 
 def _overlap(a: tuple[float, float], b: tuple[float, float]) -> float:

@@ -1,5 +1,5 @@
-"""Draw a cell from above and from its side: the table, the camera's view, the reach of the hands, the parked arms,
-and a garment if one is given."""
+"""Draw a cell from above, from its side and as its camera sees it: the table, the camera's view, the reach of the
+hands, the parked arms, and a garment if one is given."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from cell.config.cell_settings import CellSettings
 from cell.hardware.camera import camera_calibration
+from cell.hardware.camera_place import expected_picture
 from cell.hardware.placement import Pose
 from cell.hardware.robot_check import moved_shapes, reached_places
+from cell.report.camera_pictures.projected_drawing import ProjectedDrawing
 from robots.model import RobotModel
 from robots.ports import Array, Side
 from skills.fold_plan.folding import silhouette
@@ -24,6 +26,8 @@ __all__ = ["draw_cell"]
 SCALE = 420.0
 """Pixels per metre."""
 PAD, HEAD = 40, 96
+CAMERA_WIDTH = 640
+"""Width of the camera's picture in the drawing [px]."""
 _INK, _PAPER, _TABLE = (40, 44, 52), (255, 255, 255), (232, 224, 210)
 _SEEN, _ARM, _CLOTH = (36, 110, 200), (150, 156, 166), (176, 208, 240)
 _REACHED, _MISSED, _FOLD = (36, 140, 60), (208, 52, 44), (150, 70, 190)
@@ -37,13 +41,18 @@ def draw_cell(
     pose: Pose | None = None,
     lines: Sequence[str] = (),
 ) -> NDArray[np.uint8]:
-    """Return an (H, W, 3) RGB picture: on the left the cell from above, the robot at the bottom; on the right from
-    its side, the robot on the left. lines: findings, which are written below."""
-    above, beside = _above(settings, model, garment, pose), _beside(settings, model)
-    height = max(above.shape[0], beside.shape[0])
+    """Return an (H, W, 3) RGB picture: on the left the cell from above, the robot at the bottom; in the middle
+    from its side, the robot on the left; on the right the picture of the camera. lines: findings, which are
+    written below."""
+    panels = (
+        _above(settings, model, garment, pose),
+        _beside(settings, model),
+        _by_its_camera(settings, model, garment, pose),
+    )
+    height = max(panel.shape[0] for panel in panels)
     picture = np.hstack([
         cv2.copyMakeBorder(panel, 0, height - panel.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=_PAPER)
-        for panel in (above, beside)
+        for panel in panels
     ])  # fmt: skip
     words = np.full((24 * len(lines) + 16, picture.shape[1], 3), 255, np.uint8)
     for i, line in enumerate(lines):
@@ -139,6 +148,21 @@ def _beside(settings: CellSettings, model: RobotModel) -> NDArray[np.uint8]:
         ("in the camera's picture, x: the camera", _SEEN), ("parked arms", _ARM),
     ])  # fmt: skip
     return picture
+
+
+def _by_its_camera(
+    settings: CellSettings, model: RobotModel, garment: Garment | None, pose: Pose | None
+) -> NDArray[np.uint8]:
+    calibration = camera_calibration(settings)
+    frame = expected_picture(settings, model, calibration)
+    drawing = ProjectedDrawing(frame, calibration, CAMERA_WIDTH / calibration.intrinsics.width)
+    if garment is not None and pose is not None:
+        drawing.line(np.asarray(garment.flat_state(*pose).contour), _CLOTH, closed=True)
+    edges = HEAD, PAD, PAD, PAD
+    picture = cv2.copyMakeBorder(drawing.picture, *edges, cv2.BORDER_CONSTANT, value=_PAPER)
+    framed = np.ascontiguousarray(picture, dtype=np.uint8)
+    _legend(framed, "by its camera", [("parked arms, head and table, without the camera's errors", _ARM)])
+    return framed
 
 
 def _arms(model: RobotModel, table_height: float) -> list[Array]:

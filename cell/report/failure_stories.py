@@ -23,7 +23,7 @@ from skills.vocabulary import CameraCalibration
 
 __all__ = ["FailureStories", "FailureStory", "Scene"]
 
-SEEING = frozenset({Effect.LOOK, Effect.RECOGNISE, Effect.INSPECT, Effect.CHECK_PLACE})
+SEEING = frozenset({Effect.PHOTOGRAPH_TABLE, Effect.LOOK, Effect.RECOGNISE, Effect.INSPECT, Effect.CHECK_PLACE})
 """Effects whose failure says what the picture shows."""
 WIDTH = 640
 """Width of the pictures [px]."""
@@ -89,7 +89,7 @@ class FailureStories:
         """The stories so far. A story that has not ended is told up to the last picture."""
         if self._open is None:
             return tuple(self._told)
-        frame, picture, says = self._context.sight.frame, None, "the run ended, and no other picture was taken"
+        frame, picture, says = self._context.sight.shown, None, "the run ended, and no other picture was taken"
         if frame is not None and frame is not self._shown:
             picture, says = draw_failure(frame, self._calibration, self._context), "the last picture of the run"
         return (*self._told, self._open.closed([Scene(self._t, says, _small(picture))]))
@@ -109,7 +109,7 @@ class FailureStories:
 
     def _failed(self, t: float, step: Step, before: RunContext, failure: Failure) -> None:
         title = plain(f"{failure.kind} while {step.target}")
-        story, frame = self._open, self._context.sight.frame
+        story, frame = self._open, self._context.sight.shown
         if story is None:
             story = self._open = _Open(t, title, failure.what, self._scene_before(before))
             self._shown = self._before

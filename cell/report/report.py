@@ -73,8 +73,8 @@ def report(
         stories=tuple(stories),
         estimates=tuple(_estimates(context, stories)),
     )
-    if context.sight.frame is not None:
-        cv2.imwrite(str(folder / "last.jpg"), context.sight.frame.rgb[..., ::-1])
+    if context.sight.shown is not None:
+        cv2.imwrite(str(folder / "last.jpg"), context.sight.shown.rgb[..., ::-1])
     if pictures.film:
         write_whole(folder / FILM, pictures.film)
     if not (context.done or context.fold.carried):  # nothing was folded: nothing to score
@@ -179,8 +179,8 @@ def _overview(context: RunContext, drawing: RunDrawing) -> Iterator[Picture]:
         yield Picture(sight.reference.rgb, "the empty table")
     if recognition is not None:
         yield Picture(recognition.overlay, "recognised")
-    if sight.frame is not None:
-        yield Picture(drawing.seen(sight.frame), "the last picture")
+    if sight.shown is not None:
+        yield Picture(drawing.seen(sight.shown), "the last picture")
 
 
 def _questions(folder: Path) -> Iterator[Picture]:

@@ -32,6 +32,7 @@ class Sight:
     reference: the empty table. refined: the calibration refined from that picture, if it showed the table well
     enough. frame: the latest picture; previous: the picture before it, to detect a frozen camera, which repeats
     its picture. digests: of all still pictures of the run, to recognise an old picture with a new stamp.
+    refused: a picture that was taken after `frame`, and refused.
     """
 
     reference: CameraFrame | None = None
@@ -39,6 +40,12 @@ class Sight:
     frame: CameraFrame | None = None
     previous: CameraFrame | None = None
     digests: tuple[str, ...] = ()
+    refused: CameraFrame | None = None
+
+    @property
+    def shown(self) -> CameraFrame | None:
+        """The latest picture for a person, whether it was refused or not."""
+        return self.refused or self.frame
 
     def calibration(self, nominal: CameraCalibration) -> CameraCalibration:
         """Return the refined calibration if there is one, else the nominal calibration."""

@@ -171,7 +171,7 @@ def _robot_model(name: str) -> Iterable[Check]:
 
 
 COMPILED = (
-    "cell.report.pictures.cloth_raster", "cell.simulation.camera.mesh_raster",
+    "cell.report.pictures.cloth_raster", "cell.report.pictures.mesh_raster",
     "skills.cloth.intersections.crossings",
     "skills.cloth.kernel", "skills.fold_figures.table_raster", "skills.motion.kinematics.ik",
     "skills.perception.registration.energy", "skills.perception.segmentation.colour_model",

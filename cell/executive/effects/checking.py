@@ -54,6 +54,7 @@ def check_place(cell: Workcell, context: RunContext, attempt: Attempt, planned: 
     seen = _motion(cell, context, planned, sight.frame)
     context = replace(context, sight=replace(context.sight, digests=sight.digests))
     if seen.failure:
+        context = replace(context, sight=replace(context.sight, refused=sight.frame))
         context = replace(context, disturbed=context.disturbed or seen.failure.kind in _GONE)
         return context.failed(seen.failure)
     motion = seen.unwrap()

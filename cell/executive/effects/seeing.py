@@ -80,7 +80,7 @@ def take_picture(cell: Workcell, context: RunContext) -> Outcome[Sight]:
     if old is not None:
         return Outcome(failure=old)
     digests = (*sight.digests, *picture_digests(frame))
-    return Outcome(replace(sight, frame=frame, previous=sight.frame, digests=digests))
+    return Outcome(replace(sight, frame=frame, previous=sight.frame, digests=digests, refused=None))
 
 
 @effect
@@ -95,10 +95,11 @@ def photograph_table(cell: Workcell, context: RunContext) -> Result:
     if unusable is None:
         view = TableView(cell.calibration, cell.table, VIEW_PIXEL)
         unusable = obstructed(view, view.rectify(frame), None)
-    context.require(unusable)
+    seen = replace(context, sight=replace(context.sight, refused=frame))
+    seen.require(unusable)
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))
     digests = (*context.sight.digests, *picture_digests(frame))
-    sight = replace(context.sight, reference=frame, refined=refined.value, digests=digests)
+    sight = replace(context.sight, reference=frame, refined=refined.value, digests=digests, refused=None)
     context = replace(context, sight=sight)
     if refined.failure:  # the table is not visible well enough: the calibration stays as it is
         return Result(Event.DONE, context, {"refined": False, "why": refined.failure.what})

@@ -89,7 +89,7 @@ class LiveView:
     def entered(self, t: float, step: Step) -> None:
         with self._lock:
             if self._moment.frame is None and step.target in QUESTIONS:
-                self._change(frame=self._moment.context.sight.frame, taken=self._clock())
+                self._change(frame=self._moment.context.sight.shown, taken=self._clock())
             self._change(state=step.target, progress=None)
 
     def performed(self, t: float, step: Step, result: Result) -> None:

@@ -169,7 +169,7 @@ class RunStatus:
             if self._wanted is None
             else f"Please {self._wanted}. Then approve.",
             "answers": dict(consequences(self._state, bool(self._context.steps), self._context.fold.repair)),
-            "pictured": self._state in ASKING and self._context.sight.frame is not None,
+            "pictured": self._state in ASKING and self._context.sight.shown is not None,
         }
 
     def _steps(self) -> list[dict[str, Any]]:

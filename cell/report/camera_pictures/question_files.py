@@ -30,7 +30,7 @@ class QuestionFiles:
         self.unwritten: list[str] = []
 
     def entered(self, t: float, step: Step) -> None:
-        frame = self._context.sight.frame
+        frame = self._context.sight.shown
         if step.target not in QUESTIONS or frame is None:
             return
         self._count += 1

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from skills.perception.rectification.heights import smooth_height
-from skills.perception.rectification.table_view import RectifiedView, TableView
+from skills.perception.rectification.table_view import BELOW, RectifiedView, TableView
 from skills.perception.segmentation.mask import Field, Mask, eroded
 from skills.perception.segmentation.table_model import KNOWN_SHARE
 from skills.vocabulary import Failure, FailureKind
@@ -33,15 +33,17 @@ _BORDER = 5
 """Width of the border of the view [px]."""
 
 
-def obstructed(view: TableView, seen: RectifiedView, empty: RectifiedView | None) -> Failure | None:
+def obstructed(
+    view: TableView, seen: RectifiedView, empty: RectifiedView | None, name: str = "something"
+) -> Failure | None:
     """Return VIEW_OBSTRUCTED if something high reaches into the picture, else None. empty: the picture of the
-    empty table, or None."""
+    empty table, or None. name: what it is, for the message."""
     known = standing_parts(empty, view.pixel) if empty is not None else None
     found = find_obstruction(seen, known, view.pixel)
     if not found.any():
         return None
     top = float(np.nanquantile(_levelled(seen)[found], 0.9))
-    return obstruction_failure(view, found, f"something {top * 1e3:.0f} mm high", {"height_m": top})
+    return obstruction_failure(view, found, f"{name} {top * 1e3:.0f} mm high", {"height_m": top})
 
 
 def obstruction_failure(view: TableView, found: Mask, name: str, values: Mapping[str, float]) -> Failure:
@@ -91,11 +93,11 @@ def standing_parts(empty: RectifiedView, pixel: float) -> Mask:
 
 def _levelled(seen: RectifiedView) -> Field:
     """Return the height (H, W) above the table [m], averaged over `_WINDOW`; NaN where it is not known. The median
-    of the view is subtracted, because the calibration may be a few centimetres off, and most of the view shows the
-    table or a flat garment."""
+    of the view, at most `BELOW`, is subtracted, because the calibration may be a few centimetres off, and most of
+    the view shows the table or a flat garment, unless something hides most of it."""
     mean = np.where(seen.valid, smooth_height(seen.height, _WINDOW, KNOWN_SHARE), np.float32(np.nan))
     measured = mean[np.isfinite(mean)]
-    return mean - (float(np.median(measured)) if len(measured) else 0.0)
+    return mean - (float(np.clip(np.median(measured), -BELOW, BELOW)) if len(measured) else 0.0)
 
 
 def _border(valid: Mask) -> Mask:

@@ -102,6 +102,16 @@ def test_a_failure_is_told_from_the_picture_before_to_the_picture_after(undone: 
     assert times == sorted(times)
 
 
+def test_a_picture_of_the_empty_table_that_was_refused_is_shown() -> None:
+    run = Run()
+    seen = context_with(run.context, refused=towel(0.0, 1, 0.0))
+    run.context = seen
+    run.fail(State.PHOTOGRAPHING, Failure(FailureKind.VIEW_OBSTRUCTED, "something reaches in", "take it away"))
+    (story,) = run.stories.stories
+    (shown,) = [scene for scene in story.thought if scene.rgb is not None]
+    assert shown.caption == "something reaches in" and story.title == "view obstructed while photographing"
+
+
 def test_each_part_shows_the_picture_of_its_time(undone: tuple[FailureStory, ...]) -> None:
     (story,) = undone
     (before,), (thought,), (after,) = story.before, story.thought, story.after

@@ -122,8 +122,11 @@ def test_a_glance_is_no_verdict() -> None:
 def test_a_hand_that_stays_is_reported() -> None:
     hand = functools.partial(with_arm, calibration=CAMERA, tip=(0.6, 0.2), start=(0.55, 0.75))
     work, _ = watching(hand(picture()), stills=(hand(picture(sequence=3)),))
-    failure = check(work).context.failure
+    context = check(work).context
+    failure, sight = context.failure, context.sight
     assert failure is not None and failure.kind is K.VIEW_OBSTRUCTED
+    assert sight.shown is not None and sight.shown.sequence == 3, "a person sees the hand"
+    assert sight.frame is not None and sight.frame.sequence != 3, "the plan is from the picture before"
 
 
 def test_an_old_picture_does_not_acquit() -> None:

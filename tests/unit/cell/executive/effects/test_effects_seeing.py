@@ -138,6 +138,7 @@ def test_a_black_picture_is_no_reference() -> None:
     result = photograph_table(replace(workcell, ports=replace(workcell.ports, camera=Camera(black))), RunContext())
     assert result.event is Event.FAILED and "black" in result.context.failure.what
     assert result.context.sight.reference is None
+    assert result.context.sight.frame is None and result.context.sight.shown is black, "for a person"
 
 
 @pytest.mark.parametrize("part", ["rgb", "depth"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,14 @@ def test_an_arm_is_found_with_the_edge_that_it_comes_from(start, side, reach, re
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.VIEW_OBSTRUCTED
     assert f"{side} edge" in outcome.failure.what and "hands" in outcome.failure.hint
     assert outcome.failure.values["height_m"] == pytest.approx(0.06, abs=0.006)
+
+
+def test_something_that_hides_most_of_the_picture_is_found():
+    """The median height is then its own, and the table seems to lie deep."""
+    frame = lying()
+    near = np.array(frame.depth)
+    near[:, : round(0.8 * near.shape[1])] = 0.3
+    assert np.mean(found(replace(frame, depth=near))[VIEW.valid]) > 0.6
 
 
 def test_an_arm_is_found_whatever_its_colour():
