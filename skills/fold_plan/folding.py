@@ -28,6 +28,7 @@ __all__ = [
     "folded_creases",
     "layers_at",
     "layers_under",
+    "nearest_moving",
     "outline_of",
     "silhouette",
     "target_vertices",
@@ -109,6 +110,21 @@ def silhouette(lines: Sequence[FoldLine], outline: Array) -> Array:
     """Return the outline (m, 2) of the folded garment seen from above. outline: (k, 2) of the flat garment."""
     region = shapely.union_all(list(_pieces(lines, _polygon(outline)).values())).simplify(2 * TOUCH)
     return np.array(max(shapely.get_parts(region), key=lambda g: g.area).exterior.coords)[:-1]
+
+
+def nearest_moving(
+    line: FoldLine, earlier: Sequence[FoldLine], outline: Array, xy: Array, beyond: float, inside: float
+) -> Array:
+    """Return xy (2,) if it lies on the part of the folded garment that moves over the line, at least `beyond` from
+    the line. Otherwise, return the nearest place (2,) there that is also at least `inside` from the part's edge;
+    xy, if there is none. outline: (k, 2) of the flat garment."""
+    folded = shapely.union_all(list(_pieces(earlier, _polygon(outline)).values()))
+    shifted = FoldLine(line.point + beyond * line.normal, line.direction)
+    moving = _cut(folded, _half_plane(shifted, 4.0 * (1.0 + float(np.abs(folded.bounds).max()))))[1]
+    if shapely.intersects_xy(moving, *xy):
+        return xy
+    inner = moving.buffer(-inside)
+    return xy if inner.is_empty else shapely.get_coordinates(shapely.shortest_line(inner, shapely.Point(xy)))[0]
 
 
 def target_vertices(mesh: ClothMesh, lines: Sequence[FoldLine], material: Material) -> Array:

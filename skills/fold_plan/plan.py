@@ -10,7 +10,7 @@ import numpy as np
 
 from skills import plane
 from skills.cloth.pinch import PadGeometry
-from skills.fold_plan.folding import fold_xy, layers_at, layers_under, silhouette
+from skills.fold_plan.folding import fold_xy, layers_at, layers_under, nearest_moving, silhouette
 from skills.garments.garment import Garment, PlanGrasp, PlanStep, PlanVariant
 from skills.vocabulary import (
     Array,
@@ -32,6 +32,12 @@ RELEASE_CLEARANCE = 0.005
 
 LEAST_FLAP = 0.02
 """Minimum width of the moving and of the remaining part of a fold [m]: two pads have to fit on each."""
+
+GRASP_INSIDE = 0.010
+"""A grasp that is moved onto the cloth lies this far inside its edge [m]."""
+
+GRASP_SHIFT = 0.040
+"""Maximum distance by which a grasp is moved onto the cloth [m]. A grasp that is farther off is a mistake."""
 
 IN_LINE = 0.5
 """Two grasps are in line along x when they differ in y by less than this share of their distance."""
@@ -198,7 +204,10 @@ def _fold_step(
 ) -> FoldStep:
     outline = np.array([state.keypoints[name] for name in garment.keypoints])
     middle = _middle_of_moving(line, silhouette(earlier, outline))
-    points = [_grasp_point(g, line, earlier, state.keypoints, middle) for g in variant.grasps]
+    points = [
+        _on_cloth(_grasp_point(g, line, earlier, state.keypoints, middle), line, earlier, outline)
+        for g in variant.grasps
+    ]
     grasp_ids = _grasp_ids(variant.grasps, points)
     grasps: dict[GraspId, Grasp] = {}
     targets: dict[GraspId, Array] = {}
@@ -246,6 +255,13 @@ def _grasp_point(
     along = float((at - line.point) @ line.direction)
     across, inwards = grasp.inset
     return at - across * line.normal + np.sign(middle - along) * inwards * line.direction
+
+
+def _on_cloth(point: Array, line: FoldLine, earlier: tuple[FoldLine, ...], outline: Array) -> Array:
+    """Return the grasp point (2,), moved onto the moving part if it lies beside it or too near to the line. An
+    inset that suits the sleeve of one shirt leads beside the sleeve of another, which droops."""
+    moved = nearest_moving(line, earlier, outline, point, LEAST_FLAP, GRASP_INSIDE)
+    return moved if float(np.linalg.norm(moved - point)) <= GRASP_SHIFT else point
 
 
 def _grasp_ids(grasps: Sequence[PlanGrasp], points: Sequence[Array]) -> list[GraspId]:

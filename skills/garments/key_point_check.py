@@ -24,8 +24,9 @@ from skills.garments.picture_measure import PictureMeasure, as_laid
 __all__ = ["KeyPointFinding", "check_key_points"]
 
 PROPORTIONS = 0.35
-"""Largest difference from the proportions of the known garment: standard deviation, over the outline's edges, of
-the logarithm of their relative length."""
+"""Other proportions than those of the known garment are worth a look beyond this difference: standard deviation,
+over the outline's edges, of the logarithm of their relative length. They are no mistake: the sleeves of a T-shirt
+are long or short and droop, and its underarm seam may be missing."""
 SIDES = (("left", "right"), ("near", "far"))
 """Parts of the names of key points that mirror each other."""
 MOST_PAIRS = 10
@@ -61,7 +62,9 @@ def check_key_points(
     found = [*_names(points, like), *_places(points, like, picture)]
     if not found:
         pixels = np.array([points[name] for name in like.keypoints], dtype=float)
-        found = list(_shape(pixels, like, picture)) or list(_size(pixels, like, picture))
+        found = list(_shape(pixels, like, picture))
+        if not any(finding.refused for finding in found):
+            found += _size(pixels, like, picture)
     if outline is not None:
         found += _off(points, outline)
     return tuple(found)
@@ -126,9 +129,10 @@ def _proportions(laid: Array, like: Garment) -> Iterator[KeyPointFinding]:
     names = _edge(like, worst)
     yield KeyPointFinding(
         names,
-        f"the key points have not the proportions of {like.name}: from {names[0]} to {names[1]} it is "
+        f"the proportions are not those of {like.name}: from {names[0]} to {names[1]} it is "
         f"{np.exp(relative[worst]):.1f} times as far, compared with the other edges",
-        "correct these key points, or choose another garment with --like",
+        "check these key points; they are right if the garment has this shape",
+        refused=False,
     )
 
 

@@ -106,12 +106,20 @@ def test_two_key_points_at_one_place_are_named() -> None:
     assert finding.refused and set(finding.names) == {"collar_left", "collar_right"}
 
 
-def test_other_proportions_are_refused_with_the_worst_edge() -> None:
+def test_other_proportions_are_a_doubt_with_the_worst_edge() -> None:
     shirt = GARMENTS["t_shirt"]
     points = placed(shirt)
     near = 0.97 * points["hem_left"] + 0.03 * points["armpit_left"]
     (finding,) = check(shirt, points | {"armpit_left": near})
-    assert finding.refused and finding.names == ("armpit_left", "hem_left")
+    assert not finding.refused and finding.names == ("armpit_left", "hem_left")
+
+
+def test_other_proportions_do_not_hide_an_impossible_size() -> None:
+    shirt = GARMENTS["t_shirt"]
+    points = placed(shirt)
+    points["armpit_left"] = 0.97 * points["hem_left"] + 0.03 * points["armpit_left"]
+    proportions, size = check_key_points(points, shirt, measure(shirt, 20.0))
+    assert not proportions.refused and size.refused and "is possible" in size.what
 
 
 @pytest.mark.parametrize(
