@@ -2,4 +2,5 @@
 
 `python -m benchmarks.photographs --count 100 --first-seed 7001 --out DIR` draws the pictures, shows each to
 `foldcell.perceive` and prints the figures beside the thresholds that were set beforehand (`judge.LIMITS`).
+`--set real` takes the pictures of `real` instead.
 """

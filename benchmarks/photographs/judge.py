@@ -76,7 +76,7 @@ def judge(photograph: Photograph) -> Judgement:
         # What the perception saw is a place in the picture: the distortion, which nobody stated, is not its error.
         found = {name: through(camera.homography, p) for name, p in found.items()}
     on_table = {name: camera.on_table(p)[0] for name, p in found.items()}
-    error, worst = _largest_error(garment.category, garment.keypoints, on_table)
+    error, worst = largest_error(garment.category, garment.keypoints, on_table)
     return Judgement(
         seed=photograph.seed,
         category=garment.category,
@@ -119,6 +119,46 @@ def figures(judgements: list[Judgement]) -> dict[str, float]:
     }
 
 
+def report(judgements: list[Judgement]) -> None:
+    """The figures of all photographs beside their limits, and of parts of them."""
+    for name, value in figures(judgements).items():
+        limit = ""
+        if name in LIMITS:
+            relation, bound = LIMITS[name]
+            limit = f"  (asked {relation} {bound}: {'held' if held(name, value) else 'MISSED'})"
+        print(f"{name:26}{value:9.3f}{limit}")
+    parts = {
+        "camera stated, empty table": [j for j in judgements if j.reference],
+        "camera stated": [j for j in judgements if j.known_camera and not j.reference],
+        "camera unknown": [j for j in judgements if not j.known_camera],
+        "garment stated": [j for j in judgements if j.stated],
+        "garment unknown": [j for j in judgements if not j.stated],
+    }
+    for category in sorted({j.category for j in judgements}):
+        parts[category] = [j for j in judgements if j.category == category]
+    print(f"\n{'':28}pictures  accepted  right  beyond 30 mm  wrong category")
+    for name, part in parts.items():
+        if part:
+            f = figures(part)
+            print(
+                f"{name:28}{len(part):8}{f['accepted_share']:10.2f}{f['right_share_of_accepted']:7.2f}"
+                f"{f['beyond_30_mm']:14.0f}{f['wrong_categories']:16.0f}"
+            )
+
+
+def badness(judgement: Judgement) -> tuple[int, float]:
+    """For sorting: the refused ones first, then by the error."""
+    if not judgement.accepted:
+        return 0, 0.0
+    return 1, -(judgement.error_m if judgement.error_m is not None else 1.0)
+
+
+def caption(judgement: Judgement) -> str:
+    """What was found, in a few words."""
+    error = "" if judgement.error_m is None else f" {1e3 * judgement.error_m:.0f} mm"
+    return f"{judgement.found_category or 'refused'}{error} {judgement.confidence:.2f}"
+
+
 def calibration_error(confidence: Points, right: Points) -> float:
     """Expected calibration error: the mean distance of confidence and share of right answers over ten bins."""
     if not len(right):
@@ -137,11 +177,11 @@ def as_record(judgement: Judgement) -> dict[str, Any]:
     return {**asdict(judgement), "right": judgement.right}
 
 
-def _largest_error(
+def largest_error(
     category: str, true: Mapping[str, Points], found: Mapping[str, Points]
 ) -> tuple[float | None, str | None]:
-    """Largest distance of a key point from the true one, and its name. A towel looks the same from all sides, so
-    its corners may be named from any of them."""
+    """Largest distance [m] of a key point from the true one, and its name. A towel looks the same from all
+    sides, so its corners may be named from any of them."""
     if not set(true) <= set(found):
         return None, None
     names = list(true)

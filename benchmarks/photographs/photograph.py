@@ -45,7 +45,7 @@ class Photograph:
     @property
     def truth(self) -> dict[str, Any]:
         names = list(self.garment.keypoints)
-        table = np.array([self.garment.keypoints[name] for name in names])
+        table = np.array([self.garment.keypoints[name] for name in names]).reshape(-1, 2)
         camera = self.camera
         return {
             "seed": self.seed,
