@@ -15,7 +15,7 @@ import numpy as np
 
 from skills.vocabulary import Array, FoldLine, GraspId, ToolPath, frozen
 
-__all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach"]
+__all__ = ["OPENING", "Dab", "crease_dabs", "press_paths", "within_reach", "within_time"]
 
 OPENING = 0.030
 """Opening of the pads while they press [m]."""
@@ -45,6 +45,9 @@ SPEED, JERK = 0.3, 24.0
 """Maximum speed [m/s] and jerk [m/s3] of the hands. Larger values would exceed the arms' limits, and the planner
 would then slow down the whole path."""
 DWELL_S, TICK_S = 0.25, 0.02
+LONGEST_S = 5.4
+"""Longest duration of the path over the dabs [s]. The arms' limits slow it down by a sixth. With the way to its
+start the pressing takes at most 8 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,17 @@ def within_reach(dabs: Sequence[Dab]) -> tuple[Dab, ...]:
     """Return the dab at the highest cloth, and the dabs near it that the same hand can make."""
     highest = max(dabs, key=lambda dab: dab.high)
     return tuple(dab for dab in dabs if abs(float(dab.point[1] - highest.point[1])) < 0.5 * ONE_HAND)
+
+
+def within_time(line: FoldLine, dabs: Sequence[Dab], highest: float) -> tuple[Dab, ...]:
+    """Return the dabs, or as many of them at the highest cloth as the hands make in LONGEST_S, but at least one,
+    in the given order. highest: height of the garment [m]."""
+    ranked = sorted(dabs, key=lambda dab: dab.high, reverse=True)
+    for count in range(len(ranked), 1, -1):
+        kept = tuple(dab for dab in dabs if dab in ranked[:count])
+        if all(path.t[-1] <= LONGEST_S for path in press_paths(line, kept, highest).values()):
+            return kept
+    return tuple(ranked[:1])
 
 
 def press_paths(line: FoldLine, dabs: Sequence[Dab], highest: float) -> Mapping[GraspId, ToolPath]:

@@ -51,7 +51,7 @@ def make_claim(
     target, errors = inspection.target, cell.inspection.claim
     if target is None or context.fold.index < len(plan.steps) - 1:
         return None
-    first = _first_crease(context, plan)
+    first = _first_crease(context, plan, cell.inspection)
     look = context.first_look
     R, t = align(look.contour, plan.flat.contour) if look else (np.eye(2), np.zeros(2))
     bias = look.bias if look else CameraBias(errors.camera_bias, errors.camera_bias_sigma, measured=False)
@@ -85,16 +85,17 @@ def claim_failure(claim: Claim) -> Failure:
     return Failure(kind, claim.says, HINTS[kind], known)
 
 
-def _first_crease(context: RunContext, plan: Plan) -> TargetView | None:
-    """Return the view of the first fold before it was pressed, if this fold was accepted, else None. Return None
-    also if the first fold is the last one, because a fold is not judged by its own height."""
+def _first_crease(context: RunContext, plan: Plan, settings: InspectionSettings) -> TargetView | None:
+    """Return the view of the first fold before it was pressed, if the shape of this fold was good, else None.
+    Return None also if the first fold is the last one, because a fold is not judged by its own height."""
     if len(plan.steps) < 2 or not context.done:
         return None
-    note = context.done[0]
-    if note.name != plan.steps[0].name or not note.accepted:
+    note, step = context.done[0], plan.steps[0]
+    if note.name != step.name or note.inspected is None:
         return None
-    looks = (*note.attempt.pressed, note.inspected)
-    return None if looks[0] is None else looks[0].target
+    if not note.accepted and lasting_defect(note.inspected, step, settings) is not None:
+        return None
+    return (*note.attempt.pressed, note.inspected)[0].target
 
 
 def _ideal_heights(cell: Workcell, plan: Plan, last: TargetView, first: TargetView | None) -> IdealHeights:

@@ -34,6 +34,8 @@ class Claim:
     drift_m: float
     drift_rad: float
     says: str
+    probable_flat: float = 1.0
+    """Probability that the garment is flat. It decides whether a fold that is claimed flat is pressed."""
 
     @property
     def holds(self) -> bool:
@@ -47,5 +49,7 @@ class Claim:
 
 
 def claim_to_dict(claim: Claim) -> dict[str, bool | float | str | None]:
-    """Return the claim as a mapping, in the form that results use. Figures that are not visible are None."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(claim).items()}
+    """Return the claim as a mapping, in the form that results use. Figures that are not visible are None. The
+    reliability stands for the probabilities of the parts."""
+    told = {k: v for k, v in asdict(claim).items() if k != "probable_flat"}
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in told.items()}

@@ -112,6 +112,7 @@ def claim_fold(
         drift_m=moved.drift_m,
         drift_rad=moved.drift_rad,
         says="",
+        probable_flat=probable_flat,
     )
     return replace(claim, says=_sentence(claim, wrong, seen, settings))
 

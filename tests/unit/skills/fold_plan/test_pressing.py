@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skills.fold_plan.pressing import MOST, Dab, crease_dabs, press_paths, within_reach
+from skills.fold_plan.pressing import LONGEST_S, MOST, Dab, crease_dabs, press_paths, within_reach, within_time
 from skills.vocabulary import Array, FoldLine, GraspId, ToolPath
 
 LINE = FoldLine(np.array([0.6, -0.2]), np.array([1.0, 0.0]))  # a crease along x with the cloth on its right
@@ -242,3 +242,16 @@ def test_fingers_lie_across_the_crease() -> None:
 def test_one_hand_alone_makes_the_dabs_beside_the_highest_one() -> None:
     dabs = dabs_at(-0.4, -0.3, 0.3, 0.4)  # the last dab is the highest
     assert [dab.point[1] for dab in within_reach(dabs)] == [0.3, 0.4]
+
+
+@pytest.mark.parametrize("highest", [0.03, 0.045, 0.09])
+def test_the_hands_make_the_dabs_at_the_highest_cloth_for_which_there_is_time(highest: float) -> None:
+    dabs = dabs_at(*np.linspace(-0.1, 0.1, 6))  # each is higher than the one before
+    kept = within_time(LINE, dabs, highest)
+    assert 2 <= len(kept) <= 3 and kept == dabs[-len(kept) :]
+    assert max(path.t[-1] for path in press_paths(LINE, kept, highest).values()) <= LONGEST_S
+    more = press_paths(LINE, dabs[-len(kept) - 1 :], highest)
+    assert max(path.t[-1] for path in more.values()) > LONGEST_S
+    wide = dabs_at(-0.3, -0.2, 0.2, 0.3)
+    assert within_time(LINE, wide, highest) == wide, "each of the two hands has two of them"
+    assert within_time(LINE, (), highest) == ()

@@ -127,7 +127,8 @@ def as_seen(height: float, crease: float = 0.020, iou: float = 0.97) -> TargetVi
 def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
     """The last of two folds was carried. earlier: the inspection that refused the first one."""
     flat = GarmentState("towel", SQUARE, {}, 1.0)
-    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=earlier)
+    unpressed = SimpleNamespace(pressed=())
+    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=earlier, attempt=unpressed)
     garment: Any = SimpleNamespace(
         plan=[SimpleNamespace(variants=())] * 2,
         material=SimpleNamespace(thickness=0.002, bending_length=0.015),
@@ -169,6 +170,21 @@ def test_cloth_heaped_up_in_an_earlier_fold_is_judged_by_the_height_of_the_finis
         context = last_fold(seen(K.PILING, **earlier))
         claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
         assert claim is not None and (claim.shape, claim.flat) == (claimed, flat)
+
+
+@pytest.mark.parametrize(("earlier", "known"), [({}, True), ({"iou_aligned": 0.8}, False)])
+def test_the_first_crease_shows_the_fabric_although_cloth_is_heaped_up(
+    earlier: dict[str, float], known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fold of the wrong shape shows nothing: its crease may lie elsewhere."""
+    claims = []
+    for crease in (0.010, 0.026):
+        look(monkeypatch, seen(target=as_seen(0.011)))
+        heap = seen(K.PILING, piled_area_m2=0.0014, target=as_seen(0.011, crease), **earlier)
+        claims.append(inspect_fold(fake_workcell(FakeCell()), last_fold(heap)).context.claim())
+    soft, stiff = claims
+    assert soft is not None and stiff is not None
+    assert (stiff.bending_length_m > soft.bending_length_m) is known
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def plan_pressing(workcell: Any, context: RunContext) -> PressPlan | None:
 
 def cell_with(tmp_path: Path, **keys: float) -> Any:
     path = tmp_path / "cell.yaml"
-    path.write_text("pressing:\n" + "".join(f"  {k}: {v}\n" for k, v in keys.items()))
+    path.write_text("pressing:" + ("\n" if keys else " {}\n") + "".join(f"  {k}: {v}\n" for k, v in keys.items()))
     return fake_workcell(FakeCell(), settings=load_settings(path))
 
 
@@ -130,6 +130,15 @@ HEAP = {"diagnosis": FailureKind.PILING, "claim": None}
         (1, float("nan"), {}, False),
         (1, 0.030, {"claim": a_claim(flat=True)}, False),
         (1, 0.030, {"claim": None}, False),
+        # so near to its limit that the claim is not sure
+        (1, 0.030, {"claim": a_claim(probable_flat=0.85)}, True),
+        (1, 0.030, {"claim": a_claim(probable_flat=0.95)}, False),
+        # pressing mends no shape, and it lowers a stack by a quarter
+        (1, 0.030, {"claim": a_claim(shape=False, flat=False)}, False),
+        (1, 0.030, {"claim": a_claim(flat=False, height_m=0.023)}, True),
+        (1, 0.030, {"claim": a_claim(flat=False, height_m=0.025)}, False),
+        (2, 0.030, {"claim": a_claim(flat=False, height_m=0.025)}, True),
+        (2, 0.030, {"claim": a_claim(flat=False, crease_height_m=0.055)}, False),
         # the settings limit the number of attempts, also of those without contact
         (0, 0.030, {}, False),
         (1, 0.025, {"pressed": (0.030,)}, False),
@@ -146,6 +155,18 @@ def test_a_fold_is_pressed_if_it_stands_high_and_pressing_may_help(
     workcell = cell_with(tmp_path, max_attempts=attempts, min_excess_height=0.007)
     planned = plan_pressing(workcell, seen(height, **known))
     assert (planned is not None and planned.dabs > 2) is pressed
+
+
+@pytest.mark.parametrize(("figures", "pressed"), [({}, False), ({"iou_aligned": 0.8}, True)])
+def test_a_heap_is_pressed_before_the_next_fold_only_if_the_finished_garment_would_hide_a_defect(
+    tmp_path: Path, figures: dict[str, float], pressed: bool
+) -> None:
+    """The height itself is judged at the end."""
+    context = seen(0.030, **HEAP)
+    plan, made = context.plan, context.fold.attempt
+    assert plan is not None and made is not None and made.inspection is not None
+    plan, heap = replace(plan, steps=(STEP, STEP)), replace(made.inspection, **figures)
+    assert bool(pressing.plan_pressing(cell_with(tmp_path), 0, plan, made, heap)) is pressed
 
 
 @pytest.mark.parametrize("high", [(0.45, 0.46), None])
