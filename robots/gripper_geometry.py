@@ -30,6 +30,10 @@ class GripperGeometry:
     hand_to: float
     finger_joints: Mapping[Side, tuple[tuple[str, float], ...]]
 
+    def tip_distance(self, opening: float) -> float:
+        """Return the distance between the middles of the fingertips at an opening of the pads [m]."""
+        return opening + self.pad_thickness
+
     def finger_positions(self, side: Side, opening: float) -> dict[str, float]:
         """Return the position of each finger joint at an opening [m]."""
         return {name: travel * opening for name, travel in self.finger_joints[side]}

@@ -53,7 +53,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
         "execution": execution_limits(settings.motion),
         "garments": (),
         "expected": None,
-        "grasp": settings.grasp.settings(contact_effort=9.0, empty_opening=0.0),
+        "grasp": settings.grasp.settings(contact_effort=9.0, empty_opening=0.0, tip_distance=0.038),
         "perception": settings.perception.settings(),
         "inspection": settings.inspection.settings(settings.perception),
         "library": Library,

@@ -26,6 +26,7 @@ from cell.simulation.noise import load_noise
 from cell.simulation.robot.tactile import SimulatedTactile
 from robots.errors import FailureKind
 from robots.ports import GripperState, Side
+from robots.registry import find_robot
 from skills.garments.garment import Garment
 from skills.grasping.confirm import CONFIRM_READINGS, Expectation, Held, LayerCount, confirm, start_confirm
 from skills.grasping.hand_reading import HandReading
@@ -94,7 +95,11 @@ class _Trial:
 def measure_grasps(tell: Callable[[str], None], garments: list[Garment], count: int) -> dict[str, Any]:
     """Measure rates and characteristics with `count` seeded trials, at each scale of the sensors' noise."""
     shipped = load_settings()
-    settings = shipped.grasp.settings(load_robot(shipped).contact_effort, shipped.gripper.closed_opening)
+    settings = shipped.grasp.settings(
+        load_robot(shipped).contact_effort,
+        shipped.gripper.closed_opening,
+        find_robot(shipped.robot).gripper.tip_distance(shipped.gripper.opening),
+    )
     figures: dict[str, Any] = {"grasps": count}
     rates: dict[tuple[str, float], tuple[float, float]] = {}
     for scale in SCALES:

@@ -259,13 +259,15 @@ class GraspConfig(_Group):
         """The group with the thresholds of its calibration file, if it names one."""
         return self.model_copy(update=load_tactile_thresholds(self.calibration) if self.calibration else None)
 
-    def settings(self, contact_effort: float, empty_opening: float) -> GraspSettings:
+    def settings(self, contact_effort: float, empty_opening: float, tip_distance: float) -> GraspSettings:
         """The skill's settings. contact_effort: of the robot's model [Nm]. empty_opening: of its closed, empty
-        gripper [m]."""
+        gripper [m]. tip_distance: between the middles of the fingertips of an open hand [m]."""
         from skills.grasping.settings import GraspSettings, without_tactile
 
         values = self.calibrated().model_dump(exclude={"lift_height", "calibration", "tactile"})
-        settings = GraspSettings(**values, contact_effort=contact_effort, empty_opening=empty_opening)
+        settings = GraspSettings(
+            **values, contact_effort=contact_effort, empty_opening=empty_opening, tip_distance=tip_distance
+        )
         return settings if self.tactile else without_tactile(settings)
 
 

@@ -21,6 +21,7 @@ from cell.states.fold_request import FoldRequest
 from cell.view.recorder import Recorder
 from robots.model import RobotModel
 from robots.ports import Ports
+from robots.registry import find_robot
 from skills.garments.garment import Garment
 from skills.motion.validation.collision import BODY_MARGIN, FINGERTIP_MARGIN, TABLE_MARGIN, CollisionChecker
 from skills.trajectory.trajectory_library import Library
@@ -71,7 +72,11 @@ def assemble(
         execution=execution_limits(settings.motion),
         garments=tuple([*([expected] if expected else []), *garments]),
         expected=expected,
-        grasp=settings.grasp.settings(robot.contact_effort, settings.gripper.closed_opening),
+        grasp=settings.grasp.settings(
+            robot.contact_effort,
+            settings.gripper.closed_opening,
+            find_robot(settings.robot).gripper.tip_distance(settings.gripper.opening),
+        ),
         perception=settings.perception.settings(),
         inspection=settings.inspection.settings(settings.perception),
         library=library.current,

@@ -53,6 +53,8 @@ class GraspSettings:
     """Minimum mean force on each pad of a confirmed grasp [N]."""
     empty_opening: float
     """Opening of closed, empty pads [m]."""
+    tip_distance: float
+    """Distance between the middles of the fingertips of a hand that is open to grasp [m]."""
     thickness_error: float = 0.12
     """Standard deviation of a layer's thickness between the pads, relative to the nominal thickness."""
     layer_doubt: float = 0.05

@@ -12,7 +12,7 @@ from skills.perception.inspection import inspect as inspecting
 __all__ = ["GRASP", "INSPECTION", "LIMITS", "PERCEPTION", "inspect", "perceive"]
 
 _SHIPPED = load_settings()
-GRASP = _SHIPPED.grasp.settings(contact_effort=9.0, empty_opening=0.0)
+GRASP = _SHIPPED.grasp.settings(contact_effort=9.0, empty_opening=0.0, tip_distance=0.038)
 LIMITS = execution_limits(_SHIPPED.motion)
 PERCEPTION = _SHIPPED.perception.settings()
 INSPECTION = _SHIPPED.inspection.settings(_SHIPPED.perception)

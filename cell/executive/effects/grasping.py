@@ -27,7 +27,7 @@ from robots.ports import JointState, Side
 from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
-from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
+from skills.grasping.descend import Contact, DescentGoal, lower_tip, start_descent, yielding
 from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics.posture import Posture
@@ -147,16 +147,11 @@ def _goal(
     return DescentGoal(grasp.height, min(bottom, stop), stop=stop, through=max(grasp.height + table - stop, 0.0))
 
 
-def _lower_tip(cell: Workcell, posture: Posture) -> float:
-    """Return how far the lower tip of a leaning hand is below the middle between its tips [m]."""
-    return float(0.5 * cell.settings.gripper.opening * abs(np.sin(posture.pitch)))
-
-
 def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
     """Return the height of the table as measured by the hand [m], from a contact with the table. A leaning hand
     touches the table with one tip."""
-    lower_tip = _lower_tip(cell, posture)
-    return contact.height - lower_tip + yielding(contact.force, tips=1 if lower_tip > LEANING else 2)
+    below = lower_tip(cell.grasp.tip_distance, posture.pitch)
+    return contact.height - below + yielding(contact.force, tips=1 if below > LEANING else 2)
 
 
 def _push(
@@ -178,7 +173,7 @@ def _push(
         strokes = {}
         for s, hand in lowering.items():
             contact = cell.hands.depth(s, hand.descent, start.q)
-            strokes[s] = contact, contact + _lower_tip(cell, postures[s]) + depth
+            strokes[s] = contact, contact + lower_tip(cell.grasp.tip_distance, postures[s].pitch) + depth
         max_force = cell.grasp.press_force
         return push_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 

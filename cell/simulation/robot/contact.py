@@ -34,7 +34,7 @@ class Touch:
 def fingertips(gripper: GripperGeometry, position: Array, rotation: Array, opening: float) -> Array:
     """Return the centres (2, 3) of the tips of fingers 0 and 1 (at the tool's +y and -y). opening: between the
     pads [m]."""
-    side = 0.5 * (opening + gripper.pad_thickness) * rotation[:, 1]
+    side = 0.5 * gripper.tip_distance(opening) * rotation[:, 1]
     return np.stack((position + side, position - side))
 
 

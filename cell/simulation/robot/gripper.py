@@ -108,7 +108,8 @@ class SimulatedGripper:
         self._go(*goal)
 
     def _go(self, opening: float, force: float) -> None:
-        if opening < self.opening:
+        closing = self._goal < self.opening - MOVING  # a command that is repeated on the way begins no new stroke
+        if opening < self.opening and not closing:
             self._stroke = self.opening
         self._goal, self._force = opening, force
 

@@ -63,6 +63,19 @@ def test_an_empty_gripper_closes_fully_without_force() -> None:
     assert bench.closings == [(pytest.approx(0.03), 10.0)]
 
 
+@pytest.mark.parametrize("repeats", [1, 60])
+def test_a_command_that_is_repeated_on_the_way_does_not_shorten_the_stroke(repeats: int) -> None:
+    """The pads draw cloth from the opening at which they began to close, however often the command is sent."""
+    bench = Bench(thickness=0.004)
+    for opening in (0.030, 0.024):
+        bench.gripper.command(opening, 10.0)
+        bench.run(0.5)
+        for _ in range(repeats):
+            bench.gripper.command(0.0, 10.0)
+            bench.run(0.5 / repeats)
+    assert bench.closings == [(pytest.approx(0.030), 10.0), (pytest.approx(0.024), 10.0)]
+
+
 @pytest.mark.parametrize("thickness", [0.0025, 0.0075, 0.010])
 def test_a_gripper_stops_on_cloth_and_releases_it_when_opened(thickness: float) -> None:
     """Three layers of terry are thicker than the opening at which the pads catch cloth."""

@@ -115,7 +115,7 @@ def test_both_hands_grasp_the_cloth(monkeypatch: pytest.MonkeyPatch) -> None:
         touched = result.record["contact_height_m"][side]  # type: ignore[index]
         assert abs(touched) < 0.002 and result.record["contact_by"][side] == "tip"  # type: ignore[index]
         # the press goes a millimetre below the contact, and further by the height of a leaning hand's other tip
-        lean = 0.5 * work.settings.gripper.opening * np.sin(0.1)
+        lean = 0.5 * work.grasp.tip_distance * np.sin(0.1)
         assert touched - both[side].lowest == pytest.approx(0.001 + lean, abs=0.001)
         closing = [t for t, opening in both[side].heard if opening == 0.0]
         assert closing and height(None, side, cell.q) == pytest.approx(both[side].lowest, abs=2e-4)
@@ -215,7 +215,7 @@ def test_a_leaning_hand_feels_the_table_with_its_lower_tip(monkeypatch: pytest.M
         postures = context.fold.attempt.motion.postures
         postures.update({side: replace(posture, pitch=pitch) for side, posture in postures.items()})
         felt.append(EFFECTS[Effect.GRASP](work, context).context.fold.table_contact[Side.LEFT])
-    lower_tip = 0.5 * work.settings.gripper.opening * np.sin(0.1)
+    lower_tip = 0.5 * work.grasp.tip_distance * np.sin(0.1)
     force = (felt[0] - felt[1] - lower_tip) * ARM_STIFFNESS
     assert 0.5 < force < 5.0, "of the other tip, which an upright hand has on the table, too"
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.config.cell_settings import load_settings
 from cell.control.motion import Tick
 from cell.control.motions.guarded_motions import Lowering
 from cell.control.motions.hands import Hands
@@ -62,7 +61,8 @@ def test_a_hand_presses_into_soft_cloth(monkeypatch: pytest.MonkeyPatch) -> None
     cell, failure, _ = pressed(monkeypatch, 1000.0)
     deepest = float(np.interp(cell.q[0], WAY.q[:, 0], WAY.depth))
     assert failure is None and deepest - TOUCHED == pytest.approx(
-        grasping.PUSH + grasping.DEEPER + 0.5 * load_settings().gripper.opening * np.sin(0.1), abs=2e-4
+        grasping.PUSH + grasping.DEEPER + 0.5 * fake_workcell(FakeCell()).grasp.tip_distance * np.sin(0.1),
+        abs=2e-4,
     )
 
 
