@@ -60,18 +60,22 @@ def find_robot(name: str) -> Robot:
 
 def _known() -> dict[str, list[EntryPoint]]:
     """Return name -> the entry points that bring a robot of this name. A built-in folder counts as one."""
-    folders = (info.name for info in pkgutil.iter_modules(robots.__path__) if info.ispkg)
-    built_in = [
-        EntryPoint(name, f"robots.{name}.robot:ROBOT", GROUP)
-        for name in folders
-        if any(info.name == "robot" for info in pkgutil.iter_modules([f"{p}/{name}" for p in robots.__path__]))
-    ]
     known: dict[str, list[EntryPoint]] = {}
-    for entry in (*built_in, *_brought(entry_points, tuple(sys.path))):
+    for entry in (*_built_in(tuple(robots.__path__)), *_brought(entry_points, tuple(sys.path))):
         others = known.setdefault(entry.name, [])
         if entry.value not in [other.value for other in others]:  # a package may be found twice on the path
             others.append(entry)
     return known
+
+
+@lru_cache(maxsize=4)
+def _built_in(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return the robots whose folders are on `path`."""
+    return tuple(
+        EntryPoint(info.name, f"robots.{info.name}.robot:ROBOT", GROUP)
+        for info in pkgutil.iter_modules(path)
+        if info.ispkg and any(m.name == "robot" for m in pkgutil.iter_modules([f"{p}/{info.name}" for p in path]))
+    )
 
 
 @lru_cache(maxsize=4)

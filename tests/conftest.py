@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -96,13 +97,20 @@ LONG = tuple(
 assert all(place.exists() for place in LONG)
 
 
+@cache
+def is_in(path: Path, places: tuple[Path, ...]) -> bool:
+    """Whether a file of tests is one of `places`, or in one of them. Each file has many tests."""
+    return any(path.is_relative_to(place) for place in places)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         talks_over_ros = "rosmaster" in getattr(item, "fixturenames", ())
-        if talks_over_ros or any(item.path.is_relative_to(place) for place in LONG):
+        if talks_over_ros or is_in(item.path, LONG):
             item.add_marker(pytest.mark.long)
     # Cloth comes last: by then the worker with the whole runs has compiled the solver, which takes a minute.
-    items.sort(key=lambda item: any(item.path.is_relative_to(UNIT / place) for place in COMPUTES_CLOTH))
+    cloth = tuple(UNIT / place for place in COMPUTES_CLOTH)
+    items.sort(key=lambda item: is_in(item.path, cloth))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from cell.config.cell_settings import load_settings
+from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.assembly import execution_limits
 from cell.hardware.camera import camera_calibration
 from cell.hardware.workcell import Workcell
@@ -19,6 +20,11 @@ from skills.trajectory.trajectory_library import Library
 from tests.fakes import FakeCell
 
 __all__ = ["fake_workcell"]
+
+
+@cache
+def _shipped() -> CellSettings:
+    return load_settings()
 
 
 class ImmediateExecutor(ThreadPoolExecutor):
@@ -40,7 +46,7 @@ def fake_workcell(cell: FakeCell, workers: ThreadPoolExecutor | None = None, **c
 
     Without `workers` a skill computes in the caller's thread.
     """
-    settings = changes.pop("settings", None) or load_settings()
+    settings = changes.pop("settings", None) or _shipped()
     fields: dict[str, Any] = {
         "ports": cell.ports(),
         "settings": settings,

@@ -12,6 +12,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -490,7 +491,7 @@ def load_settings(path: Path | None = None) -> CellSettings:
     Raises ConfigurationError for an unreadable file, an unknown or repeated key, a value out of range, and a
     calibration file that is named but cannot be used.
     """
-    default = read_yaml(default_settings_path(), "cell settings file")
+    default = _shipped()
     if path is None:
         return validated(default, CellSettings)
     document = read_yaml(path, "cell settings file")
@@ -498,6 +499,12 @@ def load_settings(path: Path | None = None) -> CellSettings:
     settings = _with_absolute_paths(validated(document, CellSettings, merged, RENAMED_KEYS), path.resolve().parent)
     _check_files(settings, document.where)
     return settings
+
+
+@cache
+def _shipped() -> Document:
+    """The shipped settings. A program loads settings many times, and this file does not change meanwhile."""
+    return read_yaml(default_settings_path(), "cell settings file")
 
 
 def overlaid(

@@ -29,7 +29,7 @@ from tests.inspections import inspection
 from tests.workcells import fake_workcell
 
 K = FailureKind
-PATIENCE = 0.3
+PATIENCE = 0.1
 STRAIGHT = [
     Effect.PREPARE, Effect.PHOTOGRAPH_TABLE, Effect.AWAIT_GARMENT, Effect.LOOK, Effect.RECOGNISE,
     Effect.PLAN_FOLDS, Effect.CHOOSE_TRAJECTORY, Effect.PLAN_MOTION, Effect.CHECK_PLACE, Effect.APPROACH,
