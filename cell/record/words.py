@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 
 from cell.record.run_record import FoldRecord, RecordingLosses, RunRecord, ScoreRecord
 from cell.states.recovery_table import Adjustment, Laying
@@ -23,6 +24,7 @@ __all__ = [
     "difference",
     "figure",
     "figure_name",
+    "garment_name",
     "interval",
     "laying_in_words",
     "length",
@@ -46,6 +48,11 @@ UNKNOWN = "–"
 def plain(name: str) -> str:
     """Return a name in words: 'planning_motion' -> 'planning motion'."""
     return name.replace("_", " ").strip()
+
+
+def garment_name(garment: str) -> str:
+    """Return the name of a garment that was given by name or as a file: 'mine/my_shirt.yaml' -> 'my_shirt'."""
+    return Path(garment).stem if garment.endswith((".yaml", ".yml")) else garment
 
 
 def capital(text: str) -> str:

@@ -77,7 +77,8 @@ def render(run: RunRecord, pictures: ReportPictures, title: str, settings: CellS
     those that differ from the shipped ones."""
     template = page_template(
         Path(__file__).with_name("page.html"), capital=words.capital, data_uri=data_uri, figure=words.figure,
-        metres=words.length, plain=words.plain, seconds=words.seconds, words=_title, value=_value,
+        garment=words.garment_name, metres=words.length, plain=words.plain, seconds=words.seconds, words=_title,
+        value=_value,
     )  # fmt: skip
     changed, shipped = changed_settings(settings, load_settings())
     return template.render(

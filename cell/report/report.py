@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cell.config.cell_settings import CellSettings
 from cell.planning.fold_planning import PREDICTED_FRAMES
 from cell.record.run_record import RunRecord
-from cell.record.words import length, plain
+from cell.record.words import garment_name, length, plain
 from cell.report.camera_pictures.question_files import FOLDER as QUESTIONS_FOLDER
 from cell.report.failure_stories import FailureStory
 from cell.report.page import FILM, FoldPictures, Picture, ReportPictures, render
@@ -79,7 +79,7 @@ def report(
         write_whole(folder / FILM, pictures.film)
     if not (context.done or context.fold.carried):  # nothing was folded: nothing to score
         record = replace(record, score=None)
-    title = context.plan.garment.title if context.plan else plain(record.garment)
+    title = context.plan.garment.title if context.plan else plain(garment_name(record.garment))
     page = folder / "report.html"
     write_whole(
         page, render(record, pictures, title, settings), "free some disk space, or make the run's folder writable"

@@ -24,7 +24,7 @@ SETTINGS, REQUEST, GARMENT = "cell.yaml", "request.json", "garment"
 SCHEMA = 1
 KEPT: dict[str, type] = {
     "garment": str, "seed": int, "driver": str, "world": str, "approve": bool, "page": bool, "page_port": int,
-    "realtime": bool, "record": bool, "record_truth": bool,
+    "page_origin": str, "realtime": bool, "record": bool, "record_truth": bool,
 }  # fmt: skip
 
 
@@ -54,6 +54,7 @@ def load_request(folder: Path, logs: Path, restored: Path | None = None, **chang
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         schema, calibrations = kept.pop("schema"), kept.pop("calibrations")
+        kept = {"page_origin": "", **kept}  # not in the requests of earlier versions
         if schema != SCHEMA or {name: type(value) for name, value in kept.items()} != KEPT:
             raise ValueError("it was changed, or written by another version of foldcell")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as e:

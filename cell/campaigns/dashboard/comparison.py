@@ -118,7 +118,7 @@ def _rows(a: RunEntry, b: RunEntry, values: Callable[[RunEntry], Values]) -> tup
 def _result(run: RunEntry) -> Values:
     record = run.record
     yield "result", Value(plain(run.verdict))
-    yield "garment", Value(plain(run.garment))
+    yield "garment", Value(plain(run.name))
     yield "seed", Value("" if run.seed is None else str(run.seed))
     world = record.world if record else None
     yield "driver", Value(" ".join(filter(None, (run.driver, world, "(simulated)" if run.simulated else ""))))

@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.campaigns.trials.trial import failed_figures
 from cell.hardware.driver_names import is_simulated
 from cell.record.run_record import Ending, RunRecord
-from cell.record.words import plain
+from cell.record.words import garment_name, plain
 
 __all__ = ["DAMAGED", "FALSE_CLAIM", "CampaignEntry", "LogsContent", "RunEntry"]
 
@@ -19,9 +19,10 @@ DAMAGED, FALSE_CLAIM = "damaged", "false claim"
 
 @dataclass(frozen=True)
 class RunEntry:
-    """One run. key: path of the run's folder relative to the logs; it identifies the run in addresses. status: as
-    in the journal, or `damaged`. started: seconds since 1970, or None. record: None if the run has none. campaign,
-    variant: empty for a run by itself. damage: what is wrong with its files, or empty."""
+    """One run. key: path of the run's folder relative to the logs; it identifies the run in addresses. garment: as
+    it was given, by name or as a file. status: as in the journal, or `damaged`. started: seconds since 1970, or
+    None. record: None if the run has none. campaign, variant: empty for a run by itself. damage: what is wrong
+    with its files, or empty."""
 
     key: str
     folder: Path
@@ -35,6 +36,11 @@ class RunEntry:
     campaign: str = ""
     variant: str = ""
     damage: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the garment."""
+        return garment_name(self.garment)
 
     @property
     def simulated(self) -> bool:

@@ -61,7 +61,7 @@ class RunFilter:
 
     def _meets(self, run: RunEntry) -> bool:
         return (
-            self.garment in ("", run.garment)
+            self.garment in ("", run.name)
             and (self.result in ("", run.verdict) or (self.result == DAMAGED and bool(run.damage)))
             and self.failure in ("", run.failure)
             and (not self.campaign or (run.campaign or NO_CAMPAIGN) == self.campaign)

@@ -63,7 +63,7 @@ class _Pages:
         return self._page(
             "runs.html", logs=str(self._logs), content=content, wanted=wanted,
             chosen=content.by_key.get(wanted.chosen),
-            results=wanted.results(content.runs), garments=_several(r.garment for r in content.runs),
+            results=wanted.results(content.runs), garments=_several(r.name for r in content.runs),
             failures=_several(r.failure for r in content.runs), names=_several(r.campaign for r in content.runs),
             runs=[(run, self._has(run, REPORT), self._has(run, LAST_PICTURE)) for run in shown],
             found=len(selected), page=page, pages=pages, read_at=time.time(), pair=_pair,

@@ -19,7 +19,7 @@ from cell.campaigns.results import CampaignResults
 from cell.campaigns.statistics.summary import ALL
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
-from cell.record.words import difference, figure, length, percent, plain, seconds
+from cell.record.words import difference, figure, garment_name, length, percent, plain, seconds
 from cell.support.files.html_page import page_template
 
 __all__ = ["PAGE", "campaign_page"]
@@ -50,7 +50,7 @@ def campaign_page(folder: CampaignFolder, results: CampaignResults) -> str:
     failures = [t for t in trials if not t.success]
     template = page_template(
         Path(__file__).with_name(PAGE), percent=percent, seconds=seconds, length_m=length, figure=figure,
-        difference=difference, words=plain,
+        difference=difference, garment=garment_name, words=plain,
     )  # fmt: skip
     return template.render(
         name=folder.path.name,
@@ -76,7 +76,8 @@ def campaign_page(folder: CampaignFolder, results: CampaignResults) -> str:
 
 
 def _group(variant: str, garment: str, several: bool) -> str:
-    return f"{garment}, {variant}" if several else garment
+    name = garment_name(garment)
+    return f"{name}, {variant}" if several else name
 
 
 def _values(

@@ -13,6 +13,8 @@ __all__ = ["rate_chart", "strip_chart"]
 
 WIDTH, LABEL, ROW, AXIS, RIGHT = 760, 200, 26, 30, 20
 TICKS = 5
+LONGEST = 26
+"""Number of characters for which a label has room."""
 
 
 def strip_chart(groups: Mapping[str, Sequence[tuple[float, bool]]], unit: str, about: str) -> Markup | None:
@@ -85,7 +87,10 @@ def _x(value: float, low: float, high: float) -> float:
 
 
 def _label(name: str, y: float) -> str:
-    return f'<text x="{LABEL - 12}" y="{y + 4:.1f}" text-anchor="end">{escape(name)}</text>'
+    """Return the label of a row. A longer name is shortened, and its title has the whole."""
+    shown = name if len(name) <= LONGEST else name[: LONGEST - 1] + "…"
+    whole = f"<title>{escape(name)}</title>" if shown != name else ""
+    return f'<text x="{LABEL - 12}" y="{y + 4:.1f}" text-anchor="end">{whole}{escape(shown)}</text>'
 
 
 def _circle(x: float, y: float, r: float = 3.5) -> str:

@@ -10,7 +10,7 @@ from cell.campaigns.faults.fault_trials import faults_of
 from cell.campaigns.faults.results import FaultResults
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
-from cell.record.words import percent, plain, seconds
+from cell.record.words import garment_name, percent, plain, seconds
 from cell.support.files.html_page import page_template
 from cell.support.files.whole_file import write_whole
 
@@ -23,7 +23,9 @@ def write_fault_results(table: FaultTable, folder: CampaignFolder, trials: list[
     """Write the results so far and their page. Raises StorageError."""
     results = FaultResults.of(table, trials)
     write_whole(folder.path / RESULTS, json.dumps(results.as_json(), indent=1) + "\n")
-    template = page_template(Path(__file__).with_name(PAGE), percent=percent, words=plain, seconds=seconds)
+    template = page_template(
+        Path(__file__).with_name(PAGE), garment=garment_name, percent=percent, words=plain, seconds=seconds
+    )
     page = template.render(
         name=folder.path.name,
         campaign=folder.campaign,

@@ -30,6 +30,7 @@ from cell.campaigns.hil.script import Action, Group
 from cell.config.cell_settings import CellSettings, overlaid
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.config.yaml_file import Document, read_yaml, validated
+from cell.record.words import garment_name
 from robots.errors import ConfigurationError
 
 __all__ = ["Campaign", "Keep", "TrialRequest", "Variant", "campaign_of", "distinct_garments", "read_campaign"]
@@ -147,7 +148,7 @@ class TrialRequest:
 
     def __str__(self) -> str:
         variant = "" if self.variant == DEFAULT_VARIANT else f", {self.variant}"
-        return f"{self.garment}, seed {self.seed}{variant}"
+        return f"{garment_name(self.garment)}, seed {self.seed}{variant}"
 
     @property
     def folder(self) -> str:

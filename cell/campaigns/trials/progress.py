@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from cell.campaigns.trials.campaign import DEFAULT_VARIANT
 from cell.campaigns.trials.trial import Trial
+from cell.record.words import garment_name
 
 __all__ = ["CampaignProgress", "described"]
 
@@ -14,7 +15,9 @@ __all__ = ["CampaignProgress", "described"]
 def described(trial: Trial) -> str:
     """Return the result and the times of a run, or its error."""
     record, request = trial.record, trial.request
-    name = request.garment if request.variant == DEFAULT_VARIANT else f"{request.variant} {request.garment}"
+    name = garment_name(request.garment)
+    if request.variant != DEFAULT_VARIANT:
+        name = f"{request.variant} {name}"
     verdict = f"{name:<24} seed {request.seed:<5} {trial.verdict:<14}"
     if record is None:
         return f"{verdict}  {trial.error}"

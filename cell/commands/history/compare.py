@@ -12,7 +12,7 @@ from cell.campaigns.trials.trial import Trial
 from cell.commands.options import json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.journal.journal import Journal
-from cell.record.words import difference, value_in_words
+from cell.record.words import difference, garment_name, value_in_words
 from cell.runs.run_difference import Difference, RunDifference, run_difference
 from cell.support.files.paths import journal_path, logs_directory
 from robots.errors import ConfigurationError
@@ -110,7 +110,10 @@ def _print_comparison(name: str, c: Comparison) -> None:
     print("  both: median of B - A, with its bootstrap interval")
     for group, pairs, causes in (("A", c.only_first, c.second_causes), ("B", c.only_second, c.first_causes)):
         if pairs:
-            print(f"  by {group} alone: " + ", ".join(f"{garment} seed {seed}" for garment, seed in pairs))
+            print(
+                f"  by {group} alone: "
+                + ", ".join(f"{garment_name(garment)} seed {seed}" for garment, seed in pairs)
+            )
             print("    the other's causes: " + ", ".join(f"{cause} ({n})" for cause, n in causes.items()))
 
 

@@ -13,6 +13,7 @@ from cell.commands.output import print_json, print_table, progress_stream
 from cell.commands.run.perform import first_seed
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
+from cell.record.words import garment_name
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 
 __all__ = ["run_endurance"]
@@ -33,8 +34,9 @@ def run_endurance(options: argparse.Namespace) -> int:
     print(f"folder   {path}", file=out, flush=True)
 
     def report(run: EnduranceRun) -> None:
+        name = garment_name(run.garment)
         print(
-            f"{run.number:4d}  {run.garment:<24} {run.fault or '-':<15} {run.result:<13} {run.seconds:6.1f} s  "
+            f"{run.number:4d}  {name:<24} {run.fault or '-':<15} {run.result:<13} {run.seconds:6.1f} s  "
             f"{run.threads} threads  {run.handles} handles  {run.memory_mib:.0f} MiB",
             file=out, flush=True,
         )  # fmt: skip

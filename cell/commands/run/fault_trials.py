@@ -17,7 +17,7 @@ from cell.campaigns.trials.trial import Trial
 from cell.commands.output import print_json, print_table
 from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
 from cell.config.cell_settings import load_settings
-from cell.record.words import interval
+from cell.record.words import garment_name, interval
 from cell.support.files.whole_file import write_whole
 
 __all__ = ["TABLE", "add_fault_options", "run_fault_trials"]
@@ -80,7 +80,8 @@ def _new(options: argparse.Namespace) -> CampaignFolder:
 def _line(table: FaultTable, trial: Trial) -> str:
     """Return the line of a run that has just ended."""
     verdict = judge(table, trial)
-    name = f"{' and '.join(faults_of(trial.request))}, {trial.request.garment} seed {trial.request.seed}"
+    garment, seed = garment_name(trial.request.garment), trial.request.seed
+    name = f"{' and '.join(faults_of(trial.request))}, {garment} seed {seed}"
     word = "as due" if verdict.good else "without the fault" if verdict.due else "NOT AS DUE"
     return f"{name:<60} {verdict.end or '-':<10} {word:<17}" + ("" if verdict.good else f" {verdict.why}")
 
@@ -88,7 +89,7 @@ def _line(table: FaultTable, trial: Trial) -> str:
 def _print(results: FaultResults, folder: Path) -> None:
     print("\nsimulated; runs that ended as due, of those in which the fault happened; interval: Wilson, 95 %")
     print_table(
-        ("fault", "due", *results.garments, "all", "interval"),
+        ("fault", "due", *map(garment_name, results.garments), "all", "interval"),
         [
             (
                 row.name,

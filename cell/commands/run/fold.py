@@ -11,7 +11,16 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import load_garment
 from cell.journal.checkpoint_file import has_checkpoint
 from cell.record.run_record import FoldRecord, RunRecord, ScoreRecord
-from cell.record.words import figure, figure_name, length, lost_in_words, missed_in_words, percent, plain
+from cell.record.words import (
+    figure,
+    figure_name,
+    garment_name,
+    length,
+    lost_in_words,
+    missed_in_words,
+    percent,
+    plain,
+)
 from cell.states.transition_table import State
 from cell.support.files.paths import command_for, logs_directory, prepare_logs
 from skills.perception.inspection.claim import Claim
@@ -68,7 +77,7 @@ def tell(record: RunRecord, json: bool) -> int:
 
 def _summary(run: RunRecord) -> None:
     seed = f", seed {run.seed}" if run.simulated else ""  # a real cell has no seed
-    print(f"\n{run.garment}{seed}: {_result(run)}")
+    print(f"\n{garment_name(run.garment)}{seed}: {_result(run)}")
     if run.resumed_from:
         print(f"  resumed {run.resumed_from}")
     if run.recognised:

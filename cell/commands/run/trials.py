@@ -18,7 +18,7 @@ from cell.commands.run.endurance import run_endurance
 from cell.commands.run.fault_trials import TABLE, add_fault_options, run_fault_trials
 from cell.commands.run.perform import first_seed, new_campaign, perform, resumed_campaign
 from cell.config.cell_settings import load_settings
-from cell.record.words import figure, interval, percent
+from cell.record.words import figure, garment_name, interval, percent
 from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
@@ -133,8 +133,8 @@ def _print(folder: Path, results: CampaignResults) -> None:
     )  # fmt: skip
     cells = [
         (
-            r.variant, r.garment, f"{r.folded}/{r.runs}", interval(r.interval), r.false_claims, r.faults,
-            r.recoveries, r.robot_time_s, r.wall_time_s, figure("iou", r.iou), r.folds_per_hour,
+            r.variant, garment_name(r.garment), f"{r.folded}/{r.runs}", interval(r.interval), r.false_claims,
+            r.faults, r.recoveries, r.robot_time_s, r.wall_time_s, figure("iou", r.iou), r.folds_per_hour,
         )
         for r in rows
     ]  # fmt: skip

@@ -18,7 +18,7 @@ from cell.journal.checkpoint_file import has_checkpoint
 from cell.operator.console.questions import RECOGNISED, consequences, plan_facts, question
 from cell.record.run_record import RunRecord
 from cell.record.run_record_builder import RunRecordBuilder
-from cell.record.words import COMMANDS, capital, claim_in_words, plain
+from cell.record.words import COMMANDS, capital, claim_in_words, garment_name, plain
 from cell.states.commands import ANSWERS, OPERATOR_EVENTS
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext
@@ -46,7 +46,7 @@ class RunStatus:
         self.record = record
         request, simulated = record.request, record.simulated
         self._about = {
-            "run": record.folder.name, "garment": Path(request.garment).stem,
+            "run": record.folder.name, "garment": garment_name(request.garment),
             "seed": request.seed if simulated else None, "simulated": simulated,
         }  # fmt: skip
         self._state = State.IDLE

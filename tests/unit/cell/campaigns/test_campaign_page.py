@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from cell.campaigns.page.campaign_page import campaign_page
 from cell.campaigns.page.charts import axis, rate_chart, strip_chart
 from cell.campaigns.results import CampaignResults
+from cell.campaigns.trials.campaign import Campaign
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from tests.builders.campaigns import record, request, trial, trials_campaign
@@ -45,6 +46,19 @@ def test_failures_have_their_picture_and_a_link_to_the_report(tmp_path: Path) ->
     assert "&lt;crashed&gt;" in text and "<crashed>" not in text
     assert "unfinished: 4 of 12 runs" in text
     assert "only no_pressing 0, only shipped 1" in text
+
+
+def test_a_garment_given_as_a_file_is_shown_by_its_name(tmp_path: Path) -> None:
+    file = "/home/anyone/garments of the lab/my_shirt_of_a_very_long_name.yaml"
+    requests = tuple(request(seed, file) for seed in (1, 2))
+    campaign = Campaign("", "all", requests, {"shipped": ""})
+    folder = CampaignFolder.create(tmp_path, campaign, tmp_path / "logs")
+    failed = Trial(requests[1], record(passed=False, garment=file))
+    trials = [Trial(requests[0], record(garment=file)), failed]
+    text = campaign_page(folder, CampaignResults.of(folder.campaign, trials))
+    assert f'<td title="{file}">my_shirt_of_a_very_long_name</td>' in text
+    assert "<title>my_shirt_of_a_very_long_name</title>my_shirt_of_a_very_long_n…</text>" in text
+    assert "/home" not in re.sub(r' title="[^"]*"', "", text)
 
 
 def test_the_page_fetches_nothing(tmp_path: Path) -> None:

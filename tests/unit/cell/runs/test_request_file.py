@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
@@ -25,10 +25,21 @@ def kept(tmp_path: Path, request: FoldRequest) -> Path:
 
 def test_a_request_is_read_back_with_the_exact_settings(tmp_path: Path) -> None:
     request = fold_request(tmp_path, seed=7, realtime=True)
+    request = replace(request, page=True, page_port=8080, page_origin="http://localhost:9000")
     back = load_request(kept(tmp_path, request), request.logs, quiet=True)
     assert back.settings.fingerprint() == request.settings.fingerprint()
     same = {f.name for f in fields(FoldRequest)} - {"settings", "settings_path"}
     assert {n: getattr(back, n) for n in same} == {n: getattr(request, n) for n in same}
+
+
+def test_a_request_without_the_origin_of_its_page_is_read(tmp_path: Path) -> None:
+    """Earlier versions of the program did not keep it."""
+    request = fold_request(tmp_path)
+    path = kept(tmp_path, request) / "request.json"
+    told = json.loads(path.read_text("utf-8"))
+    del told["page_origin"]
+    path.write_text(json.dumps(told), encoding="utf-8")
+    assert load_request(path.parent, request.logs).page_origin == ""
 
 
 def test_a_user_garment_file_is_kept_with_the_run(tmp_path: Path) -> None:

@@ -100,6 +100,18 @@ def links(text: str) -> list[str]:
     return re.findall(r'(?:href|src)="([^"]+)"', text)
 
 
+def test_a_garment_given_as_a_file_is_shown_by_its_name(dashboard: Dashboard) -> None:
+    """A resumed run has another file, a copy in the folder of the first run."""
+    files = ["/home/anyone/my_shirt.yaml", "/logs/a/garment/my_shirt.yaml"]
+    performed(dashboard.logs)
+    for seed, file in enumerate(files):
+        performed(dashboard.logs, file, seed)
+    first, second, _ = rows(dashboard.get())
+    assert f'<span title="{files[1]}">my shirt</span>, seed 1' in first
+    assert f'<span title="{files[0]}">my shirt</span>, seed 0' in second
+    assert len(rows(dashboard.get(garment="my_shirt"))) == 2
+
+
 # access
 
 
