@@ -357,6 +357,7 @@ class RecoveryConfig(_Group):
     attempts_per_step: int = _count(0, 20, "recoveries in one fold step")
     attempts_per_run: int = _count(0, 100, "recoveries in one run")
     pulls: int = _count(0, 10, "pulls that spread a heap, in one run")
+    patience: float = _number(0.0, 600.0, "s", "how long the cell looks again after a failure of seeing")
     dwell: float = _number(0.0, 10.0, "s", "shortest pause before a recovery")
 
 

@@ -8,8 +8,8 @@ why the cell does not go on by itself.
 Then `SUBSTITUTES` applies to all kinds, in order: the limits on the number of tries, recoveries that cannot begin
 where they usually do, and the operator who is not there.
 
-A verdict that would end a fold or a run is never taken from one look: rows of seeing and judging look again first,
-after a dwell. Together the dwells of a row outlast a disturbance of 3 s.
+A verdict that would end a fold or a run is never taken from one look: rows of seeing look again for
+`recovery.patience`, because looking moves nothing; rows of judging look again first, after a dwell.
 
 Before a recovery is chosen, the cell lays down the cloth that the hands still hold (`LAYING`) and moves the hands
 away. `python -m cell.states.recovery_page` writes the table into docs/safety.md.
@@ -36,6 +36,7 @@ from cell.states.situation import (
     no_trajectory,
     not_planned,
     not_recognised,
+    patient,
     repairable,
     repairing,
     run_tries_used_up,
@@ -85,7 +86,8 @@ class Recovery:
     """One row. event: the event that leaves RECOVERING; when: conditions that all must hold; until: the row
     answers as long as this kind has failed at most so many times in the present fold.
 
-    adjust: the change to the next attempt; dwell_s: cell time to wait before the event [s]. not_made: whether the
+    adjust: the change to the next attempt; dwell_s: cell time to wait before the event [s]; for a row that is
+    `patient`, situation.wait_before_look says how long. not_made: whether the
     cell treats the fold, from now on, as not completed by the hands. reason: why the operator is asked, as the
     operator reads it (ASK only). limit: setting that `reason` names, GROUP.NAME.
     """
@@ -98,6 +100,11 @@ class Recovery:
     not_made: bool = False
     reason: str = ""
     limit: str = ""
+
+    @property
+    def looks_only(self) -> bool:
+        """Whether the cell only waits and looks again. Nothing limits this but `recovery.patience`."""
+        return patient in self.when
 
     def answers(self, s: Situation) -> bool:
         """Return whether the row answers in this situation."""
@@ -117,7 +124,7 @@ def _ask(reason: str) -> tuple[Recovery]:
 
 
 _LOOK_TWICE = _in_turn(Recovery(Event.LOOK_AGAIN, dwell_s=1.0), Recovery(Event.LOOK_AGAIN, dwell_s=3.0))
-_WAIT_AND_LOOK = (*_LOOK_TWICE, Recovery(Event.LOOK_AGAIN, dwell_s=5.0, until=3))
+_LOOK_PATIENTLY = (Recovery(Event.LOOK_AGAIN, when=(patient,)),)
 _LOOK_ONCE_MORE = _LOOK_TWICE[:1]
 _GRASP_AGAIN = _in_turn(
     Recovery(Event.GRASP_AGAIN, A.LOWER),
@@ -141,7 +148,7 @@ helped."""
 _SPREAD = Recovery(Event.SPREAD, when=(spreadable,))
 """Pull the heap apart. After a failure of recognition this is possible only if the garment was pulled before and
 is still not flat: otherwise a person may have laid another garment."""
-_REFUSED = (_LOOK_TWICE[0], _SPREAD, _LOOK_TWICE[1])
+_REFUSED = (replace(_LOOK_PATIENTLY[0], until=1), _SPREAD, *_LOOK_PATIENTLY)
 
 
 def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
@@ -171,14 +178,14 @@ _PERSON = "a person ended the motion, and only a person begins it again"
 
 RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     # seeing
-    K.NO_GARMENT: (*_LOOK_TWICE, *_TABLE),
+    K.NO_GARMENT: (*_LOOK_PATIENTLY, *_TABLE),
     K.UNKNOWN_GARMENT: (*_REFUSED, *_TABLE),
     K.CATEGORY_MISMATCH: (*_REFUSED, *_TABLE),
-    K.OUT_OF_VIEW: (*_LOOK_TWICE, *_TABLE),
-    K.VIEW_OBSTRUCTED: (*_WAIT_AND_LOOK, *_ask("the hand or the object that hides the view has not gone away")),
+    K.OUT_OF_VIEW: (*_LOOK_PATIENTLY, *_TABLE),
+    K.VIEW_OBSTRUCTED: (*_LOOK_PATIENTLY, *_ask("the hand or the object that hides the view has not gone away")),
     K.NOT_FLAT: (*_REFUSED, *_TABLE),
     K.LOW_CONFIDENCE: (*_REFUSED, *_TABLE),
-    K.CAMERA_FAULT: (*_LOOK_TWICE, *_CAMERA),
+    K.CAMERA_FAULT: (*_LOOK_PATIENTLY, *_CAMERA),
     K.GARMENT_MOVED: (Recovery(Event.LOOK_AGAIN, dwell_s=1.0, until=3), *_ask("something keeps moving it")),
     # planning
     K.OPTIMISER_FAILED: (
@@ -240,7 +247,7 @@ failures of all these kinds are counted together."""
 class Substitute:
     """A rule that replaces a recovery. It applies if the recovery's event is in `of`, its adjustment is in
     `adjusts`, and the condition `when` holds. event: what happens instead. reason, limit: see `Recovery`. With a
-    reason, nothing else of the replaced recovery is kept."""
+    limit, nothing else of the replaced recovery is kept, and a recovery that only looks is not replaced."""
 
     of: frozenset[Event]
     when: Condition
@@ -251,6 +258,8 @@ class Substitute:
 
     def answers(self, recovery: Recovery, s: Situation) -> bool:
         """Return whether this rule replaces the recovery in this situation."""
+        if self.limit and recovery.looks_only:
+            return False
         return recovery.event in self.of and recovery.adjust in self.adjusts and self.when(s)
 
 

@@ -12,6 +12,7 @@ from functools import wraps
 from typing import ParamSpec, TypeVar
 
 from cell.states.fold_context import FoldContext
+from cell.states.situation import SEEING_FAILURES
 from cell.states.stages import Attempt, EstimateNote, FirstLook, FoldNote, Plan, Recognition
 from cell.states.transition_table import Event, State
 from robots.errors import Failure
@@ -23,6 +24,16 @@ __all__ = ["EffectFailed", "Result", "RunContext", "RunEnd", "Sight", "effect"]
 
 T = TypeVar("T")
 P = ParamSpec("P")
+
+_MOVES_NOTHING = (
+    f"-> {Event.CARRY_ON.value}",
+    *(
+        f"{k.value} -> {e.value}"
+        for k in SEEING_FAILURES
+        for e in (Event.LOOK_AGAIN, Event.LOOK_AFTER, Event.START_OVER)
+    ),
+)
+"""Ends of the notes of recoveries that only go on or look."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +110,11 @@ class RunContext:
 
     @property
     def retries(self) -> tuple[int, ...]:
-        """The step index of every recovery that repeated something, since the operator's last RETRY. Carrying on
-        with a fold repeats nothing."""
-        carried_on = f"-> {Event.CARRY_ON.value}"
-        counted = self.recoveries[self.forgiven :]
-        return tuple(index for index, what in counted if not what.endswith(carried_on))
+        """The step index of every recovery that moved something again, since the operator's last RETRY. To carry
+        on with a fold or to look again moves nothing."""
+        return tuple(
+            index for index, what in self.recoveries[self.forgiven :] if not what.endswith(_MOVES_NOTHING)
+        )
 
     @property
     def recoveries_in_step(self) -> int:

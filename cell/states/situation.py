@@ -9,6 +9,7 @@ from robots.errors import FailureKind
 
 __all__ = [
     "PLANNING_FAILURES",
+    "SEEING_FAILURES",
     "Condition",
     "Situation",
     "another_variant",
@@ -22,6 +23,7 @@ __all__ = [
     "no_trajectory",
     "not_planned",
     "not_recognised",
+    "patient",
     "repairable",
     "repairing",
     "run_tries_used_up",
@@ -29,6 +31,7 @@ __all__ = [
     "table_unseen",
     "too_many_layers",
     "unattended",
+    "wait_before_look",
 ]
 
 GOOD_ENOUGH_M = 0.030
@@ -48,6 +51,19 @@ PLANNING_FAILURES = frozenset(
     }
 )
 """If the planning of an edited fold ends with one of these failures, the fold cannot be made as edited."""
+SEEING_FAILURES = frozenset(
+    {
+        FailureKind.NO_GARMENT,
+        FailureKind.UNKNOWN_GARMENT,
+        FailureKind.CATEGORY_MISMATCH,
+        FailureKind.OUT_OF_VIEW,
+        FailureKind.VIEW_OBSTRUCTED,
+        FailureKind.NOT_FLAT,
+        FailureKind.LOW_CONFIDENCE,
+        FailureKind.CAMERA_FAULT,
+    }
+)
+"""After these failures the cell has only looked. To look again moves nothing and costs only time."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +75,18 @@ class Situation:
     approached yet. held: whether a hand holds cloth. If an inspection failed, overlap: IoU of observed and
     predicted shape; deviation_m: the larger of the outline's deviation and the length of cloth left behind [m];
     lasting_defect: whether the finished garment would fail by the shape of this fold.
+
+
+    count together. patience_s: how long the cell looks again after a failure of seeing [s]. edited: whether the
+    operator has changed the plan of the fold, and the hands have not approached yet. held: whether a hand holds
+    cloth. If an inspection failed, overlap: IoU of observed and predicted shape; deviation_m: the larger of the
+    outline's deviation and the length of cloth left behind [m].
     The conditions below explain the other values.
     """
 
     kind: FailureKind
     attempt: int = 1
+    patience_s: float = 30.0
     attended: bool = False
     fold_tries_left: bool = True
     run_tries_left: bool = True
@@ -110,6 +133,20 @@ def good_enough(s: Situation) -> bool:
     """the next fold can build on this one (an IoU of at least 0.85, edges at most 30 mm off), and this one has no
     defect of its shape that spoils the finished garment"""
     return near_enough(s) and not s.lasting_defect
+
+
+def wait_before_look(attempt: int, patience_s: float) -> tuple[float, float]:
+    """Return how long the cell waits before it looks again after so many failures of seeing, and how long it will
+    still wait after that [s]. The waits double: 1, 2, 4 s and so on, `patience_s` in all; then both are 0."""
+    waited = 2.0 ** (attempt - 1) - 1.0
+    left = max(0.0, patience_s - waited)
+    wait = min(left, waited + 1.0)
+    return wait, left - wait
+
+
+def patient(s: Situation) -> bool:
+    """the cell has waited for less than `recovery.patience`: 1 s at first, then twice as long each time"""
+    return wait_before_look(s.attempt, s.patience_s)[0] > 0
 
 
 def too_many_layers(s: Situation) -> bool:

@@ -32,7 +32,7 @@ keep: none
 variants:
   no_garment:
     do: [{fault: {kind: no_garment}}]
-    cell: {recovery: {attempts_per_step: 0, attempts_per_run: 0}}
+    cell: {recovery: {patience: 0}}
 """
 UNLIKE = ("wall_time_s", "run_dir", "recording")
 

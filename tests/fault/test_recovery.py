@@ -88,7 +88,7 @@ def test_losing_the_journal_during_a_fold_ends_the_run_as_a_fault(
 @pytest.mark.parametrize("kind", [FaultKind.CAMERA_FREEZE, FaultKind.CAMERA_SILENT])
 def test_a_broken_camera_is_retried_before_the_run_ends(kind: FaultKind, tmp_path: Path) -> None:
     """The camera breaks after the picture of the empty table; a frozen one keeps showing that table."""
-    onlooker, request = Onlooker(), fold_request(tmp_path)
+    onlooker, request = Onlooker(), fold_request(tmp_path, {"recovery": {"patience": 3.0}})
     onlooker.after[Effect.PHOTOGRAPH_TABLE] = lambda ports, commands, n: onlooker.inject(Fault(kind))
     result = onlooker.fold(request)
     assert (result.state, result.exit_code) == ("not_folded", 2)

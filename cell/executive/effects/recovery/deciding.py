@@ -18,7 +18,7 @@ from cell.states.fold_context import FoldContext
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import VERDICTS, WITHOUT_EDITS, Adjustment, choose_recovery
 from cell.states.run_context import Result, RunContext, effect
-from cell.states.situation import Situation
+from cell.states.situation import Situation, wait_before_look
 from cell.states.stages import Spread
 from cell.states.transition_table import Event
 from robots.errors import Failure, FailureKind
@@ -43,9 +43,12 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
         return Result(event, without_edits(context, failed.what), {"kind": failed.kind.value, **chosen})
     record = {"kind": failed.kind.value, "attempt": situation.attempt, **chosen}
     dwell = max(recovery.dwell_s, cell.settings.recovery.dwell)
+    if recovery.looks_only:
+        wait, left = wait_before_look(situation.attempt, situation.patience_s)
+        dwell = max(dwell, wait)
+        then = f"and then for {left:.0f} s more" if left else "for the last time"
+        cell.tell(f"{failed.what}: the cell looks again in {dwell:.0f} s, {then} ({failed.hint})")
     if dwell > 0:
-        if failed.kind is FailureKind.VIEW_OBSTRUCTED:
-            cell.tell(f"{failed.what}: the cell looks again in {dwell:.0f} s ({failed.hint})")
         context.require(_dwell(cell, dwell))
     if recovery.reason:
         limit = setting_in_words(recovery.limit, cell.settings) if recovery.limit else ""
@@ -70,6 +73,7 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
     return Situation(
         kind=failed.kind,
         attempt=_attempt(context, failed.kind),
+        patience_s=bounds.patience,
         attended=cell.attended,
         fold_tries_left=context.recoveries_in_step < bounds.attempts_per_step,
         run_tries_left=len(context.retries) < bounds.attempts_per_run,

@@ -21,7 +21,7 @@ from cell.states.recovery_table import (
     choose_laying,
     choose_recovery,
 )
-from cell.states.situation import Situation
+from cell.states.situation import SEEING_FAILURES, Situation, wait_before_look
 from cell.states.transition_table import TRANSITIONS, Event, State
 from cell.support.files.page_section import with_section
 from robots.errors import FailureKind
@@ -47,7 +47,9 @@ def test_each_situation_has_one_answer_that_the_machine_knows(s: Situation) -> N
     assert recovery.event in KNOWN - {Event.FAILED}
     assert bool(recovery.reason) == (recovery.event in {Event.ASK, Event.GIVE_UP})
     assert recovery.event is not (Event.GIVE_UP if s.attended else Event.ASK)
-    if not (s.fold_tries_left and s.run_tries_left) and recovery.adjust is not Adjustment.NO_EDITS:
+    if not (
+        (s.fold_tries_left and s.run_tries_left) or recovery.looks_only or recovery.adjust is Adjustment.NO_EDITS
+    ):
         assert recovery.event in NO_TRY, "the limits of tries hold"
     if s.carried or s.held or s.repairing:
         assert recovery.event is not Event.PLAN_AGAIN or recovery.adjust is Adjustment.NO_EDITS
@@ -61,7 +63,7 @@ def test_each_row_is_reached_and_the_last_one_asks(kind: FailureKind) -> None:
     )  # fmt: skip
     situations = [
         Situation(kind, attempt, **dict(zip(names, values, strict=True)))
-        for attempt in (1, 2, 3, 4)
+        for attempt in range(1, 8)
         for values in product((True, False), repeat=len(names))
     ]
     *recoveries, ask = rows = RECOVERIES[kind]
@@ -162,13 +164,25 @@ def test_a_fold_that_would_spoil_the_garment_is_repaired_before_the_next_one(kin
     assert Event.CARRY_ON not in [r.event for r in tried(kind, **spoiled | {"deviation_m": 0.032})]
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        K.CAMERA_FAULT, K.VIEW_OBSTRUCTED, K.OUT_OF_VIEW, K.CATEGORY_MISMATCH, K.UNKNOWN_GARMENT, K.NO_GARMENT,
-        K.STALE_STATE, K.TACTILE_FAULT, K.GRIPPER_FAULT,
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("kind", sorted(SEEING_FAILURES))
+@pytest.mark.parametrize("used_up", [{}, {"fold_tries_left": False, "run_tries_left": False}])
+@given(patience=st.floats(0.0, 600.0))
+def test_the_cell_looks_again_for_as_long_as_its_patience_lasts(
+    kind: FailureKind, used_up: dict[str, bool], patience: float
+) -> None:
+    """Also if no try is left: looking moves nothing. The waits double, so they add up to the patience."""
+    waits = []
+    for attempt in range(1, 12):
+        recovery = choose_recovery(Situation(kind, attempt, patience, **used_up))
+        wait, left = wait_before_look(attempt, patience)
+        assert (recovery.event is Event.LOOK_AGAIN) == (wait > 0) and (wait > 0 or recovery.event is Event.GIVE_UP)
+        waits.append(wait)
+        assert left == pytest.approx(patience - sum(waits))
+    assert sum(waits) == pytest.approx(patience)
+    assert all(wait == 2.0**k for k, wait in enumerate(waits) if waits[k + 1 : k + 2] > [0.0])
+
+
+@pytest.mark.parametrize("kind", [K.STALE_STATE, K.TACTILE_FAULT, K.GRIPPER_FAULT])
 def test_the_dwells_of_a_sense_outlast_a_disturbance_of_three_seconds(kind: FailureKind) -> None:
     assert sum(recovery.dwell_s for recovery in tried(kind)) > 3.0
 

@@ -63,6 +63,22 @@ def test_a_pause_before_a_recovery_resumes_from_the_last_set_point() -> None:
     )
 
 
+def test_a_cell_that_sees_nothing_says_for_how_long_it_will_look_again(tmp_path: Path) -> None:
+    told: list[str] = []
+    for times in (1, 2, 3):
+        cell = FakeCell()
+        workcell = fake_workcell(
+            cell, settings=bounded(tmp_path, patience=5.0, attempts_per_run=0), tell=told.append
+        )
+        before = cell.ports().clock.now()
+        result = choose_next(workcell, failed(K.CAMERA_FAULT, times, SEEN))
+        waited = cell.ports().clock.now() - before
+        assert result.event is Event.LOOK_AGAIN and waited == pytest.approx([1.0, 2.0, 2.0][times - 1], abs=0.03)
+        assert result.context.retries == (), "to look again is no try"
+    assert choose_next(workcell, failed(K.CAMERA_FAULT, 4, SEEN)).event is Event.GIVE_UP
+    assert ["4 s more" in told[0], "2 s more" in told[1], "last time" in told[2]] == [True] * 3
+
+
 @pytest.mark.parametrize(
     ("kind", "events"),
     [(K.DRIFT, [Event.CARRY_ON] * 2), (K.OFF_TARGET, [Event.LOOK_AFTER, Event.GIVE_UP])],
