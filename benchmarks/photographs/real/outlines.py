@@ -1,8 +1,9 @@
 """Outlines of garments with the key points that a tailor would mark, and smooth warps of them.
 
-`traced.json` holds outlines measured from public pictures of real garments (shop pictures, front view), as
-polygons in units of the garment's height, x to the right and y up. `sewn.json` holds outlines drawn after size
-charts, as right halves in centimetres: [name, x from the middle, y up] and "smooth" where there is no corner.
+`benchmarks/real_outlines` holds outlines measured from public pictures of real garments (shop pictures, front
+view), as polygons in units of the garment's height, x to the right and y up; `traced.json` holds their key points.
+`sewn.json` holds outlines drawn after size charts, as right halves in centimetres: [name, x from the middle, y up]
+and "smooth" where there is no corner.
 
 A mark is the number of a vertex; 3.5 is halfway between the vertices 3 and 4. Marked are: the ends of each hem;
 the armpit where the side seam meets the sleeve; the two ends of a sleeve's opening; the shoulder at the end of the
@@ -24,6 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 from shapely.geometry import Polygon
 
+from benchmarks import real_outlines
 from benchmarks.photographs.outline import Points
 
 STEP_M = 0.002
@@ -76,7 +78,7 @@ class Flat:
 
 @cache
 def bases() -> dict[str, Base]:
-    """All outlines by name; those of `traced.json` first."""
+    """All outlines by name; those of real garments first."""
     found = {}
     for file, read in (("traced.json", _traced), ("sewn.json", _sewn)):
         for name, entry in json.loads((Path(__file__).parent / file).read_text()).items():
@@ -86,13 +88,18 @@ def bases() -> dict[str, Base]:
 
 def _traced(name: str, entry: Mapping[str, Any]) -> Base:
     low, high = entry["height_m"]
-    drawn = np.array(entry["outline"])
+    drawn = np.array(_measured()[name]["outline"])
     points = np.column_stack([drawn[:, 1] - 0.5, -drawn[:, 0]]) * (low + high) / 2
     ahead, behind = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
     turn = np.arctan2(behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0], np.sum(ahead * behind, axis=1))
     ends = {round(m) for part, m in entry["marks"].items() if not part.startswith("shoulder")}
     corners = tuple(bool(abs(turn[i]) > np.radians(CORNER_DEG)) or i in ends for i in range(len(points)))
     return Base(name, entry["category"], points, corners, entry["marks"], entry.get("stand", False), True)
+
+
+@cache
+def _measured() -> dict[str, Any]:
+    return dict(json.loads((Path(real_outlines.__file__).parent / "outlines.json").read_text()))
 
 
 def _sewn(name: str, entry: Mapping[str, Any]) -> Base:

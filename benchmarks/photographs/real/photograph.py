@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from benchmarks.photographs.canvas import Canvas, photographed, seen_from, under
 from benchmarks.photographs.cloth import Colour, cloth_colour, lab, pattern, relief, wrinkles
@@ -35,6 +36,8 @@ CATEGORIES = {
 TRACED_SHARE = 0.5
 """Of the garments of a category that has outlines of real garments."""
 STATED_SHARE = 0.7
+LEAST_OVERLAP = 0.05
+"""Of the first garment, this share or more lies under or over the second."""
 TEMPLATES = {
     "pants": ("pants", "jeans"),
     "long_sleeve_shirt": ("long_sleeve_shirt_small", "long_sleeve_shirt_large"),
@@ -175,9 +178,13 @@ def _stack(rng: np.random.Generator, due: str | None, lying: Flat) -> list[Point
 
 def _other(rng: np.random.Generator, lying: Flat) -> Flat:
     """Another garment that lies partly under or over this one."""
-    whole = _garment(rng, None)
-    reach = np.ptp(lying.outline, axis=0) * rng.uniform(0.3, 0.5, 2) * rng.choice([-1, 1], 2)
-    return place(whole, rng.uniform(0, 2 * np.pi), np.array([0.6, 0.0]) + reach)
+    own = Polygon(lying.outline)
+    while True:
+        whole = _garment(rng, None)
+        reach = np.ptp(lying.outline, axis=0) * rng.uniform(0.3, 0.5, 2) * rng.choice([-1, 1], 2)
+        other = place(whole, rng.uniform(0, 2 * np.pi), np.array([0.6, 0.0]) + reach)
+        if own.intersection(Polygon(other.outline)).area > LEAST_OVERLAP * own.area:
+            return other
 
 
 def _camera(rng: np.random.Generator, extent: Points, wide: bool) -> Camera:

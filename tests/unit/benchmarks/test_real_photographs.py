@@ -14,7 +14,7 @@ from benchmarks.photographs.real import judge as judging
 from benchmarks.photographs.real.grounds import GROUNDS
 from benchmarks.photographs.real.judge import Judgement
 from benchmarks.photographs.real.outlines import MOST, bases, flat, mirrored, warped
-from benchmarks.photographs.real.photograph import CATEGORIES, CAUSES, draw, place, white_cloth
+from benchmarks.photographs.real.photograph import CATEGORIES, CAUSES, _other, draw, place, white_cloth
 from benchmarks.photographs.real.spoilt import bunched_sleeve, folded_in_half, heap
 from benchmarks.photographs.real.things import NEAR, surround
 from cell.config.garments.garment_file import load_garment
@@ -93,6 +93,14 @@ def test_a_spoilt_garment_covers_less_of_the_ground_than_a_flat_one() -> None:
             for layer in layers[1:]:
                 covered = covered.union(Polygon(layer).buffer(0))
             assert 0.1 * area < covered.area < most * area, make.__name__
+
+
+def test_two_garments_always_lie_on_each_other() -> None:
+    whole = place(flat(bases()["shirt_spread"]), 0.0, np.array([0.6, 0.0]))
+    body = Polygon(whole.outline)
+    for seed in range(12):
+        other = Polygon(_other(rng_of(seed), whole).outline)
+        assert body.intersection(other).area > 0.05 * body.area
 
 
 def test_things_lie_near_the_garment_and_never_on_it() -> None:
