@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from cell.states.plan_edit import PlanEdit
 from cell.states.recovery_table import Adjustment
 from cell.states.stages import Attempt, FoldNote, Repair, Spread
+from robots.errors import FailureKind
 from robots.ports import ArmTrajectory, Side
 from skills.fold_plan.repair import RepairGoal
 from skills.grasping.confirm import Held
 from skills.grasping.tare import TactileBias
 from skills.motion.kinematics.posture import Posture
+from skills.motion.moves.fold import FoldMotion
 from skills.state_estimate.estimate import StateEstimate
 from skills.vocabulary import GraspTrajectory
 
@@ -50,6 +52,8 @@ class FoldContext:
     """The repair in progress, or the pull that spreads the garment. `attempt` is then the attempt at it."""
     tried: tuple[RepairGoal, ...] = ()
     """The goals of the repairs of this fold that were planned, in order."""
+    refused: tuple[tuple[FailureKind, FoldMotion], ...] = ()
+    """The failures after which a repair was chosen, each with the motion that had made the fold."""
     pulls: int = 0
     """Number of pulls to spread the garment that were planned."""
     covered: tuple[float, ...] = ()
@@ -91,6 +95,11 @@ class FoldContext:
             return self
         return replace(self, repair=None, attempt=self.repair.ended(self.attempt), touched=True, estimate=None)
 
+    def failed_alike(self, kind: FailureKind) -> bool:
+        """Whether the fold was made anew after a repair, and has now failed as before it."""
+        motion = None if self.attempt is None else self.attempt.motion
+        return any(_sort(kind) is _sort(before) and motion is not made for before, made in self.refused)
+
     def count(self, adjustment: Adjustment) -> int:
         return self.adjustments.count(adjustment)
 
@@ -101,3 +110,8 @@ class FoldContext:
             return None
         attempt = self.repair.failed if self.repair else self.attempt
         return None if attempt is None else FoldNote(attempt, self.grasps)
+
+
+def _sort(kind: FailureKind) -> FailureKind:
+    """Return one kind for both that stand for too much height."""
+    return FailureKind.PILING if kind is FailureKind.TOO_HIGH else kind

@@ -34,6 +34,7 @@ from cell.states.situation import (
     lies_as_before,
     near_enough,
     no_trajectory,
+    not_failed_alike,
     not_planned,
     not_recognised,
     patient,
@@ -154,10 +155,11 @@ _REFUSED = (replace(_LOOK_PATIENTLY[0], until=1), _SPREAD, *_LOOK_PATIENTLY)
 def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
     """Return the rows for a half-made fold, which answer up to the third failure. If the garment lies as before
     the fold, the cell looks again. Otherwise it completes the fold from where its edge lies, or undoes it. A fold
-    that is made anew has the change `adjust`."""
+    that is made anew has the change `adjust`. If it then fails in the same way, it is not made a third time."""
+    when = (repairable, not_failed_alike)
     return (
-        Recovery(Event.LOOK_AGAIN, adjust, until=3, when=(repairable, lies_as_before), not_made=True),
-        Recovery(Event.REPAIR, adjust, until=3, when=(repairable,)),
+        Recovery(Event.LOOK_AGAIN, adjust, until=3, when=(*when, lies_as_before), not_made=True),
+        Recovery(Event.REPAIR, adjust, until=3, when=when),
     )
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "lies_as_before",
     "near_enough",
     "no_trajectory",
+    "not_failed_alike",
     "not_planned",
     "not_recognised",
     "patient",
@@ -101,6 +102,7 @@ class Situation:
     lasting_defect: bool = False
     too_many_layers: bool = False
     repairable: bool = False
+    failed_alike: bool = False
     lies_as_before: bool = False
     spreadable: bool = False
     table_seen: bool = True
@@ -157,6 +159,11 @@ def too_many_layers(s: Situation) -> bool:
 def repairable(s: Situation) -> bool:
     """it is known well enough how the garment lies to complete or to undo the fold"""
     return s.repairable
+
+
+def not_failed_alike(s: Situation) -> bool:
+    """the fold was not already made anew and refused for the same reason"""
+    return not s.failed_alike
 
 
 def lies_as_before(s: Situation) -> bool:

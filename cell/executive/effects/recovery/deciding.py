@@ -64,6 +64,8 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if adjust is Adjustment.OTHER_VARIANT:
         context = context.counted_anew()
     fold = replace(_adjusted(context.fold, adjust), held={})
+    if event is Event.REPAIR and fold.repair is None and fold.attempt is not None:
+        fold = replace(fold, refused=(*fold.refused, (failed.kind, fold.attempt.motion)))
     return Result(event, replace(context, recoveries=recoveries, fold=fold), record)
 
 
@@ -88,6 +90,7 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
         lasting_defect=_lasting_defect(cell, fold),
         too_many_layers=_value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf),
         repairable=_repairable(fold, _value(failed, "iou_aligned", 0.0)),
+        failed_alike=fold.failed_alike(failed.kind),
         lies_as_before=fold.estimate is not None and fold.estimate.state is FoldState.BEFORE,
         spreadable=spreadable(cell, context, failed.kind),
         table_seen=not _reference_missing(cell, context),
@@ -211,7 +214,7 @@ def ask_operator(cell: Workcell, context: RunContext) -> Result:
     # before answering RETRY, the operator lays the garment as it was before the fold, so the attempt is forgotten
     fold = replace(
         answer.context.fold, attempt=None, repair=None, tried=(), estimate=None, touched=False, pulls=0,
-        covered=(), spread=True,
+        covered=(), spread=True, refused=(),
     )  # fmt: skip
     context = replace(answer.context.counted_anew(), fold=fold, forgiven=len(context.recoveries))
     return replace(answer, event=event, context=context)

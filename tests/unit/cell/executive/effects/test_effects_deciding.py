@@ -121,6 +121,36 @@ def test_the_next_fold_builds_only_on_edges_that_lie_near_their_place(
     assert choose_next(fake_workcell(FakeCell()), context).event is event
 
 
+@pytest.mark.parametrize(
+    ("second", "anew", "event"),
+    [
+        (K.PILING, True, Event.GIVE_UP),
+        (K.TOO_HIGH, True, Event.GIVE_UP),
+        (K.DROPPED_CORNER, True, Event.REPAIR),
+        (K.PILING, False, Event.REPAIR),
+    ],
+)
+def test_a_fold_that_was_made_anew_and_failed_alike_is_not_made_a_third_time(
+    second: FailureKind, anew: bool, event: Event
+) -> None:
+    """Heaped-up cloth and too much height are alike. If the repair failed, the same fold is refused again."""
+    found: Any = SimpleNamespace(
+        state=FoldState.AFTER, likeliest_shape=object(), best=object(), confidence=0.99,
+        probabilities=dict.fromkeys(FoldState, 0.0) | {FoldState.AFTER: 0.99},
+    )  # fmt: skip
+    cell = fake_workcell(FakeCell())
+    first: Any = object()
+    last: Any = (SimpleNamespace(name="half"),)
+    context = context_with(SEEN, steps=last, garment=ONE_WAY, carried=True, motion=first, estimate=found)
+    looked = choose_next(cell, failed(K.PILING, context=context))
+    assert looked.event is Event.LOOK_AFTER
+    repaired = choose_next(cell, failed(K.PILING, context=looked.context))
+    assert repaired.event is Event.REPAIR
+    again: Any = object() if anew else first
+    made = context_with(repaired.context, carried=True, motion=again, estimate=found)
+    assert choose_next(cell, failed(second, context=made)).event is event
+
+
 ONE_WAY: Any = SimpleNamespace(plan=[SimpleNamespace(variants=(None,))] * 9)
 """A garment with one variant of each fold."""
 
