@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from cell.executive.effects.grasping import LEARNED_ERROR
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
 from cell.states.stages import Attempt, Plan
 from robots.errors import Failure, FailureKind
 from skills.fold_plan.folding import folded_creases, target_vertices
 from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.claiming import claim_fold, displacement_of
+from skills.perception.inspection.claiming import Layers, claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import lasting_defect
 from skills.perception.inspection.height_expectation import (
     CameraBias,
@@ -55,12 +56,23 @@ def make_claim(
     look = context.first_look
     R, t = align(look.contour, plan.flat.contour) if look else (np.eye(2), np.zeros(2))
     bias = look.bias if look else CameraBias(errors.camera_bias, errors.camera_bias_sigma, measured=False)
+    layers, doubtful = _layers(context, plan, errors.thickness_spread), _doubtful(context, plan, cell.inspection)
     return claim_fold(
-        inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first),
-        None if first is None else first.observed.crease_height_m,
-        Normal(plan.nominal.material.thickness, plan.nominal.thickness_sigma(errors.thickness_spread)),
-        cell.inspection, _doubtful(context, plan, cell.inspection),
+        inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first), first,
+        layers, cell.inspection, doubtful,
     )  # fmt: skip
+
+
+def _layers(context: RunContext, plan: Plan, spread: float) -> Layers:
+    """Return what is known of the garment's layers. The hands measure a layer between their pads. A measurement
+    outside the range of the fabric's class is taken as the nearest thickness of the class: the hands may have held
+    a fold of the cloth."""
+    nominal, measured = plan.nominal, context.fold.layer_thickness or context.layer_thickness
+    stated, fabric = nominal.material.thickness, nominal.fabric
+    if measured is None:
+        return Layers(nominal.layers, stated, Normal(stated, nominal.thickness_sigma(spread)))
+    known = measured if fabric is None else float(np.clip(measured, *fabric.thickness))
+    return Layers(nominal.layers, stated, Normal(known, LEARNED_ERROR * known))
 
 
 def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from skills.perception.inspection.result import Inspection, InspectionSettings
 from skills.perception.inspection.target_view import TargetView
 from skills.vocabulary import FailureKind
 
-__all__ = ["Displacement", "claim_fold", "displacement_of"]
+__all__ = ["Displacement", "Layers", "claim_fold", "displacement_of"]
 
 IOU_SIGMA = 0.010
 DRIFT_SIGMA = 0.004
@@ -33,6 +33,30 @@ DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
 """Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns
 flatness."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The layers of the garment. sheets: of the flat garment. stated: thickness of a layer in the garment's file
+    [m], with which the camera's bias, the target and the ideal heights were computed. thickness: what is known of
+    it [m]; the hands may have measured it."""
+
+    sheets: int
+    stated: float
+    thickness: Normal
+
+    def thicker(self, height: float) -> Normal:
+        """Return by how much a flat stack is higher than `height` [m], because its layers are not as thick as
+        stated."""
+        share = self.thickness.mean / self.stated
+        return Normal(height * (share - 1.0), height * self.thickness.sigma / self.stated)
+
+    def correct(self, bias: CameraBias) -> CameraBias:
+        """Return the camera's bias for the true thickness, if it was measured on the flat garment."""
+        if not bias.measured:
+            return bias
+        more = self.thicker((self.sheets - 0.5) * self.stated)
+        return replace(bias, value=bias.value - more.mean, sigma=more.sigma)
 
 
 @dataclass(frozen=True)
@@ -59,31 +83,36 @@ def claim_fold(
     moved: Displacement,
     bias: CameraBias,
     ideal: IdealHeights,
-    first_crease: float | None,
-    thickness: Normal,
+    first: TargetView | None,
+    layers: Layers,
     settings: InspectionSettings,
     doubtful: tuple[str, ...] = (),
 ) -> Claim:
     """Make the claim about the last fold.
 
-    ideal: table of the ideal fold's heights. first_crease: observed height near the first crease, without
-    correction [m]; None if it was not observed. thickness: of one layer, as the garment file states it [m].
-    doubtful: names of earlier folds that were not found good. A later fold can cover their defects, so the shape
-    is not claimed then.
+    bias: as measured with the stated thickness of a layer. ideal: table of the ideal fold's heights. first: view
+    of the first fold, whose crease shows the fabric; None if it was not observed. doubtful: names of earlier folds
+    that were not found good. A later fold can cover their defects, so the shape is not claimed then.
     """
     errors = settings.claim
-    observed = None if first_crease is None else Normal(
-        first_crease - bias.value, math.hypot(errors.first_crease_sigma, bias.sigma)
+    bias, flat_heights = layers.correct(bias), (target.flat.height_m, target.flat.crease_height_m)
+    observed = None if first is None else Normal(
+        first.observed.crease_height_m - bias.value - layers.thicker(first.flat.crease_height_m).mean,
+        math.hypot(errors.first_crease_sigma, bias.sigma),
     )  # fmt: skip
     bending = estimate_bending(ideal, observed)
-    stack = target.flat.height_m + 0.5 * thickness.mean
+    expected = expected_heights(ideal, bending, errors.ideal_sigma)
+    away, near = (
+        Normal(e.mean + layers.thicker(h).mean, e.sigma) for e, h in zip(expected, flat_heights, strict=True)
+    )
+    stack = target.flat.height_m + 0.5 * layers.stated
     height = target.observed.height_m - bias.value
     crease = target.observed.crease_height_m - bias.value
     judged = judge_flatness(
         Normal(height, math.hypot(errors.height_sigma, bias.sigma)),
         Normal(crease, math.hypot(errors.crease_sigma, bias.sigma)) if math.isfinite(crease) else None,
-        expected_heights(ideal, bending, errors.ideal_sigma),
-        Normal(stack, stack * thickness.sigma / thickness.mean),
+        (away, near),
+        Normal(stack + layers.thicker(stack).mean, layers.thicker(stack).sigma),
         errors,
     )
     visible = math.isfinite(height)

@@ -134,6 +134,8 @@ def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
         material=SimpleNamespace(thickness=0.002, bending_length=0.015),
         bending_factors=(0.8, 1.2),
         thickness_sigma=lambda spread: spread * 0.002,
+        layers=1,
+        fabric=SimpleNamespace(thickness=(0.001, 0.003)),
     )
     first_look = FirstLook(SQUARE, CameraBias(BIAS, 0.0001, True))
     return made(index=1, done=(before,), garment=garment, flat=flat, first_look=first_look, **changes)
@@ -170,6 +172,19 @@ def test_cloth_heaped_up_in_an_earlier_fold_is_judged_by_the_height_of_the_finis
         context = last_fold(seen(K.PILING, **earlier))
         claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
         assert claim is not None and (claim.shape, claim.flat) == (claimed, flat)
+
+
+def test_the_claim_takes_the_thickness_of_a_layer_from_the_hands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fabric's class is at most 3 mm thick."""
+    look(monkeypatch, seen(target=as_seen(0.011)))
+    limits = []
+    for thickness in (None, 0.0025, 0.003, 0.004):
+        context = context_with(last_fold(), layer_thickness=thickness)
+        claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
+        assert claim is not None
+        limits.append(claim.height_limit_m)
+    stated, thick, thickest, implausible = limits
+    assert stated < thick < thickest == implausible
 
 
 @pytest.mark.parametrize(("earlier", "known"), [({}, True), ({"iou_aligned": 0.8}, False)])

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim import Claim, claim_to_dict
-from skills.perception.inspection.claiming import Displacement, claim_fold, displacement_of
+from skills.perception.inspection.claiming import Displacement, Layers, claim_fold, displacement_of
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.plane import rotation
@@ -25,7 +25,7 @@ S, BIAS = INSPECTION, 0.0025
 C = np.linspace(0.010, 0.020, 5)
 IDEAL = IdealHeights(C, 0.002 + C, 0.010 + C, C)
 """A fabric of 15 mm has an ideal height of 17 mm, 25 mm near the creases."""
-THICK = Normal(0.001, 0.0)
+STATED = 0.001
 STILL = Displacement(0.0, 0.0)
 
 
@@ -33,15 +33,16 @@ def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Cla
     """The claim about a fold of these true heights [m], seen too high by BIAS."""
     given: dict[str, Any] = {
         "iou": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "bias": CameraBias(BIAS, 0.0, True),
-        "doubtful": (),
+        "doubtful": (), "thickness": STATED,
     } | changes  # fmt: skip
     seen = StackHeights(height + BIAS, crease + BIAS)
     flat = StackHeights(0.0035, 0.0035)
     target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, seen, seen, flat)
     view = inspection(diagnosis=given["diagnosis"], target=target, piled_area_m2=0.0)
-    return claim_fold(
-        view, target, given["moved"], given["bias"], IDEAL, given["first_crease"], THICK, S, given["doubtful"]
-    )
+    crease = given["first_crease"]
+    first = None if crease is None else replace(target, observed=StackHeights(np.nan, crease))
+    layers = Layers(1, STATED, Normal(given["thickness"], 0.0))
+    return claim_fold(view, target, given["moved"], given["bias"], IDEAL, first, layers, S, given["doubtful"])
 
 
 def test_a_good_fold_is_claimed() -> None:
@@ -100,6 +101,19 @@ def test_a_drift_from_the_prediction_alone_leaves_the_shape_right() -> None:
 def test_a_stiffer_fabric_may_stand_higher() -> None:
     soft, stiff = (claimed(height=0.0215, first_crease=c + BIAS).flat for c in (0.010, 0.030))
     assert not soft and stiff
+
+
+def test_layers_that_are_thicker_than_stated_may_stand_higher() -> None:
+    """Four layers of 1.3 mm: the middle of the uppermost lies 3.5 x 0.3 mm higher than with the stated 1 mm. The
+    camera saw a single layer with a bias that was too large by half of 0.3 mm."""
+    stated, thick = claimed(), claimed(thickness=0.0013)
+    assert thick.height_limit_m - stated.height_limit_m == pytest.approx(3.5 * 0.0003)
+    assert thick.crease_height_limit_m - stated.crease_height_limit_m == pytest.approx(3.5 * 0.0003)
+    assert thick.height_m - stated.height_m == pytest.approx(0.5 * 0.0003)
+    assumed = CameraBias(BIAS, 0.0, measured=False)
+    assert claimed(thickness=0.0013, bias=assumed).height_m == pytest.approx(stated.height_m), "another bias"
+    softer = claimed(thickness=0.0013, first_crease=0.015 + BIAS).bending_length_m
+    assert softer < claimed(first_crease=0.015 + BIAS).bending_length_m, "a thick stack explains the first crease"
 
 
 @given(st.floats(0.0, 0.05), st.floats(0.0, 0.05), st.sampled_from([0.97, 0.88]))
