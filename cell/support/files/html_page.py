@@ -7,6 +7,7 @@ in itself. The colour `mark` is for charts of good and bad runs, also for reader
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,12 @@ def read_page(path: Path) -> str:
     return path.read_text(encoding="utf-8").replace(PLACE, PALETTE.read_text(encoding="utf-8"))
 
 
+@lru_cache(maxsize=16)
 def page_template(path: Path, /, **filters: Callable[..., Any]) -> jinja2.Template:
     """Return the template of a page with its colours. Other templates that it names are read from its folder.
 
-    Inserted texts are escaped. A name that the page uses and that has no value is an error.
+    Inserted texts are escaped. A name that the page uses and that has no value is an error. A template is compiled
+    once: a campaign writes its page again and again.
     """
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(lambda name: read_page(path.with_name(name))), autoescape=True,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from cell.journal.journal import Entry, Journal, JournalRun
 PASSED = Resumed(0, {"result": "folded", "score": {"passed": True}}, "look_again")
 
 DIES = """
-import os, signal, sys
+import os, sys
 from pathlib import Path
 from benchmarks.kills import durable_writes
 from cell.commands import main as command
@@ -38,26 +39,41 @@ def run(line):
         return 0
 
 command.main = run
-sys.exit(durable_writes.main(sys.argv[1:]))
+for last in sys.argv[2:]:
+    folder = Path(sys.argv[1], last)
+    folder.mkdir()
+    child = os.fork()
+    if child == 0:
+        os._exit(durable_writes.main([str(folder / "writes"), last, str(folder)]))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
-"""Performs a short run in place of a fold: seven durable writes."""
+"""Performs a short run in place of a fold, seven durable writes, for each of the given last writes, each time in
+another process with a folder of its own. Python starts once. Prints the exit codes."""
 WHATS = ["run", "entry", "entry", "world", "context", "entry", "end"]
+LASTS = (0, 2, 4, 6, 7)
+KilledRun = tuple[int, list[DurableWrite], JournalRun, list[Entry]]
 
 
-def killed_run(folder: Path, last: int) -> tuple[int, list[DurableWrite], JournalRun, list[Entry]]:
-    """Kill the short run after the durable write `last`. Returns the exit code, the reports and the journal."""
-    line = [sys.executable, "-c", DIES, str(folder / "writes"), str(last), str(folder)]
-    code = subprocess.run(line, timeout=120, check=False).returncode
+@pytest.fixture(scope="module")
+def killed_runs(tmp_path_factory: pytest.TempPathFactory) -> Mapping[int, KilledRun]:
+    """The short run, killed after each durable write of LASTS: exit code, reports and journal."""
+    folder = tmp_path_factory.mktemp("killed")
+    line = [sys.executable, "-c", DIES, str(folder), *map(str, LASTS)]
+    codes = subprocess.run(line, timeout=120, check=True, capture_output=True, text=True).stdout.split()
+    return {last: (int(code), *_left(folder / str(last))) for last, code in zip(LASTS, codes, strict=True)}
+
+
+def _left(folder: Path) -> tuple[list[DurableWrite], JournalRun, list[Entry]]:
     with Journal.open(folder / "journal.db", readonly=True) as journal:
         run = journal.run("last")
-        return code, read_writes(folder / "writes"), run, journal.entries(run.id)
+        return read_writes(folder / "writes"), run, journal.entries(run.id)
 
 
 @pytest.mark.parametrize("last", [2, 4, 6, 7])
 def test_a_run_dies_right_after_the_chosen_write_and_nothing_acknowledged_is_lost(
-    tmp_path: Path, last: int
+    killed_runs: Mapping[int, KilledRun], last: int
 ) -> None:
-    code, writes, run, entries = killed_run(tmp_path, last)
+    code, writes, run, entries = killed_runs[last]
     assert code == -signal.SIGKILL
     assert [w.what for w in writes] == WHATS[:last]
     assert len(entries) == WHATS[:last].count("entry")
@@ -66,8 +82,8 @@ def test_a_run_dies_right_after_the_chosen_write_and_nothing_acknowledged_is_los
     assert lost(writes, run, entries) == []
 
 
-def test_a_run_that_is_not_killed_reports_all_its_writes(tmp_path: Path) -> None:
-    code, writes, run, entries = killed_run(tmp_path, 0)
+def test_a_run_that_is_not_killed_reports_all_its_writes(killed_runs: Mapping[int, KilledRun]) -> None:
+    code, writes, run, entries = killed_runs[0]
     assert (code, [w.what for w in writes], run.status) == (0, WHATS, "folded")
     assert [w.place[1:] for w in writes if w.what == "entry"] == [
         (1, "event", "preparing", "start"), (2, "intent", "preparing", "prepare"),
