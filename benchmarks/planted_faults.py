@@ -1,6 +1,6 @@
 """Plants single faults in the parts that keep a run safe, and prints those that no test notices.
 
-    python -m benchmarks.planted_faults [--n 100] [--seed 1] [--only PART] [--timeout 600]
+    python -m benchmarks.planted_faults [--n 100] [--seed 1] [--only PART] [--near] [--timeout 600]
 
 A fault changes one expression or statement: a comparison, a condition, a number, a member of a list, an argument,
 a call. The faults are drawn at random from all that are possible in PARTS. Each is planted in a copy of the
@@ -44,6 +44,8 @@ OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
     ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.And: ast.Or, ast.Or: ast.And,
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
 }  # fmt: skip
+TEST_S = 60
+"""Wall time after which one test counts as failed [s]: a fault may make a loop endless."""
 OTHER_NAME = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
@@ -154,8 +156,9 @@ def drawn(root: Path, n: int, seed: int, parts: Sequence[str]) -> list[Fault]:
     return random.Random(seed).sample(possible, n)
 
 
-def tests_of(fault: Fault, root: Path) -> list[str]:
-    """Return the files of tests of the fault's part. Those that name the faulty module come first."""
+def covering_tests(fault: Fault, root: Path, near: bool) -> list[str]:
+    """Return the files of tests of the fault's part. Those that name the faulty module come first. near: only
+    these, if there are any."""
     part = next(part for part in PARTS if Path(fault.file).is_relative_to(part))
     files = [
         path
@@ -163,16 +166,18 @@ def tests_of(fault: Fault, root: Path) -> list[str]:
         for path in ([root / place] if place.endswith(".py") else sorted((root / place).rglob("test_*.py")))
     ]
     module = fault.file.removesuffix(".py").replace("/", ".")
-    files.sort(key=lambda path: module not in path.read_text(encoding="utf-8"))
+    naming = [path for path in files if module in path.read_text(encoding="utf-8")]
+    files = naming if near and naming else [*naming, *(path for path in files if path not in naming)]
     return [path.relative_to(root).as_posix() for path in files]
 
 
-def is_caught(fault: Fault, root: Path, timeout_s: float) -> bool:
+def is_caught(fault: Fault, root: Path, near: bool, timeout_s: float) -> bool:
     """Whether a test fails, or never ends, while the fault is planted in the copy `root`."""
     path = root / fault.file
     source = path.read_text(encoding="utf-8")
     path.write_text(fault.planted(source), encoding="utf-8")
-    line = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests_of(fault, root)]
+    tests = covering_tests(fault, root, near)
+    line = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", f"--timeout={TEST_S}", *tests]
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": ""}
     try:
         done = subprocess.run(line, cwd=root, env=environment, capture_output=True, timeout=timeout_s)
@@ -196,13 +201,14 @@ def main(line: Sequence[str] | None = None) -> int:
     parser.add_argument("--n", type=int, default=100, help="number of faults (100)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the draw (1)")
     parser.add_argument("--only", choices=sorted(PARTS), action="append", help="parts (all)")
+    parser.add_argument("--near", action="store_true", help="only the tests that name the faulty module (all)")
     parser.add_argument("--timeout", type=float, default=600.0, help="time after which tests count as failed [s]")
     options = parser.parse_args(line)
     missed = []
     with tempfile.TemporaryDirectory(prefix="planted-faults-") as name:
         root = copied(Path(name))
         for fault in drawn(root, options.n, options.seed, options.only or sorted(PARTS)):
-            caught = is_caught(fault, root, options.timeout)
+            caught = is_caught(fault, root, options.near, options.timeout)
             print("caught    " if caught else "NOT CAUGHT", fault, flush=True)
             missed += [] if caught else [fault]
     print(f"{options.n - len(missed)} of {options.n} caught")

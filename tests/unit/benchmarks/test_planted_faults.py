@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import planted_faults
-from benchmarks.planted_faults import PARTS, ROOT, drawn, faults, is_caught, main
+from benchmarks.planted_faults import PARTS, ROOT, covering_tests, drawn, faults, is_caught, main
 
 SOURCE = '''"""A text with 3 words."""
 from math import pi
@@ -62,6 +62,18 @@ def test_each_part_and_its_tests_exist() -> None:
     assert all((ROOT / place).exists() for part, tests in PARTS.items() for place in (part, *tests))
 
 
+def test_tests_that_name_the_faulty_module_come_first_and_can_be_the_only_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in {"test_a": "", "test_b": "import halves.half", "test_c": "import halves.other"}.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setattr(planted_faults, "PARTS", {"halves": (".",)})
+    (half, *_), (third, *_) = (faults("x = 1", f"halves/{name}.py") for name in ("half", "third"))
+    assert covering_tests(half, tmp_path, near=False) == ["test_b.py", "test_a.py", "test_c.py"]
+    assert covering_tests(half, tmp_path, near=True) == ["test_b.py"]
+    assert len(covering_tests(third, tmp_path, near=True)) == 3, "no test names it"
+
+
 def test_a_fault_is_caught_if_a_test_fails_and_the_source_is_restored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,10 +85,10 @@ def test_a_fault_is_caught_if_a_test_fails_and_the_source_is_restored(
     )
     monkeypatch.setattr(planted_faults, "PARTS", {"halves": ("test_half.py",)})
     one, other = (next(f for f in faults(source, "halves/half.py") if f.before == b) for b in ("x / 2", "x / 3"))
-    assert is_caught(one, tmp_path, 60.0) and not is_caught(other, tmp_path, 60.0)
+    assert is_caught(one, tmp_path, False, 60.0) and not is_caught(other, tmp_path, False, 60.0)
     assert (tmp_path / "halves" / "half.py").read_text() == source
     monkeypatch.setattr(planted_faults, "ROOT", tmp_path)
-    monkeypatch.setattr(planted_faults, "is_caught", lambda fault, root, timeout_s: fault == one)
+    monkeypatch.setattr(planted_faults, "is_caught", lambda fault, root, near, timeout_s: fault == one)
     assert main(["--n", "4", "--only", "halves"]) == 2
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == "1 of 4 caught"
