@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +72,23 @@ def test_a_missing_or_truncated_picture_is_a_storage_error(tmp_path: Path) -> No
     for wanted in (name, "0" * 64):
         with pytest.raises(StorageError, match="missing or damaged"):
             FrameStore(tmp_path).get(wanted)
+
+
+class Executed:
+    """An object whose pickle, when it is read, creates a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable[[Path], None], tuple[Path]]:
+        return Path.touch, (self.path,)
+
+
+def test_code_in_a_picture_file_is_not_executed(tmp_path: Path) -> None:
+    """Whoever replays a run may have got its folder from somebody else."""
+    store, executed = FrameStore(tmp_path), tmp_path / "executed"
+    path = tmp_path / f"{store.put(picture(1))}.npz"
+    np.savez(path, plain=np.array([Executed(executed)], dtype=object))
+    with pytest.raises(StorageError, match="missing or damaged"):
+        FrameStore(tmp_path).get(path.stem)
+    assert not executed.exists()

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
+from robots.ports import Side
 from skills.grasping.confirm import Confirmation, Expectation, confirm, start_confirm
-from skills.grasping.live_pads import LIVE_READINGS, dead_pad
+from skills.grasping.live_pads import LIVE_READINGS, ConstantPads, dead_pad, watch_pads
 from skills.grasping.settings import without_tactile
 from skills.grasping.slip import SlipWatch, start_slip_watch, watch_slip
 from skills.grasping.tare import TactileBias, TareState, start_tare, tare
-from skills.vocabulary import Outcome
+from skills.vocabulary import Failure, Outcome
 from tests.builders.shipped_settings import GRASP
 from tests.hands import SensedHand
 
@@ -97,6 +98,17 @@ def test_a_pad_that_freezes_during_the_fold_is_found_within_a_tenth_of_a_second(
         watch = watch_slip(deadened(hand.read(), 1, frozen), watch)
     assert watch.failure is not None and watch.failure.kind is FailureKind.TACTILE_FAULT
     assert hand.now - began <= 0.01 * LIVE_READINGS + 0.02
+
+
+def test_a_force_that_stays_is_counted_from_its_last_change():
+    """A pad that becomes constant after a change is told as late as one that was constant from the start."""
+    for before in (), (1.0, 2.0, 1.5):
+        state: ConstantPads | Failure = ConstantPads()
+        for n, force in enumerate((*before, *[3.0] * (2 * LIVE_READINGS))):
+            if isinstance(state, ConstantPads):
+                state, last = watch_pads(Side.LEFT, np.array([force, 0.1 * (n % 2)]), state, SETTINGS), n
+        assert not isinstance(state, ConstantPads) and "first" in state.what
+        assert last - len(before) == LIVE_READINGS, "repetitions of the force that stays"
 
 
 def test_hands_without_tactile_sensors_are_not_checked():
