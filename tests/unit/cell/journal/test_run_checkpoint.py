@@ -155,12 +155,17 @@ class Harm:
         return os.system, ("touch harmed",)
 
 
-@pytest.mark.parametrize("content", [Harm(), ["a list"], np.zeros(3)])
+NOT_OURS = b"cother_package\nValue\n."
+"""A pickle that names a type of another package."""
+
+
+@pytest.mark.parametrize("body", [*map(pickle.dumps, [Harm(), ["a list"], np.zeros(3)]), NOT_OURS])
 def test_a_checkpoint_with_other_objects_is_refused_without_executing_them(
-    kept: Path, content: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    kept: Path, body: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    body = pickle.dumps(content)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "other_package.py").write_text("open('harmed', 'w').close()\nclass Value: ...\n")
     head = json.loads((kept / "context").read_bytes().partition(b"\n")[0]) | {"sha256": run_checkpoint._hash(body)}
     (kept / "context").write_bytes(json.dumps(head).encode() + b"\n" + body)
     with pytest.raises(CellError, match="missing or damaged"):
