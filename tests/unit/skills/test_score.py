@@ -487,8 +487,8 @@ def test_the_score_as_json_has_all_figures_and_limits() -> None:
     assert set(read) >= {"passed", "iou", "correspondence_m", "edges_m", "height_m", "drift_m", "drift_rad"}
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e4])
-def test_scoring_non_finite_positions_raises(bad: float) -> None:
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 5.1, 1e4])
+def test_scoring_positions_that_are_not_finite_or_too_far_apart_raises(bad: float) -> None:
     flat, triangles = towel(0.04)
     final = folded(flat)
     final[7, 2] = bad
