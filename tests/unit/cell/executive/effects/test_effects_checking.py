@@ -41,7 +41,9 @@ def bare() -> CameraFrame:
     return empty(Scene(seed=5))
 
 
-PLANNED: RunContext = context_with(frame=picture(sequence=1), reference=bare())
+@functools.cache
+def planned() -> RunContext:
+    return context_with(frame=picture(sequence=1), reference=bare())
 
 
 class Camera:
@@ -72,8 +74,9 @@ def watching(
     return work, seeing
 
 
-def check(work: Workcell, context: RunContext = PLANNED) -> Result:
+def check(work: Workcell, context: RunContext | None = None) -> Result:
     attempt: Any = SimpleNamespace()
+    context = context or planned()
     frame = context.sight.frame
     assert frame is not None
     return checking.check_place(work, context, attempt, frame)
@@ -83,7 +86,7 @@ def test_a_garment_in_its_place_costs_one_glance() -> None:
     """The fault-free run may take 2 % longer at most, so it takes no still picture here."""
     work, camera_ = watching(picture())
     result = check(work)
-    assert result.event is Event.DONE and result.context.sight.frame is PLANNED.sight.frame
+    assert result.event is Event.DONE and result.context.sight.frame is planned().sight.frame
     assert camera_.asked == ["glimpse"]
     assert work.ports.clock.now() - NOW == pytest.approx(work.settings.computing.check_s)
     assert result.record["moved_m"] < 0.002  # type: ignore[operator]
@@ -131,10 +134,10 @@ def test_a_hand_that_stays_is_reported() -> None:
 
 def test_an_old_picture_does_not_acquit() -> None:
     """The camera shows the picture of the plan again, with a new stamp."""
-    planned = PLANNED.sight.frame
-    assert planned is not None
-    context = context_with(PLANNED, digests=picture_digests(planned))
-    old = replace(planned, stamp=NOW, sequence=9)
+    frame = planned().sight.frame
+    assert frame is not None
+    context = context_with(planned(), digests=picture_digests(frame))
+    old = replace(frame, stamp=NOW, sequence=9)
     work, _ = watching(old, stills=(old,))
     failure = check(work, context).context.failure
     assert failure is not None and failure.kind is K.CAMERA_FAULT and "old picture" in failure.what
@@ -161,7 +164,7 @@ def test_without_inspections_the_cell_does_not_look(tmp_path: Any) -> None:
 
 def test_a_garment_that_moves_every_time_is_asked_about_after_three_new_plans() -> None:
     choose = EFFECTS[Effect.CHOOSE_RECOVERY]
-    context, events = PLANNED, []
+    context, events = planned(), []
     for _ in range(4):
         context = context.with_failure(Failure(K.GARMENT_MOVED, "it was moved"))
         result = choose(fake_workcell(FakeCell(), attended=True), context)
@@ -185,7 +188,7 @@ def test_a_shove_during_the_approach_is_seen_before_the_descent(
     monkeypatch.setattr(checking, "approach", lambda cell, context, attempt: Result(Event.DONE, context))
     work, _ = watching(over(at))
     attempt: Any = SimpleNamespace()
-    result = approach_watched(work, PLANNED, attempt)
+    result = approach_watched(work, planned(), attempt)
     assert result.event is event and result.context.disturbed is (event is Event.FAILED)
     if event is Event.FAILED:
         failure = result.context.failure
@@ -197,4 +200,4 @@ def test_a_failed_approach_is_not_checked(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(checking, "approach", lambda cell, c, attempt: Result(Event.FAILED, c.with_failure(lags)))
     work, camera_ = watching(picture())
     attempt: Any = SimpleNamespace()
-    assert approach_watched(work, PLANNED, attempt).context.failure is lags and camera_.asked == []
+    assert approach_watched(work, planned(), attempt).context.failure is lags and camera_.asked == []
