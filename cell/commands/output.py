@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["check_folder_of", "print_json", "print_table", "progress_stream", "refuse_drawing", "write_drawing"]
+__all__ = ["print_json", "print_table", "progress_stream", "refuse_drawing", "write_drawing"]
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -75,14 +75,3 @@ def refuse_drawing(folder: Path, name: str) -> Path:
     path = folder / f"{name}.png"
     refuse_foreign(path, PNG_MARK)
     return path
-
-
-def check_folder_of(path: Path) -> None:
-    """Raise ConfigurationError if no file can be written to `path`. Called before the file's content is
-    computed."""
-    from robots.errors import ConfigurationError
-
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise ConfigurationError(
-            f"cannot write {path}: no such folder", "give --output a file in a folder that exists"
-        )

@@ -3,7 +3,7 @@ of the arms, and find a pose or size that fits. Write the file of a user's garme
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -14,6 +14,7 @@ from cell.config.cell_settings import CellSettings
 from cell.config.garments.garment_file import load_garment
 from cell.config.garments.new_garment import new_garment_text
 from cell.hardware.camera import camera_calibration
+from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.robot_model import load_robot
 from cell.planning.fold_planning import motion_rng
 from cell.support.files.whole_file import write_whole
@@ -31,7 +32,7 @@ from skills.trajectory.plain_arc import plain_paths
 
 __all__ = [
     "PlacedFold", "Pose", "fitting_pose", "fitting_poses", "placed_folds", "pose_that_folds", "refuse_too_large",
-    "write_own_garment",
+    "refuse_unfit_folds", "write_own_garment",
 ]  # fmt: skip
 
 Pose = tuple[float, float, float]
@@ -51,6 +52,15 @@ class PlacedFold:
     name: str
     variant: str
     why: str
+
+
+def refuse_unfit_folds(garments: Iterable[str], settings: CellSettings) -> None:
+    """Raise ConfigurationError if no run can begin: the parts of the cell do not fit each other, or a garment fits
+    nowhere on its table. garments: names or files, or auto."""
+    refuse_unfit_cell(settings)
+    for garment in garments:
+        if garment != "auto":
+            refuse_too_large(load_garment(garment, settings.surface), settings)
 
 
 def refuse_too_large(garment: Garment, settings: CellSettings) -> None:

@@ -13,15 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 
-from cell.config.garments.garment_file import load_garment
 from cell.executive.effects import EFFECTS
 from cell.executive.runner import Runner
 from cell.hardware.assembly import assemble
 from cell.hardware.camera import camera_calibration
-from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.driver import OpenCell, PersonAt, check_cell, opened_cell, simulation_settings
 from cell.hardware.driver_names import is_simulated
-from cell.hardware.placement import refuse_too_large
+from cell.hardware.placement import refuse_unfit_folds
 from cell.hardware.robot_model import load_robot
 from cell.journal.journal import RunJournal
 from cell.operator.progress.compiling import report_compilation
@@ -87,9 +85,7 @@ def fold_once(
 def _check(request: FoldRequest) -> None:
     """Raises ConfigurationError for a request that cannot be performed."""
     check_cell(request.driver, _simulated(request))
-    refuse_unfit_cell(request.settings)
-    if request.garment != "auto":
-        refuse_too_large(load_garment(request.garment, request.settings.surface), request.settings)
+    refuse_unfit_folds([request.garment], request.settings)
     needs_operator = request.approve or not is_simulated(request.driver)
     if needs_operator and request.terminal and not request.page:
         check_terminal(sys.stdin)

@@ -18,6 +18,7 @@ variants:
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -149,6 +150,11 @@ class TrialRequest:
     def __str__(self) -> str:
         variant = "" if self.variant == DEFAULT_VARIANT else f", {self.variant}"
         return f"{garment_name(self.garment)}, seed {self.seed}{variant}"
+
+    @property
+    def cell(self) -> CellSettings:
+        """The complete settings of the cell of a run of this version."""
+        return CellSettings.model_validate_json(json.dumps(self.settings))
 
     @property
     def folder(self) -> str:

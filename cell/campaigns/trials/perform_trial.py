@@ -90,12 +90,11 @@ def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
 def _this_version(request: TrialRequest, folder: Path) -> Trial:
     from cell.campaigns.hil.script import Action
     from cell.campaigns.hil.script_run import fold_scripted
-    from cell.config.cell_settings import CellSettings
     from cell.runs.fold_run import fold_once
 
     run = FoldRequest(
         garment=request.garment, seed=request.seed, driver=request.driver,
-        settings=CellSettings.model_validate_json(json.dumps(request.settings)), settings_path=None, logs=folder,
+        settings=request.cell, settings_path=None, logs=folder,
         world=request.world, quiet=True,
     )  # fmt: skip
     if not request.actions:

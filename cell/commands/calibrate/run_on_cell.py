@@ -12,7 +12,7 @@ from typing import Any
 from calibration.effects import Procedure
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, calibrate
 from cell.commands.options import Commands, add_command, cell_option, driver_option, json_option, logs_option, seed
-from cell.commands.output import check_folder_of, print_json, progress_stream
+from cell.commands.output import print_json, progress_stream
 from cell.config.calibration_file import read_camera_file
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.workcell import Workcell
@@ -66,7 +66,6 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     settings = load_settings(options.cell)
     chosen = choose(options, settings)
     if options.output is not None:
-        check_folder_of(options.output)
         refuse_foreign(options.output, b"by: foldcell calibrate ")
     stream = progress_stream(options.json)
     request = CalibrationRequest(

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
-from cell.commands.output import check_folder_of, print_json, progress_stream
+from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import garment_path, load_garment, shipped_garment_path
 from cell.config.garments.material_file import with_material
 from cell.config.yaml_file import read_yaml
 from cell.operator.progress.compiling import report_compilation
 from cell.support.files.paths import logs_directory, prepare_logs
-from cell.support.files.whole_file import write_whole
+from cell.support.files.whole_file import refuse_unwritable, write_whole
 from robots.errors import ConfigurationError
 from skills.garments.garment import Garment
 
@@ -145,7 +145,7 @@ def check_output(path: Path | None, replace: bool) -> None:
     """Check --output before anything is computed. Raises ConfigurationError."""
     if path is None:
         return
-    check_folder_of(path)
+    refuse_unwritable(path)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"--output {path}: a garment file ends in .yaml")
     if path.exists() and not replace:

@@ -21,6 +21,7 @@ from cell.config.garments.garment_file import load_garment
 from cell.config.garments.key_points_file import read_checked_key_points
 from cell.hardware.photograph import Photograph, picture_measure, read_photograph
 from cell.support.files.own_file import PNG_MARK, refuse_foreign
+from cell.support.files.whole_file import refuse_unwritable
 from robots.errors import ConfigurationError
 from robots.ports import Array
 from skills.garments.garment import Garment
@@ -79,6 +80,7 @@ def run(options: argparse.Namespace) -> int:
         raise ConfigurationError(f"{output} exists", "give another --output, or --replace to write over it")
     if output.suffix not in (".yaml", ".yml"):
         raise ConfigurationError(f"{output}: a garment file ends in .yaml", "give another --output")
+    refuse_unwritable(output)
     if options.edit or options.key_points is not None:
         refuse_foreign(_points_picture(output), PNG_MARK)
     if options.edit:

@@ -12,7 +12,7 @@ from cell.campaigns.trials.endurance import SAMPLES, SETTLED, EnduranceRun, endu
 from cell.commands.output import print_json, print_table, progress_stream
 from cell.commands.run.perform import first_seed
 from cell.config.cell_settings import load_settings
-from cell.config.garments.garment_file import load_garment
+from cell.hardware.placement import refuse_unfit_folds
 from cell.record.words import garment_name
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
 
@@ -27,8 +27,7 @@ def run_endurance(options: argparse.Namespace) -> int:
     process gained threads or file handles, and no process's memory grew by more than 5 %; else 3."""
     settings = load_settings(options.cell)
     garments = distinct_garments((options.garments or ALL).split(","))
-    for garment in garments:
-        load_garment(garment, settings.surface)
+    refuse_unfit_folds(garments, settings)
     logs = prepare_logs(logs_directory(options.logs))
     path, out = campaign_folder(logs, "endurance"), progress_stream(options.json)
     print(f"folder   {path}", file=out, flush=True)

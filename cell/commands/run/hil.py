@@ -17,9 +17,10 @@ from cell.commands.options import cell_option, driver_options, json_option, logs
 from cell.commands.output import print_json, progress_stream
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.driver_names import is_simulated
+from cell.hardware.placement import refuse_unfit_folds
 from cell.support.files.names import checked_name
 from cell.support.files.own_file import refuse_foreign
-from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
 from cell.support.process.lock import OwnerLock
@@ -52,12 +53,10 @@ def run(options: argparse.Namespace) -> int:
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
     for script in scripts:
-        check_script(script, settings, options.driver)
-    if options.junit is not None and not options.junit.absolute().parent.is_dir():
-        raise ConfigurationError(f"{options.junit}: there is no such folder", "create it, or give another --junit")
+        refuse_unfit_folds([script.garment_named], check_script(script, settings, options.driver))
     if options.junit is not None:
         refuse_foreign(options.junit, b'<testsuite name="foldcell hil"')
-    logs = prepare_logs(logs_directory(options.logs))
+    logs = prepare_logs(logs_directory(options.logs), space_for(len(scripts)))
     with _owned(logs, options.driver):
         return _campaign(options, settings, scripts, campaign_folder(logs, "hil"))
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from cell.campaigns.executors import RUNS_EACH, chosen_workers
 from cell.campaigns.perform_campaign import Write, perform_campaign, write_results
-from cell.campaigns.trials.campaign import Campaign
+from cell.campaigns.trials.campaign import Campaign, TrialRequest
 from cell.campaigns.trials.progress import CampaignProgress, described
 from cell.campaigns.trials.store import CampaignFolder
 from cell.campaigns.trials.trial import Trial
 from cell.commands.output import progress_stream
-from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs
+from cell.hardware.placement import refuse_unfit_folds
+from cell.support.files.paths import campaign_folder, command_for, logs_directory, prepare_logs, space_for
 from robots.errors import ConfigurationError, StorageError
 
 __all__ = ["first_seed", "new_campaign", "perform", "resumed_campaign"]
@@ -28,16 +30,39 @@ def first_seed(options: argparse.Namespace) -> int:
 
 
 def new_campaign(campaign: Campaign, kind: str, options: argparse.Namespace) -> CampaignFolder:
-    """Create the folder of a campaign in the logs. kind: beginning of its name. Raises StorageError."""
-    logs = prepare_logs(logs_directory(options.logs))
+    """Create the folder of a campaign in the logs. kind: beginning of its name. Raises StorageError, and
+    ConfigurationError for a cell or garment that every run would refuse."""
+    _check_cells(campaign.requests)
+    logs = prepare_logs(logs_directory(options.logs), space_for(_kept(campaign)))
     return CampaignFolder.create(campaign_folder(logs, kind), campaign, logs)
 
 
 def resumed_campaign(options: argparse.Namespace) -> CampaignFolder:
-    """Open the campaign that `--resume` names. Raises ConfigurationError if it cannot be continued."""
+    """Open the campaign that `--resume` names. Raises ConfigurationError if it cannot be continued, StorageError
+    if its runs cannot be written."""
     folder = CampaignFolder.open(options.resume.absolute())
     folder.check_program()
+    prepare_logs(folder.path, space_for(_kept(folder.campaign) - len(folder.finished())))
     return folder
+
+
+def _check_cells(requests: Iterable[TrialRequest]) -> None:
+    """Check each cell with each garment as a run does before it begins. Another version of foldcell checks its
+    runs itself. Raises ConfigurationError that names the variant."""
+    cells: dict[str, tuple[TrialRequest, dict[str, None]]] = {}
+    for request in requests:
+        if request.python is None:
+            cells.setdefault(json.dumps(request.settings), (request, {}))[1][request.garment] = None
+    for request, garments in cells.values():
+        try:
+            refuse_unfit_folds(garments, request.cell)
+        except ConfigurationError as e:
+            raise ConfigurationError(f"{request.variant}: {e.what}" if len(cells) > 1 else e.what, e.hint) from e
+
+
+def _kept(campaign: Campaign) -> int:
+    """Return the number of runs whose recordings are surely kept."""
+    return len(campaign.requests) if campaign.keep == "all" else 1
 
 
 def perform(

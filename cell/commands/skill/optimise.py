@@ -83,8 +83,6 @@ def _check_export(path: Path | None) -> None:
         return
     if path.suffix not in MARKS:
         raise ConfigurationError(f"--export {path}: a file ending in {', '.join(MARKS)} is expected")
-    if not path.absolute().parent.is_dir():
-        raise ConfigurationError(f"--export {path}: there is no folder {path.absolute().parent}")
     refuse_foreign(path, MARKS[path.suffix])
 
 

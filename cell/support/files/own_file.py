@@ -1,4 +1,4 @@
-"""Keep commands from writing over files that foldcell did not make."""
+"""Keep commands from writing over files that foldcell did not make, and from computing what they cannot write."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import struct
 import zlib
 from pathlib import Path
 
+from cell.support.files.whole_file import refuse_unwritable
 from robots.errors import ConfigurationError
 
 __all__ = ["PNG_MARK", "marked_png", "refuse_foreign"]
@@ -16,8 +17,10 @@ _IHDR_END = 33
 
 
 def refuse_foreign(path: Path, mark: bytes) -> None:
-    """Raise ConfigurationError if something is at `path` that is not a file with `mark` in it. mark: text that
-    every file of this kind contains that foldcell makes. Called before the file's content is computed."""
+    """Raise StorageError if no file can be written to `path`, and ConfigurationError if something is there that is
+    not a file with `mark` in it. mark: text that every file of this kind contains that foldcell makes. Called
+    before the file's content is computed."""
+    refuse_unwritable(path)
     try:
         own = not path.exists() or (path.is_file() and mark in path.read_bytes())
     except OSError as e:

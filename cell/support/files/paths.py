@@ -23,6 +23,7 @@ __all__ = [
     "new_folder",
     "prepare_logs",
     "repository_root",
+    "space_for",
     "user_cache",
 ]
 
@@ -30,7 +31,9 @@ JOURNAL_FILE = "journal.db"
 MAX_SAME_NAME = 10_000
 """Limit of the number that is appended to a folder's name to make it unique."""
 LEAST_FREE_BYTES = 200 * 2**20
-"""Free space that a run requires [bytes]. Its recording and report take about a third of this."""
+"""Free space that a run requires [bytes]. Its recording and report take 35 to 110 MiB."""
+KEPT_BYTES = 35 * 2**20
+"""Free space that each further run requires whose recording is kept [bytes]."""
 
 
 def logs_directory(option: Path | None = None, environment: Mapping[str, str] | None = None) -> Path:
@@ -82,6 +85,11 @@ def free_bytes(path: Path) -> int:
     return shutil.disk_usage(path).free
 
 
+def space_for(kept: int) -> int:
+    """Return the free space that runs require [bytes]. kept: number of runs whose recordings are kept."""
+    return LEAST_FREE_BYTES + max(kept - 1, 0) * KEPT_BYTES
+
+
 def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
     """Create the logs folder, check that it can be written, and return it.
 
@@ -104,11 +112,11 @@ def prepare_logs(logs: Path, least_free: int = LEAST_FREE_BYTES) -> Path:
             path=str(logs),
             errno=e.errno,
         ) from e
-    free = free_bytes(logs)
+    free, needs = free_bytes(logs), "a run needs" if least_free <= LEAST_FREE_BYTES else "the runs need"
     if free < least_free:
         _remove(created)
         raise StorageError(
-            f"the logs folder {logs} has {free / 2**20:.0f} MiB left; a run needs {least_free / 2**20:.0f} MiB",
+            f"the logs folder {logs} has {free / 2**20:.0f} MiB left; {needs} {least_free / 2**20:.0f} MiB",
             f"free some space, {elsewhere}",
             path=str(logs),
             free_bytes=free,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from contextlib import suppress
@@ -9,14 +10,27 @@ from pathlib import Path
 
 from robots.errors import StorageError
 
-__all__ = ["write_whole"]
+__all__ = ["refuse_unwritable", "write_whole"]
+
+HINT = "free some disk space, make its folder writable, or choose another one"
+PROBE_BYTES = 2**16
+"""Space that a file needs at least, for `refuse_unwritable`."""
 
 
-def write_whole(
-    path: Path,
-    data: bytes | str,
-    hint: str = "free some disk space, make its folder writable, or choose another one",
-) -> None:
+def refuse_unwritable(path: Path) -> None:
+    """Raise StorageError if `write_whole` cannot write to `path`. Called before the file's content is computed.
+    Nothing is left in the folder."""
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        with tempfile.NamedTemporaryFile(dir=path.absolute().parent, prefix=f".{path.name}.") as file:
+            file.write(bytes(PROBE_BYTES))
+            file.flush()
+    except OSError as e:
+        raise StorageError(f"{path} cannot be written: {e.strerror}", HINT, path=str(path)) from e
+
+
+def write_whole(path: Path, data: bytes | str, hint: str = HINT) -> None:
     """Replace the file in one step: at any time, a reader finds either the old content or the new content. Raises
     StorageError."""
     content = data.encode() if isinstance(data, str) else data
