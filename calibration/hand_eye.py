@@ -6,7 +6,8 @@ with unknown X = T_base_camera and Y = T_tool_board (the robot-world / hand-eye 
 initial value: rotations by singular values of a Kronecker product (Shah, J. Mech. Robot. 5(3), 2013), then
 translations by linear least squares. Least squares on the reprojection error refines this value. Both hands share
 X. The zeros of the joints are wrong by about a milliradian, which a single pose cannot show. They are estimated
-together with X and Y, with a prior of mean zero.
+together with X and Y, with a prior of mean zero. So is the scale of the printed board: the arms know how far they
+have moved it. A scale that the tolerance of the print does not explain is refused.
 """
 
 from __future__ import annotations
@@ -59,6 +60,8 @@ JOINT_SIGMA = 0.0015
 """Standard deviation of the joints' zeros [rad]. It corresponds to the arms' stated accuracy of 5 mm."""
 PRINT_SIGMA = 0.0005
 """Relative standard deviation of the scale of the printed board."""
+GATE = 3.0
+"""The scale of the board may differ from 1 by this number of standard deviations."""
 MAX_RMS = 1.5
 """Largest accepted reprojection error [px]. A larger error means that the intrinsics, the board or the arms' model
 is wrong."""
@@ -106,8 +109,8 @@ class HandView:
 @dataclass(frozen=True, eq=False)
 class HandEyeCalibration:
     """Result of a hand-eye calibration. T_base_camera: (4, 4). T_tool_board: hand -> (4, 4). rms: reprojection
-    error [px]. position [m], angle [rad]: root mean square difference between the board's pose from the arm and
-    from the camera.
+    error [px]. scale: size of the printed board relative to its drawing. position [m], angle [rad]: root mean
+    square difference between the board's pose from the arm and from the camera.
 
     position_sigma [m], angle_sigma [rad]: standard deviation of the camera's pose along its worst axis. It
     includes the errors of the corners, the joints' zeros, the intrinsics and the print, and the scatter of the
@@ -117,6 +120,7 @@ class HandEyeCalibration:
     T_base_camera: Array
     T_tool_board: Mapping[Side, Array]
     rms: float
+    scale: float
     position: float
     angle: float
     position_sigma: float
@@ -237,7 +241,8 @@ def fit_hand_eye(
 ) -> Outcome[HandEyeCalibration]:
     """Fit the camera's pose to the views of one or both hands.
 
-    Fails with LOW_CONFIDENCE for too few views, poses that are too similar, and corners that fit no camera pose.
+    Fails with LOW_CONFIDENCE for too few views, poses that are too similar, a board of another size, and corners
+    that fit no camera pose.
     """
     sides = tuple(side for side in Side if any(v.side is side for v in views))
     if not sides or min(sum(v.side is side for v in views) for side in sides) < MIN_VIEWS:
@@ -262,7 +267,7 @@ def fit_hand_eye(
 
 class _Problem:
     """The least-squares problem. Its unknowns form one vector: a twist on X, then for each hand a twist on Y and
-    joint offsets in units of joint_sigma."""
+    joint offsets in units of JOINT_SIGMA, and last the board's scale - 1 in units of PRINT_SIGMA."""
 
     def __init__(
         self,
@@ -278,26 +283,25 @@ class _Problem:
         self._X, self._Y, self._settings = X, Y, settings
         self._hand = 6 + len(views[0].q)
         """Number of unknowns of one hand."""
-        self.size = 6 + self._hand * len(sides)
+        self.size = 6 + self._hand * len(sides) + 1
 
     def _parts(self, x: Array) -> tuple[Array, dict[Side, Array], dict[Side, Array]]:
         Y, offsets = {}, {}
-        for side, part in zip(self._sides, x[6:].reshape(-1, self._hand), strict=True):
+        for side, part in zip(self._sides, x[6:-1].reshape(-1, self._hand), strict=True):
             Y[side] = self._Y[side] @ _exp(part[:6])
             offsets[side] = part[6:] * JOINT_SIGMA
         return self._X @ _exp(x[:6]), Y, offsets
 
     def _reprojection(self, x: Array, lens: Array | None = None) -> Array:
-        """Return the found minus the expected corners (m, 2) of all views [px]. lens: (5,) assumed errors of the
-        focal lengths (relative), the principal point [px] and the scale of the print (relative); None: no
-        errors."""
-        fx, fy, cx, cy, size = np.zeros(5) if lens is None else lens
+        """Return the found minus the expected corners (m, 2) of all views [px]. lens: (4,) assumed errors of the
+        focal lengths (relative) and the principal point [px]; None: no errors."""
+        fx, fy, cx, cy = np.zeros(4) if lens is None else lens
         X, Y, offsets = self._parts(x)
         T_camera_base = np.linalg.inv(X)
         out = []
         for v in self._views:
             T = T_camera_base @ tool_pose(self._robot.chains[v.side], v.q - offsets[v.side]) @ Y[v.side]
-            p = (1.0 + size) * v.view.points(BOARD) @ T[:3, :3].T + T[:3, 3]
+            p = _scale(x) * v.view.points(BOARD) @ T[:3, :3].T + T[:3, 3]
             k = self._k
             scale = [(1.0 + fx) * k.fx, (1.0 + fy) * k.fy]
             uv = p[:, :2] / np.maximum(p[:, 2:], 1e-3) * scale + [k.cx + cx, k.cy + cy]
@@ -305,17 +309,18 @@ class _Problem:
         return np.vstack(out)
 
     def residuals(self, x: Array) -> Array:
-        """Return the reprojection errors and joint offsets, each divided by its standard deviation."""
+        """Return the reprojection errors, joint offsets and the board's scale - 1, each divided by its standard
+        deviation."""
         corners = self._reprojection(x).ravel() / CORNER_SIGMA
-        offsets = x[6:].reshape(-1, self._hand)[:, 6:].ravel()
-        return np.concatenate([corners, offsets])
+        offsets = x[6:-1].reshape(-1, self._hand)[:, 6:].ravel()
+        return np.concatenate([corners, offsets, x[-1:]])
 
     def _lens_influence(self, x: Array, gain: Array) -> Array:
-        """Return the influence of lens and print on the unknowns, (size, 5). Column i is the change that an error
+        """Return the influence of the lens on the unknowns, (size, 4). Column i is the change that an error
         of one standard deviation in parameter i causes. `_reprojection` lists the parameters."""
         s, columns = self._settings, []
-        for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma, PRINT_SIGMA)):
-            lens = np.zeros(5)
+        for i, sigma in enumerate((s.focal_sigma, s.focal_sigma, s.centre_sigma, s.centre_sigma)):
+            lens = np.zeros(4)
             lens[i] = sigma
             change = (self._reprojection(x, lens) - self._reprojection(x)).ravel() / CORNER_SIGMA
             columns.append(gain[:, : len(change)] @ change)
@@ -346,11 +351,20 @@ class _Problem:
             return _low_confidence(what, hint, {"rms_px": rms})
         X, Y, offsets = self._parts(x)
         # Three errors that the model does not contain increase the variance: a reprojection error above
-        # corner_sigma; errors of the lens and the print; errors that all corners of a view share.
+        # CORNER_SIGMA; errors of the lens; errors that all corners of a view share.
         inverse = np.asarray(np.linalg.pinv(J.T @ J), dtype=np.float64)
         by_lens = self._lens_influence(x, inverse @ J.T)
         by_view = self._view_influence(x, J, inverse)
         variance = inverse * max(1.0, (rms / CORNER_SIGMA) ** 2 / 2) + by_lens @ by_lens.T + by_view @ by_view.T
+        scale, scale_sigma = _scale(x), PRINT_SIGMA * float(np.sqrt(1.0 + variance[-1, -1]))
+        if abs(scale - 1.0) > GATE * scale_sigma:
+            scale = 1.0 + (scale - 1.0) / (1.0 - float(inverse[-1, -1]))  # without the pull of the prior
+            what = (
+                f"by the arms' motion, the printed board has {scale:.1%} of its size; "
+                f"its print and this measurement explain {GATE * scale_sigma:.1%}"
+            )
+            hint = "print it again at 100 % (not 'fit to page'), and measure the pattern (docs/operating.md)"
+            return _low_confidence(what, hint, {"scale": scale, "scale_sigma": scale_sigma})
         position, angle = (
             float(np.sqrt(np.linalg.eigvalsh(variance[c, c])[-1])) for c in (slice(0, 3), slice(3, 6))
         )
@@ -367,10 +381,15 @@ class _Problem:
         distance, rotation = np.sqrt((np.array(errors) ** 2).mean(axis=0))
         return Outcome(
             HandEyeCalibration(
-                frozen(X), {k: frozen(v) for k, v in Y.items()}, rms,
+                frozen(X), {k: frozen(v) for k, v in Y.items()}, rms, scale,
                 float(distance), float(rotation), position, angle, len(self._views),
             )
         )  # fmt: skip
+
+
+def _scale(x: Array) -> float:
+    """Return the size of the printed board relative to its drawing."""
+    return float(1.0 + PRINT_SIGMA * x[-1])
 
 
 def _board_pose(k: Intrinsics, view: BoardView) -> Array:

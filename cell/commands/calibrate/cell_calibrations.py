@@ -128,6 +128,7 @@ def _hand_eye(options: argparse.Namespace, settings: CellSettings) -> CellCalibr
             "change_mm": mm(float(np.linalg.norm(change[:3, 3]))),
             "change_deg": _deg(float(np.arccos(np.clip(0.5 * (np.trace(change[:3, :3]) - 1.0), -1.0, 1.0)))),
             "reprojection_rms_px": round(c.rms, 4),
+            "board_scale": round(c.scale, 5),
             "residual_mm": mm(c.position),
             "residual_deg": _deg(c.angle),
             "position_sigma_mm": mm(c.position_sigma),

@@ -59,9 +59,11 @@ def off(true: np.ndarray, found: np.ndarray) -> tuple[float, float]:
 class Cell:
     """A cell whose camera pose, board grasps and joint readings have small errors."""
 
-    def __init__(self, robot: RobotModel, seed: int, noise: float = 0.1, bias: float = 1e-3) -> None:
+    def __init__(
+        self, robot: RobotModel, seed: int, noise: float = 0.1, bias: float = 1e-3, scale: float = 1.0
+    ) -> None:
         rng = np.random.default_rng(seed)
-        self.robot, self.rng, self.noise = robot, rng, noise
+        self.robot, self.rng, self.noise, self.scale = robot, rng, noise, scale
         self.X = MOUNT.T_base_camera(0.0) @ random_pose(rng, 0.01, 0.003)
         self.Y = {side: BOARD.T_tool_board @ random_pose(rng, 0.05, 0.004) for side in Side}
         self.bias = bias * rng.standard_normal(len(robot.q_park))
@@ -83,7 +85,7 @@ class Cell:
         """The view of the board at the joints' true angles."""
         q = (self.q - self.bias)[self.robot.arm(self.side)]
         T = np.linalg.inv(self.X) @ ik.tool_pose(self.robot.chains[self.side], q) @ self.Y[self.side]
-        p = BOARD.corners @ T[:3, :3].T + T[:3, 3]
+        p = self.scale * BOARD.corners @ T[:3, :3].T + T[:3, 3]
         k = MOUNT.intrinsics
         uv = p[:, :2] / p[:, 2:] * [k.fx, k.fy] + [k.cx, k.cy] + self.noise * self.rng.standard_normal((len(p), 2))
         return BoardView(np.arange(len(p)), uv, k.width, k.height)
@@ -133,6 +135,25 @@ def test_noise_and_joint_offsets_cost_a_millimetre_and_are_reported(robot: Robot
         assert errors[-1][0] < 5.0 * 1e3 * found.position_sigma
     mm, deg = np.array(errors).T
     assert mm.max() < 2.0 and deg.max() < 0.15
+
+
+@pytest.mark.parametrize("settings", [HandEyeSettings(8), HandEyeSettings.with_lens_of_data_sheet(8)])
+@pytest.mark.parametrize("scale", [0.97, 0.98, 0.995, 1.02])
+def test_a_board_of_another_size_is_refused_with_its_size(
+    robot: RobotModel, scale: float, settings: HandEyeSettings
+) -> None:
+    """A page that was printed to fit has 97 or 98 % of its size; the pose was then off by 4 to 7 mm."""
+    failure = fit_hand_eye(robot, MOUNT.intrinsics, Cell(robot, 0, scale=scale).views(8), settings).failure
+    assert failure is not None and failure.kind is FailureKind.LOW_CONFIDENCE
+    assert "by the arms' motion, the printed board has" in failure.what and "at 100 %" in failure.hint
+    assert failure.values["scale"] == pytest.approx(scale, abs=0.0007)
+
+
+def test_a_size_within_the_tolerance_of_the_print_is_fitted(robot: RobotModel) -> None:
+    cell = Cell(robot, 0, scale=0.999)
+    found = fit_hand_eye(robot, MOUNT.intrinsics, cell.views(12), SETTINGS).unwrap()
+    assert found.scale == pytest.approx(0.999, abs=0.0004)
+    assert off(cell.X, found.T_base_camera)[0] < 0.3, "it was 0.4 mm without"
 
 
 def test_an_inaccurate_lens_calibration_shows_in_the_standard_deviation(robot: RobotModel) -> None:
