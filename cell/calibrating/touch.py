@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.effects import Touch, TouchReadings
+from cell.config.deciding_setting import setting_in_words
 from cell.control.checks import SETTLED, fresh_state
 from cell.control.motion import Motion
 from cell.control.motions.guarded_motions import GuardedHand, Lowering, guarded_descent
@@ -124,7 +125,7 @@ def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome
     bias = biases.unwrap()[side]
     first = _descend(cell, side, descent, settings, bias, -effect.search, [])
     if first.failure:
-        return Outcome(failure=_explained(first.failure, effect))
+        return Outcome(failure=_explained(cell, first.failure, effect))
     failure = _rise(cell, side, BACK_OFF)
     if failure:
         return Outcome(failure=failure)
@@ -132,7 +133,7 @@ def _touch_and_press(cell: Workcell, effect: Touch, descent: Descent) -> Outcome
     readings: list[HandReading] = []
     second = _descend(cell, side, descent, slow, bias, -effect.search, readings)
     if second.failure:
-        return Outcome(failure=_explained(second.failure, effect))
+        return Outcome(failure=_explained(cell, second.failure, effect))
     at = ik.tool_pose(cell.robot.chains[side], cell.ports.arms.state().q[cell.robot.arm(side)])[:2, 3]
     height = np.array([r.height for r in readings]) + cell.table.height
     force = np.array([(r.tactile.tip - bias.tip).sum() for r in readings])
@@ -175,15 +176,16 @@ def _descend(
     return cell.loop.run(begin)
 
 
-def _explained(failure: Failure, effect: Touch) -> Failure:
+def _explained(cell: Workcell, failure: Failure, effect: Touch) -> Failure:
     """Replace the message of a missing or early contact, because its causes over a bare table differ from those
     over a garment."""
+    height = setting_in_words("table.height", cell.settings)
     if failure.kind is FailureKind.IN_COLLISION:
         return Failure(
             FailureKind.LOW_CONFIDENCE,
             f"the {effect.side} hand touched something at ({effect.x:.2f}, {effect.y:.2f}), more than"
-            f" {1e3 * effect.search:.0f} mm above the table height of cell.yaml",
-            "clear the table; if it is clear, correct table.height in cell.yaml and calibrate again",
+            f" {1e3 * effect.search:.0f} mm above the table's height",
+            f"clear the table; if it is clear, correct {height} and calibrate again",
             failure.values,
         )
     if failure.kind is not FailureKind.NO_CONTACT:
@@ -191,8 +193,8 @@ def _explained(failure: Failure, effect: Touch) -> Failure:
     return Failure(
         FailureKind.NO_CONTACT,
         f"the {effect.side} hand felt no table at ({effect.x:.2f}, {effect.y:.2f}), down to"
-        f" {1e3 * effect.search:.0f} mm below the table height of cell.yaml",
-        "measure the height of the table, correct table.height in cell.yaml, and calibrate again",
+        f" {1e3 * effect.search:.0f} mm below the table's height",
+        f"measure the height of the table, correct {height}, and calibrate again",
         failure.values,
     )
 

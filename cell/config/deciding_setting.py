@@ -86,9 +86,8 @@ def _in_force(key: str, settings: CellSettings) -> float:
 def setting_in_words(key: str, settings: CellSettings) -> str:
     """Return a setting with its value in force, in words: from cell.yaml, or from the calibration file that
     overrides it. key: GROUP.NAME."""
-    if (file := overriding_file(key, settings)) is not None and key in _TACTILE:
-        name = key.split(".")[1]
-        return f"`{name}: {getattr(settings.grasp.calibrated(), name)}` in {file}"
+    if (file := overriding_file(key, settings)) is not None and key in (*_TACTILE, "table.height"):
+        return f"`{key.split('.')[1]}: {_in_force(key, settings)}` in {file}"
     value = reduce(getattr, key.split("."), settings)
     return f"`{key}: {value}` in cell.yaml"
 

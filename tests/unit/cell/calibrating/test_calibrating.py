@@ -112,7 +112,8 @@ def test_calibrating_a_missing_table_ends_safely_and_writes_nothing(
     cell, logs, out = tmp_path / "cell.yaml", tmp_path / "logs", tmp_path / "found.yaml"
     cell.write_text("table: {calibration: table.yaml}\n")
     code, report, _ = foldcell(capsys, "calibrate", "table", "--cell", cell, "--logs", logs, "--output", out)
-    assert code == 2 and report["failure"]["kind"] == kind and "table.height" in report["failure"]["hint"]
+    assert code == 2 and report["failure"]["kind"] == kind
+    assert f"correct `height: {believed}` in {tmp_path / 'table.yaml'}" in report["failure"]["hint"], "in force"
     assert not out.exists() and "file" not in report
 
 
