@@ -17,7 +17,7 @@ from skills.perception.camera_fault import camera_fault, picture_digests, repeat
 from skills.perception.drawing import draw_on_camera
 from skills.perception.inspection.height_expectation import estimate_camera_bias
 from skills.perception.perceive import Perception, perceive
-from skills.perception.rectification.camera_refinement import refine_calibration
+from skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
 from skills.perception.rectification.table_view import TableView
 from skills.perception.segmentation.obstruction import obstructed
 from skills.perception.settings import VIEW_PIXEL
@@ -94,7 +94,7 @@ def photograph_table(cell: Workcell, context: RunContext) -> Result:
     )
     if unusable is None:
         view = TableView(cell.calibration, cell.table, VIEW_PIXEL)
-        unusable = obstructed(view, view.rectify(frame), None)
+        unusable = obstructed(view, view.rectify(frame), None) or tilted_table(frame, cell.calibration, cell.table)
     seen = replace(context, sight=replace(context.sight, refused=frame))
     seen.require(unusable)
     refined = cell.compute(0.0, lambda: refine_calibration(frame, cell.calibration, cell.table))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from robots.ports import Array, frozen
 from skills.vocabulary import CameraCalibration, CameraFrame, Failure, FailureKind, Outcome, Table
 
-__all__ = ["refine_calibration"]
+__all__ = ["refine_calibration", "tilted_table"]
 
 
 _PRIOR_POSITION, _PRIOR_ANGLE = 0.005, 0.005
@@ -31,6 +31,29 @@ _SEARCH = 0.04
 """Distance from its expected place up to which an edge is searched [m]."""
 _LARGEST_POSITION, _LARGEST_ANGLE = 0.03, 0.03
 """Maximum corrections [m, rad]."""
+_LARGEST_HEIGHT = 0.04
+"""Largest height of the measured table above or below the calibrated one [m]: three standard deviations of a depth
+sensor with a scale error of one per cent."""
+
+
+def tilted_table(frame: CameraFrame, calibration: CameraCalibration, table: Table) -> Failure | None:
+    """Return CAMERA_FAULT if the depth of the empty table contradicts the calibration: the table is tilted by more
+    than `_LARGEST_ANGLE`, or off by more than `_LARGEST_HEIGHT`. None also if the picture shows no plane."""
+    plane = _table_plane(frame, calibration, table)
+    if plane is None:
+        return None
+    T, (normal, distance) = calibration.T_table_camera, plane
+    tilt = float(np.arccos(np.clip((T[:3, :3] @ normal)[2], -1.0, 1.0)))
+    height = float(T[2, 3] - distance)
+    if tilt <= _LARGEST_ANGLE and abs(height) <= _LARGEST_HEIGHT:
+        return None
+    return Failure(
+        FailureKind.CAMERA_FAULT,
+        f"by its depth, the table is tilted by {np.rad2deg(tilt):.1f} degrees and lies {abs(height) * 1e3:.0f} mm "
+        f"{'higher' if height > 0.0 else 'lower'} than by the camera's calibration",
+        "calibrate the camera's pose (calibrate hand-eye), or correct the places of camera and table in force",
+        {"tilt_rad": tilt, "height_m": height},
+    )
 
 
 def refine_calibration(

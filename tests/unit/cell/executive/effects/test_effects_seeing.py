@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -24,6 +25,7 @@ from robots.ports import CameraFrame
 from skills.vocabulary import Outcome
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
+from tests.scenes import TABLE, Scene, camera, empty
 from tests.workcells import fake_workcell
 
 recognise = EFFECTS[Effect.RECOGNISE]
@@ -256,8 +258,26 @@ def test_no_reference_picture_is_taken_if_it_is_disabled(tmp_path) -> None:
     assert (result.event, result.context.sight.reference, camera.shots) == (Event.DONE, None, 0)
 
 
+def test_a_table_that_contradicts_the_calibration_is_refused() -> None:
+    """The camera has been tilted by 2.3 degrees since it was calibrated."""
+    cell, T = FakeCell(), np.array(camera().T_table_camera)
+    frame = replace(empty(Scene(seed=3)), stamp=cell.ports().clock.now())
+    T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(np.array([0.04, 0.0, 0.0]))[0]
+    off = replace(camera(), T_table_camera=T)
+    ports = replace(cell.ports(), camera=Camera(frame))
+    for calibration, good in ((camera(), True), (off, False)):
+        with ThreadPoolExecutor(1) as workers:
+            work = fake_workcell(cell, ports=ports, table=TABLE, calibration=calibration, workers=workers)
+            result = photograph_table(work, RunContext())
+        assert (result.event is Event.DONE) == good
+    failure = result.context.failure
+    assert failure is not None and "the table is tilted by" in failure.what
+    assert result.context.sight.shown is frame
+
+
 def test_an_invisible_table_leaves_the_calibration_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cell.executive.effects.seeing.obstructed", lambda *_: None)  # the fake depth is no table
+    for judge in ("obstructed", "tilted_table"):  # the fake depth is no table
+        monkeypatch.setattr(f"cell.executive.effects.seeing.{judge}", lambda *_: None)
     with ThreadPoolExecutor(1) as workers:
         workcell, _ = seeing(workers=workers)
         result = photograph_table(workcell, RunContext())

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from robots.errors import FailureKind
-from skills.perception.rectification.camera_refinement import refine_calibration
+from skills.perception.rectification.camera_refinement import refine_calibration, tilted_table
 from skills.vocabulary import CameraCalibration
-from tests.scenes import TABLE, Scene, camera, render
+from tests.scenes import TABLE, Scene, camera, render, with_arm
 
 
 def hung(shift, turn):
@@ -68,3 +68,21 @@ def test_a_picture_without_a_table_plane_is_refused():
     picture.depth[:] = np.nan
     outcome = refine_calibration(picture, camera(), TABLE)
     assert outcome.failure is not None and outcome.failure.kind is FailureKind.CAMERA_FAULT
+
+
+@pytest.mark.parametrize(("shift", "turn", "word"), [
+    ((0.0, 0.0, 0.0), (0.04, 0.0, 0.0), "tilted by 2.3 degrees"),
+    ((0.0, 0.0, 0.0), (0.0, -0.04, 0.0), "tilted by 2.3 degrees"),
+    ((0.0, 0.0, 0.05), (0.0, 0.0, 0.0), "50 mm lower"), ((0.0, 0.0, -0.05), (0.0, 0.0, 0.0), "50 mm higher"),
+])  # fmt: skip
+def test_depth_that_contradicts_the_calibration_is_told(shift, turn, word):
+    failure = tilted_table(render(Scene(seed=1), hung(shift, turn)), camera(), TABLE)
+    assert failure is not None and failure.kind is FailureKind.CAMERA_FAULT and word in failure.what
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_tolerance_of_a_bracket_and_a_hand_on_the_table_contradict_nothing(seed):
+    rng = np.random.default_rng(seed)
+    picture = render(Scene(seed=seed), hung(rng.normal(0, 0.005, 3), rng.normal(0, 0.005, 3)))
+    assert tilted_table(picture, camera(), TABLE) is None
+    assert tilted_table(with_arm(picture, camera(), (0.6, 0.2), (0.55, 0.75)), camera(), TABLE) is None
