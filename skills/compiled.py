@@ -4,24 +4,34 @@ numba takes its cache to be infallible: a damaged entry raises, and so does a pr
 written. Here an entry that cannot be read is compiled again and replaced, and code that cannot be written is not
 kept. The code in a program folder that is read-only is still used.
 
+Of several processes that need the same code, one compiles it. The others wait and load it (a file lock beside the
+code). If that one ends early, the next one compiles.
+
 The main thread waits for a compilation on another thread, so that a signal is handled at once. An exception of its
 handler leaves the other thread behind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import fcntl
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
-from typing import Any, ClassVar
+from typing import IO, Any, ClassVar
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.event import trigger_event
 
-__all__ = ["FallibleCache", "cached"]
+from skills.lean_compilation import lean_compilation
+
+__all__ = ["WAITING", "FallibleCache", "cached"]
+
+WAITING = "foldcell:waiting"
+"""Kind of the event while this process waits for code that another one compiles. Data: the function's `module`."""
 
 
 class _UncheckedPlace(InTreeCacheLocator):
@@ -41,8 +51,18 @@ class FallibleCache(FunctionCache):
     _impl_class = _Implementation
     caches: ClassVar[list[FallibleCache]] = []
     """The caches of all functions that were imported."""
+    _lock: IO[bytes] | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load the code. If there is none, lock it, so that this process compiles it; wait for another one that
+        does. `unlocking` releases the lock."""
+        found = self._loaded(sig, target_context)
+        if found is None and self._lock is None:
+            self._lock_file()
+            found = self._loaded(sig, target_context)
+        return found
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # damaged bytes raise anything
@@ -53,6 +73,26 @@ class FallibleCache(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         with suppress(Exception):  # the compiled function is good, wherever it cannot be written
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+    def _lock_file(self) -> None:
+        with suppress(OSError):  # without a place for the file, each process compiles
+            self._lock = self.index.with_suffix(".lock").open("ab")
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                with trigger_event(WAITING, {"module": self._py_func.__module__}):
+                    fcntl.flock(self._lock, fcntl.LOCK_EX)
+
+    @contextmanager
+    def unlocking(self) -> Iterator[None]:
+        """At the end, release the lock if it was locked within the block."""
+        before = self._lock
+        try:
+            yield
+        finally:
+            if self._lock is not None and before is None:
+                self._lock.close()
+                self._lock = None
 
     @property
     def index(self) -> Path:
@@ -72,9 +112,15 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         dispatcher = njit(nogil=True, **options)(function)
-        dispatcher.compile = _on_a_thread(dispatcher.compile)
-        dispatcher._cache = FallibleCache(function)  # type: ignore[no-untyped-call]
-        FallibleCache.caches.append(dispatcher._cache)
+        dispatcher._cache = cache = FallibleCache(function)  # type: ignore[no-untyped-call]
+        FallibleCache.caches.append(cache)
+        compile_now = dispatcher.compile
+
+        def compile_once(signature: Any) -> Any:
+            with lean_compilation(), cache.unlocking():
+                return compile_now(signature)
+
+        dispatcher.compile = _on_a_thread(compile_once)
         return dispatcher
 
     return compiled

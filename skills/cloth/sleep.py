@@ -48,7 +48,8 @@ def update_sleep(body, parameters, state, pairs, holds, cap_p0, cap_p1, cap_r, f
         stirred,
     )
     _stir_by_capsules(state.x, stirred, cap_p0, cap_p1, cap_r, f)
-    near[:] = stirred
+    for i in range(len(near)):  # quicker to compile than an assignment to the slice
+        near[i] = stirred[i]
     _grow(body.ring_start, body.ring, near, 2)
     _stir_by_contact(count[ACTIVE], pairs.contact_vertices, stirred, near)
     hand, vertex = holds.hand, holds.vertex
@@ -176,7 +177,8 @@ def pack(body, state):
     mass like awake ones: the motion of a vertex must not change when its neighbour falls asleep."""
     count, free, near, w = state.counts, state.free, state.near, body.w
     awake, awake_list = state.awake, state.awake_list
-    near[:] = awake
+    for i in range(len(near)):
+        near[i] = awake[i]
     _grow(body.ring_start, body.ring, near, FRINGE)
     n = 0
     for i in range(len(free)):

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 
 from numba.core.event import Event, Listener, install_listener
 
+from skills.compiled import WAITING
+
 __all__ = ["report_compilation"]
 
 PARTS = {
@@ -17,21 +19,22 @@ PARTS = {
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """Message for each package with its subpackages. Code of other packages compiles in about a second."""
+WAITS = "another process compiles the same code: waiting for it"
 STILL_EVERY = 15.0
 """Time between two messages that compilation continues [s]."""
 
 
 @contextmanager
 def report_compilation(say: Callable[[str], None]) -> Iterator[None]:
-    """Call `say` with a line when a package of PARTS begins to compile, and every STILL_EVERY s while compilation
-    continues.
+    """Call `say` with a line when a package of PARTS begins to compile, or waits for another process that compiles
+    it, and every STILL_EVERY s while this continues.
 
     Code that is loaded from the compile cache gives no line.
     """
     listener = _Listener(say)
     finished = threading.Event()
     ticker = threading.Thread(target=listener.report_until, args=(finished,), name="compiling", daemon=True)
-    with install_listener("numba:compile", listener):
+    with install_listener("numba:compile", listener), install_listener(WAITING, listener):
         ticker.start()
         try:
             yield
@@ -46,7 +49,7 @@ class _Listener(Listener):
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._left = dict(PARTS)
+        self._left = {**PARTS, WAITING: WAITS}
         self._announced = False
         self._depth = 0
         self._began = 0.0
@@ -56,8 +59,10 @@ class _Listener(Listener):
         if self._depth == 0:
             self._began = time.monotonic()
         self._depth += 1
-        package = ".".join(event.data["dispatcher"].py_func.__module__.split(".")[:2])
-        text = self._left.pop(package, None)
+        waits = event.kind == WAITING
+        module = event.data["module"] if waits else event.data["dispatcher"].py_func.__module__
+        package = ".".join(module.split(".")[:2])
+        text = self._left.pop(WAITING if waits else package, None) if package in PARTS else None
         if text is not None:
             self._announced = True
             self._say(text)

@@ -112,8 +112,10 @@ def search(body, parameters, state, pairs):
         count[FITTED] == 0,
         np.float32(parameters.flat),
     )
-    clusters.ridge[:] = clusters.bent
-    stay_ridges(count[EE], pairs.ee, pairs.near, clusters.at_edge, clusters.ridge)
+    bent, ridge = clusters.bent, clusters.ridge
+    for k in range(len(ridge)):  # quicker to compile than an assignment to the slice
+        ridge[k] = bent[k]
+    stay_ridges(count[EE], pairs.ee, pairs.near, clusters.at_edge, ridge)
     fit_ridges(clusters, state.course, state.slack)
     n_vt, n_ee = search_pairs(clusters, parameters.thickness, ahead, pairs.new_vt, pairs.new_ee)
     if not _have_room(n_vt, count[VT], pairs.vt, clusters.stale, clusters.of_vertex, clusters.of_tri):

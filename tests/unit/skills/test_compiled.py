@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import itertools
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numba
 import pytest
+from numba.core.event import Event, Listener, install_listener
 
 from cell.commands.installation import checks
-from skills.compiled import FallibleCache
+from skills.compiled import WAITING, FallibleCache
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCE = """from skills.compiled import cached
@@ -104,6 +107,70 @@ def test_the_folder_that_the_user_names_is_used(folder: Path, monkeypatch: pytes
     loads(imported(folder))
     (code,) = folder.rglob("*.nbc")
     assert code.is_relative_to(folder / "named")
+    assert loads(imported(folder)) == 1
+
+
+@contextmanager
+def another_process(folder: Path, leaves: Callable[[], None]) -> Iterator[None]:
+    """Another process compiles. It ends when this one begins to wait for it, and `leaves` its code."""
+    lock = lock_file(folder).open("ab")
+    fcntl.flock(lock, fcntl.LOCK_EX)
+
+    class Ends(Listener):
+        def on_start(self, event: Event) -> None:
+            leaves()
+            lock.close()
+
+        def on_end(self, event: Event) -> None:
+            pass
+
+    with lock, install_listener(WAITING, Ends()):
+        yield
+
+
+def lock_file(folder: Path) -> Path:
+    (lock,) = (folder / "__pycache__").glob("*.lock")
+    return lock
+
+
+def test_what_another_process_compiles_is_awaited_and_loaded(folder: Path) -> None:
+    loads(imported(folder))
+    code = {path: path.read_bytes() for path in (folder / "__pycache__").glob("*.nb?")}
+    for path in code:
+        path.unlink()
+
+    def leaves() -> None:
+        for path, data in code.items():
+            path.write_bytes(data)
+
+    with another_process(folder, leaves):
+        assert loads(imported(folder)) == 1
+
+
+def test_if_the_other_process_is_killed_this_one_compiles(folder: Path) -> None:
+    loads(imported(folder))
+    for path in (folder / "__pycache__").glob("*.nb?"):
+        path.unlink()
+    with another_process(folder, lambda: None):
+        assert loads(imported(folder)) == 0
+    assert loads(imported(folder)) == 1
+
+
+@pytest.mark.parametrize("source", [SOURCE, SOURCE.replace("2 * x", "x.missing")])
+def test_the_lock_is_released_when_the_compilation_has_ended_or_failed(source: str, folder: Path) -> None:
+    (folder / "module.py").write_text(source, encoding="utf-8")
+    if source == SOURCE:
+        loads(imported(folder))
+    else:
+        with pytest.raises(numba.TypingError):
+            imported(folder)(21)
+    with lock_file(folder).open("ab") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_without_a_lock_file_the_code_is_compiled_and_kept(folder: Path) -> None:
+    imported(folder)._cache.index.with_suffix(".lock").mkdir(parents=True)
+    assert loads(imported(folder)) == 0
     assert loads(imported(folder)) == 1
 
 

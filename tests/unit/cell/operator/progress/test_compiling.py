@@ -12,7 +12,8 @@ import numba
 import pytest
 
 from cell.operator.progress import compiling
-from cell.operator.progress.compiling import PARTS, report_compilation
+from cell.operator.progress.compiling import PARTS, WAITS, report_compilation
+from skills.compiled import WAITING
 
 USE = """
 import numpy as np
@@ -74,6 +75,15 @@ def test_a_long_compilation_is_reported_again_and_again_until_it_ends(monkeypatc
     assert told[0] == PARTS["skills.cloth"]
     assert all(text.startswith("still compiling, ") and text.endswith(" s so far") for text in told[1:])
     assert len(told) >= 3
+
+
+def test_waiting_for_another_process_is_announced_once() -> None:
+    told: list[str] = []
+    with report_compilation(told.append):
+        for module in ("skills.perception.registration.energy", "skills.cloth.kernel", "skills.cloth.kernel"):
+            with numba.core.event.trigger_event(WAITING, {"module": module}):
+                pass
+    assert told == [WAITS]
 
 
 def test_cached_code_is_not_announced(tmp_path: Path) -> None:
