@@ -107,10 +107,12 @@ def plan_arms(
     q_now: Array,
     rng: np.random.Generator,
     avoid: Sequence[Mapping[Side, Posture]] = (),
+    upright: bool = False,
 ) -> Outcome[FoldMotion]:
-    """Plan the motion of both arms for a step along tool paths, from q_now (joints,) at rest. The failures are
-    those of `plan_fold_motion`."""
-    layers_stay = not all(g.whole_stack(garment.material.thickness) for g in step.grasps.values())
+    """Plan the motion of both arms for a step along tool paths, from q_now (joints,) at rest. upright: first try
+    hands that are upright at the grasp, as if layers were to stay. The failures are those of
+    `plan_fold_motion`."""
+    layers_stay = upright or not all(g.whole_stack(garment.material.thickness) for g in step.grasps.values())
     return plan_fold_motion(
         model, checker, settings.table, step, paths, q_now, limits=limits,
         tool_speed=tool_speed(settings, garment), approach_height=settings.motion.approach_height,

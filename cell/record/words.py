@@ -180,6 +180,7 @@ _CHANGES: Mapping[Adjustment, str] = {
     Adjustment.LOWER: "with the tips pressed deeper",
     Adjustment.HIGHER: "with the tips less deep",
     Adjustment.INWARD: "with the grasp further inside the edge",
+    Adjustment.UPRIGHT: "with upright hands",
     Adjustment.STRONGER: "with a firmer grip",
     Adjustment.OPTIMISE: "optimised for this fold",
     Adjustment.PLAIN_ARC: "a plain arc",
@@ -195,13 +196,14 @@ _LAYINGS: Mapping[Laying, str] = {
 
 
 def recovery_in_words(event: Event, record: Mapping[str, object]) -> str:
-    """Return a recovery in words. record: the figures of the effect that chose it: `change`, and `reason` where
-    the operator was asked or the run ended."""
+    """Return a recovery in words. record: the figures of the effect that chose it: `change`, `because` of what
+    the last grasp has shown, and `reason` where the operator was asked or the run ended."""
     said = _RECOVERIES.get(event, plain(event))
     if record.get("reason"):
         return f"{said}: {record['reason']}"
     change = Adjustment(str(record.get("change", Adjustment.NONE.value)))
-    return f"{said}, {_CHANGES[change]}" if change in _CHANGES else said
+    said += f", {_CHANGES[change]}" if change in _CHANGES else ""
+    return f"{said}: {record['because']}" if record.get("because") else said
 
 
 def laying_in_words(record: Mapping[str, object]) -> str:

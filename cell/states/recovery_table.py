@@ -42,6 +42,7 @@ from cell.states.situation import (
     repairing,
     run_tries_used_up,
     spreadable,
+    stood_low,
     table_unseen,
     too_many_layers,
     unattended,
@@ -74,6 +75,7 @@ class Adjustment(StrEnum):
     LOWER = "lower"  # push the tips deeper into the garment
     HIGHER = "higher"  # leave more of the layers below: a hand held too many
     INWARD = "inward"  # grasp further inside the edge
+    UPRIGHT = "upright"  # with hands that do not lean at the grasp, if they reach it so
     STRONGER = "stronger"  # grip with more force
     OPTIMISE = "optimise"  # optimise, even if the library has a trajectory
     PLAIN_ARC = "plain_arc"  # use the paper's initial arc, without optimisation
@@ -132,6 +134,10 @@ _GRASP_AGAIN = _in_turn(
     Recovery(Event.GRASP_AGAIN, A.INWARD),
     Recovery(Event.LOOK_AGAIN),
 )
+_REACH_FURTHER = tuple(
+    replace(row, when=(stood_low,))
+    for row in _in_turn(Recovery(Event.GRASP_AGAIN, A.INWARD), Recovery(Event.GRASP_AGAIN, A.UPRIGHT))
+)
 _MOVE_TWICE = _in_turn(Recovery(Event.GRASP_AGAIN, dwell_s=0.5), Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
 _MOVE_AGAIN = _MOVE_TWICE[:1]
 _FEEL_AGAIN = _in_turn(Recovery(Event.GRASP_AGAIN, dwell_s=1.0), Recovery(Event.GRASP_AGAIN, dwell_s=3.0))
@@ -164,11 +170,11 @@ def _repair(adjust: Adjustment) -> tuple[Recovery, ...]:
 
 
 def _held_too_many(rows: tuple[Recovery, ...]) -> tuple[Recovery, ...]:
-    """Return the rows twice: first with the adjustment HIGHER, for a hand that held too many layers, then as they
-    are, for all other cases."""
-    return (*(replace(r, adjust=A.HIGHER, when=(too_many_layers, *r.when)) for r in rows), *rows)
+    """Return the rows with the adjustment HIGHER, for a hand that held too many layers."""
+    return tuple(replace(r, adjust=A.HIGHER, when=(too_many_layers, *r.when)) for r in rows)
 
 
+_MADE_ANEW_LOWER = (*_LOOK_ONCE_MORE, *_repair(A.LOWER))
 _TABLE = _ask("only a person can change what lies on the table, or name another garment")
 _CAMERA = _ask("the cell moves no hand onto a garment that it cannot see")
 _ARMS = _ask("the arms do not follow or do not answer, and the cause may be an obstacle or a broken part")
@@ -207,7 +213,7 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.STALE_STATE: (*_MOVE_TWICE, *_ARMS),
     # gripping
     K.NO_CONTACT: (*_GRASP_AGAIN, *_GRIP),
-    K.MISSED_GRASP: (*_held_too_many(_GRASP_AGAIN), *_GRIP),
+    K.MISSED_GRASP: (*_held_too_many(_GRASP_AGAIN), *_REACH_FURTHER, *_GRASP_AGAIN, *_GRIP),
     K.SLIPPED: (*_HOLD_BETTER, *_GRIP),
     K.STUCK_ON_FINGER: (Recovery(Event.LOOK_AGAIN, until=1), *_ask("only a person can free the finger")),
     K.TACTILE_FAULT: (*_FEEL_AGAIN, *_ask("without its pads a hand feels neither the table nor the cloth")),
@@ -222,7 +228,8 @@ RECOVERIES: Mapping[FailureKind, tuple[Recovery, ...]] = {
     K.DROPPED_CORNER: (*_GOOD_ENOUGH, *_repair(A.STRONGER), _NEAR_ENOUGH, *_SHAPE),
     K.MISSED_LAYER: (
         _CARRY_ON,
-        *_held_too_many((*_LOOK_ONCE_MORE, *_repair(A.LOWER))),
+        *_held_too_many(_MADE_ANEW_LOWER),
+        *_MADE_ANEW_LOWER,
         _NEAR_ENOUGH,
         *_SHAPE,
     ),
@@ -277,7 +284,10 @@ SUBSTITUTES = (
     Substitute(_TRIES, fold_tries_used_up, Event.ASK, reason=_USED_UP, limit="recovery.attempts_per_step"),
     Substitute(_MADE_ANEW, repairing, Event.LOOK_AGAIN),
     Substitute(
-        frozenset({Event.GRASP_AGAIN}), repairing, Event.LOOK_AGAIN, frozenset({A.LOWER, A.HIGHER, A.INWARD})
+        frozenset({Event.GRASP_AGAIN}),
+        repairing,
+        Event.LOOK_AGAIN,
+        frozenset({A.LOWER, A.HIGHER, A.INWARD, A.UPRIGHT}),
     ),
     Substitute(frozenset({Event.GRASP_AGAIN, Event.PLAN_AGAIN}), cloth_taken, Event.LOOK_AGAIN),
     Substitute(frozenset({Event.GRASP_AGAIN}), no_trajectory, Event.LOOK_AGAIN),

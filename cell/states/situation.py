@@ -29,6 +29,7 @@ __all__ = [
     "repairing",
     "run_tries_used_up",
     "spreadable",
+    "stood_low",
     "table_unseen",
     "too_many_layers",
     "unattended",
@@ -101,6 +102,7 @@ class Situation:
     deviation_m: float = 0.0
     lasting_defect: bool = False
     too_many_layers: bool = False
+    stood_low: bool = False
     repairable: bool = False
     failed_alike: bool = False
     lies_as_before: bool = False
@@ -154,6 +156,11 @@ def patient(s: Situation) -> bool:
 def too_many_layers(s: Situation) -> bool:
     """a hand held more layers than planned"""
     return s.too_many_layers
+
+
+def stood_low(s: Situation) -> bool:
+    """the hand stood low enough for the lowest layer: the layers that it missed end beside its pads"""
+    return s.stood_low
 
 
 def repairable(s: Situation) -> bool:

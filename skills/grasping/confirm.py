@@ -145,6 +145,7 @@ def _evaluate(reading: HandReading, state: Confirmation) -> Outcome[Held]:
     noise = max(OPENING_NOISE, float(np.std(state.openings, ddof=1)))
     count = count_layers(opening, noise / np.sqrt(len(state.openings)), state.expected.thickness, s)
     values = {
+        "side": reading.tactile.side.value,
         "force_n": force,
         "opening_m": opening,
         "layers": count.layers,

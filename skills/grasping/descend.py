@@ -16,16 +16,7 @@ from skills.grasping.settings import GraspSettings
 from skills.grasping.tare import TactileBias
 from skills.vocabulary import Array, Failure, FailureKind, Outcome
 
-__all__ = [
-    "Contact",
-    "DescentCommand",
-    "DescentGoal",
-    "DescentState",
-    "descend",
-    "lower_tip",
-    "start_descent",
-    "yielding",
-]
+__all__ = ["Contact", "DescentCommand", "DescentGoal", "DescentState", "descend", "start_descent", "yielding"]
 
 ARM_STIFFNESS = 1500.0
 """Stiffness of an arm at the hand, along z [N/m]. The height from the joints does not show this deflection."""
@@ -265,12 +256,6 @@ def _lower_target(reading: HandReading, state: DescentState, dt: float) -> Desce
     target = max(min(state.target, max(state.target - speed * dt, reading.height - LARGEST_LEAD)), goal.bottom)
     lowered = reading.stamp if target < state.target or state.lowered == np.inf else state.lowered
     return replace(state, target=target, lowered=lowered, speed=speed)
-
-
-def lower_tip(tip_distance: float, lean: float) -> float:
-    """Return how far the lower fingertip of a leaning hand is below the middle between its tips [m]. tip_distance:
-    between the middles of the tips [m]; lean: about the line between the pads [rad]."""
-    return float(0.5 * tip_distance * abs(np.sin(lean)))
 
 
 def yielding(force: float, tips: int) -> float:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -27,8 +28,9 @@ from robots.ports import JointState, Side
 from skills.garments.garment import Garment
 from skills.grasping.close import close, start_close
 from skills.grasping.confirm import Expectation, Held, confirm, start_confirm
-from skills.grasping.descend import Contact, DescentGoal, lower_tip, start_descent, yielding
+from skills.grasping.descend import Contact, DescentGoal, start_descent, yielding
 from skills.grasping.settings import GraspSettings
+from skills.grasping.standing import lower_tip, standing_height, to_stand_at
 from skills.grasping.tare import TactileBias, start_tare, tare
 from skills.motion.kinematics.posture import Posture
 from skills.vocabulary import Grasp, Outcome
@@ -78,11 +80,10 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     monitor = FingertipForceMonitor(cell.hands, fold.biases)
     # tips that are pushed into the upper layers would take the layers below them, too
     to_table = all(attempt.grasp_of(s).whole_stack(stated) for s in fold.biases)
-    depth = PUSH + DEEPER * fold.count(Adjustment.LOWER) if to_table else 0.0
     if to_table:
         heights = {s: _table_height(cell, attempt.motion.postures[s], c) for s, c in contacts.items()}
         fold = replace(fold, table_contact={**fold.table_contact, **heights})
-    failure = _push(cell, attempt.motion.postures, depth, lowering, monitor)
+    failure = _push(cell, partial(_pushed_height, cell, attempt, fold, stated), lowering, monitor)
     record: dict[str, object] = {
         "contact_height_m": {s.value: c.height for s, c in contacts.items()},
         "contact_by": {s.value: c.by for s, c in contacts.items()},
@@ -92,7 +93,11 @@ def grasp(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> 
     thickness, error = _layer_thickness(context, plan.garment, settings)
     counting = replace(settings, thickness_error=error)
     expected = {s: _expected(attempt.grasp_of(s), stated, thickness) for s in fold.biases}
-    held = context.need(_close_and_confirm(cell, fold.biases, expected, counting), record)
+    state = cell.ports.arms.state()
+    closed = _close_and_confirm(cell, fold.biases, expected, counting)
+    if closed.failure and to_table:
+        closed = Outcome(failure=_with_standing(cell, attempt, fold, stated, state, closed.failure))
+    held = context.need(closed, record)
     record |= {"held": {s.value: {"grip_n": h.grip, "opening_m": h.opening} for s, h in held.items()}}
     measured = _measured_thickness(attempt, held, settings)
     fold = replace(fold, held=held, layer_thickness=measured)
@@ -116,8 +121,7 @@ def _descend(
             lowering[s] = Lowering(descent, cell.hands.height(s, start.q))
             lowest = lowering[s].top - float(descent.depth[-1])
             table, tactile = fold.table_contact.get(s, 0.0), cell.settings.grasp.tactile
-            shift = UP * fold.count(Adjustment.HIGHER) - DOWN * fold.count(Adjustment.LOWER)
-            goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table, shift)
+            goal = _goal(attempt.grasp_of(s), lowest, tactile, thickness, table, _shift(fold))
             state = start_descent(settings, goal, fold.biases[s], cell.hands.read(s, start))
             descending[s] = GuardedHand(lowering[s], state)
         return guarded_descent(cell.hands, cell.last_command, start, descending)
@@ -142,38 +146,89 @@ def _goal(
     whole = grasp.whole_stack(thickness)
     if whole:
         return DescentGoal(grasp.height, bottom, None if tactile else max(bottom, 0.0), through=grasp.height)
-    below = grasp.height / thickness - grasp.layers
-    stop = table + max(below + min(STOP + shift, HIGHEST), LOWEST) * thickness
+    stop = table + _height_in_stack(grasp, thickness, shift)
     return DescentGoal(grasp.height, min(bottom, stop), stop=stop, through=max(grasp.height + table - stop, 0.0))
+
+
+def _shift(fold: FoldContext) -> float:
+    """Return the change of STOP by recoveries, in layers."""
+    return UP * fold.count(Adjustment.HIGHER) - DOWN * fold.count(Adjustment.LOWER)
+
+
+def _height_in_stack(grasp: Grasp, thickness: float, shift: float) -> float:
+    """Return the height above the table at which a hand takes only the upper layers [m]."""
+    below = grasp.height / thickness - grasp.layers
+    return max(below + min(STOP + shift, HIGHEST), LOWEST) * thickness
+
+
+def _closed_below(cell: Workcell, attempt: Attempt, side: Side, thickness: float) -> float:
+    """Return how far the lower tip is below the middle between the tips when the pads hold the planned layers
+    [m]."""
+    held = attempt.grasp_of(side).layers * thickness
+    closed = cell.grasp.tip_distance - cell.settings.gripper.opening + held
+    return lower_tip(closed, attempt.motion.postures[side].pitch)
 
 
 def _table_height(cell: Workcell, posture: Posture, contact: Contact) -> float:
     """Return the height of the table as measured by the hand [m], from a contact with the table. A leaning hand
-    touches the table with one tip."""
+    touches the table with one tip. A descent that ended at its height is taken as one onto the table."""
+    if contact.by == "height":
+        return contact.height
     below = lower_tip(cell.grasp.tip_distance, posture.pitch)
     return contact.height - below + yielding(contact.force, tips=1 if below > LEANING else 2)
 
 
+def _pushed_height(
+    cell: Workcell, attempt: Attempt, fold: FoldContext, thickness: float, side: Side, touched: float
+) -> float:
+    """Return the height to which a hand is pushed before it closes [m]. touched: its height after the descent [m].
+
+    An upright hand that takes the whole stack goes a little below the contact; one that takes upper layers stays.
+    A leaning hand stands on its lower tip, and the arm yields. It is pushed so far that, with closed pads, the
+    middle between its tips stands on the table, or as high in the stack as wanted.
+    """
+    grasp, table = attempt.grasp_of(side), fold.table_contact.get(side, 0.0)
+    whole, deeper = grasp.whole_stack(thickness), DEEPER * fold.count(Adjustment.LOWER)
+    below = _closed_below(cell, attempt, side, thickness)
+    if below <= LEANING:
+        return touched - (PUSH + deeper if whole else 0.0)
+    if whole:
+        return table + to_stand_at(-deeper, below)
+    return table + to_stand_at(_height_in_stack(grasp, thickness, _shift(fold)), below)
+
+
+def _with_standing(
+    cell: Workcell, attempt: Attempt, fold: FoldContext, thickness: float, state: JointState, failure: Failure
+) -> Failure:
+    """Add to a failure of a hand how much too high it stood to take the lowest layer [m]; negative if it stood low
+    enough. state: of the arms after the push."""
+    side = failure.values.get("side")
+    if side is None:
+        return failure
+    hand = Side(side)
+    commanded = cell.hands.height(hand, state.q) - fold.table_contact[hand]
+    stood = standing_height(commanded, _closed_below(cell, attempt, hand, thickness))
+    return replace(failure, values={**failure.values, "too_high_m": stood - thickness})
+
+
 def _push(
     cell: Workcell,
-    postures: Mapping[Side, Posture],
-    depth: float,
+    height_of: Callable[[Side, float], float],
     lowering: Mapping[Side, Lowering],
     monitor: FingertipForceMonitor,
 ) -> Failure | None:
-    """Lower each hand until the middle between its tips is at the height of the first tip's contact, and then by
-    `depth` [m] more.
+    """Lower each hand further. height_of: (side, present height) -> height of the middle between its tips after
+    the push [m].
 
-    Depths are measured from the contact of the first tip, because the table's height is known only to a few
-    millimetres. If the hand is tilted, this tip is lower than the middle. It then pushes on the table, and the
-    arm yields.
+    Heights are measured from the contact of the first tip, because the table's height is known only to a few
+    millimetres.
     """
 
     def begin(start: JointState) -> Motion[JointState]:
         strokes = {}
         for s, hand in lowering.items():
-            contact = cell.hands.depth(s, hand.descent, start.q)
-            strokes[s] = contact, contact + lower_tip(cell.grasp.tip_distance, postures[s].pitch) + depth
+            depth, height = cell.hands.depth(s, hand.descent, start.q), cell.hands.height(s, start.q)
+            strokes[s] = depth, depth + max(height - height_of(s, height), 0.0)
         max_force = cell.grasp.press_force
         return push_down(cell.hands, cell.last_command, start, lowering, strokes, monitor, max_force)
 

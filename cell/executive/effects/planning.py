@@ -203,7 +203,7 @@ def plan_motion(cell: Workcell, context: RunContext, plan: Plan, trajectory: Gra
         cell.settings.computing.motion_s,
         lambda: plan_arms(
             cell.settings, cell.robot, cell.checker, cell.limits, plan.garment, step, paths, q_now,
-            _draws(cell, searches), avoid,
+            _draws(cell, searches), avoid, fold.count(Adjustment.UPRIGHT) > 0,
         ),
     )  # fmt: skip
     motion = context.need(planned)

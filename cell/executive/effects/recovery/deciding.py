@@ -10,6 +10,8 @@ from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
 from cell.executive.effects.editing import refusal, with_plan_edit, without_edits
+from cell.executive.effects.grasping import DEEPER
+from cell.executive.effects.planning import INWARD
 from cell.executive.effects.recovery.estimating import SURE
 from cell.executive.effects.recovery.spreading import spreadable
 from cell.hardware.workcell import Workcell
@@ -31,6 +33,13 @@ DWELL_PARTS = 20
 """Number of parts into which interruptions of the joint state may divide one dwell."""
 
 
+_NEXT_GRASP = {
+    Adjustment.LOWER: f"it presses {1e3 * DEEPER:.0f} mm deeper",
+    Adjustment.INWARD: f"it grasps {1e3 * INWARD:.0f} mm further inward",
+    Adjustment.UPRIGHT: "it stands upright",
+}
+
+
 @effect
 def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     """Carry out the recovery that the table chooses: wait, note it, and adjust the next attempt."""
@@ -41,7 +50,12 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if recovery is WITHOUT_EDITS:
         cell.tell(f"the changed plan is not possible, and the plan before it is made again: {failed.what}")
         return Result(event, without_edits(context, failed.what), {"kind": failed.kind.value, **chosen})
-    record = {"kind": failed.kind.value, "attempt": situation.attempt, **chosen}
+    record = {
+        "kind": failed.kind.value,
+        "attempt": situation.attempt,
+        **chosen,
+        **_reason_of_change(failed, adjust),
+    }
     dwell = max(recovery.dwell_s, cell.settings.recovery.dwell)
     if recovery.looks_only:
         wait, left = wait_before_look(situation.attempt, situation.patience_s)
@@ -69,6 +83,17 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     return Result(event, replace(context, recoveries=recoveries, fold=fold), record)
 
 
+def _reason_of_change(failed: Failure, adjust: Adjustment) -> dict[str, object]:
+    """Return in words what the last grasp has shown to be wrong, and what the next one changes; nothing if it has
+    shown nothing."""
+    if "too_high_m" not in failed.values or adjust not in _NEXT_GRASP:
+        return {}
+    stood = f"stood {1e3 * _value(failed, 'too_high_m', 0.0):.1f} mm too high"
+    if _value(failed, "too_high_m", 0.0) <= 0.0:
+        stood = "stood low enough, so the layers that it missed end beside its pads"
+    return {"because": f"the {failed.values['side']} hand {stood}: {_NEXT_GRASP[adjust]}"}
+
+
 def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
     """Return the situation after the failure."""
     fold, plan, bounds = context.fold, context.plan, cell.settings.recovery
@@ -88,6 +113,7 @@ def assess(cell: Workcell, context: RunContext, failed: Failure) -> Situation:
         overlap=_value(failed, "iou_aligned", 1.0),
         deviation_m=max(abs(_value(failed, "edge_deviation_m", 0.0)), _value(failed, "left_behind_m", 0.0)),
         lasting_defect=_lasting_defect(cell, fold),
+        stood_low=_value(failed, "too_high_m", math.inf) <= 0.0,
         too_many_layers=_value(failed, "layers", 0.0) > _value(failed, "layers_expected", math.inf),
         repairable=_repairable(fold, _value(failed, "iou_aligned", 0.0)),
         failed_alike=fold.failed_alike(failed.kind),

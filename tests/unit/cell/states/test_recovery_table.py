@@ -59,7 +59,7 @@ def test_each_situation_has_one_answer_that_the_machine_knows(s: Situation) -> N
 def test_each_row_is_reached_and_the_last_one_asks(kind: FailureKind) -> None:
     names = (
         "carried", "too_many_layers", "repairable", "lies_as_before", "spreadable", "other_variant",
-        "lasting_defect", "failed_alike",
+        "lasting_defect", "failed_alike", "stood_low",
     )  # fmt: skip
     situations = [
         Situation(kind, attempt, **dict(zip(names, values, strict=True)))

@@ -10,7 +10,8 @@ import pytest
 from cell.config.cell_settings import load_settings
 from cell.simulation.robot.contact import Stiffness, fingertips, touch
 from robots.registry import find_robot, list_robots
-from skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, lower_tip, yielding
+from skills.grasping.descend import ARM_STIFFNESS, TIP_STIFFNESS, yielding
+from skills.grasping.standing import lower_tip, standing_height, to_stand_at
 from skills.motion.kinematics.posture import Posture
 from skills.motion.moves.posture_search import PITCH, ROLL
 from skills.vocabulary import GraspId, ToolPath
@@ -36,3 +37,18 @@ def test_a_leaning_hand_s_touch_is_right_for_all_leans_of_the_search(name: str) 
         felt = touch(tips + commanded, np.zeros(2), SPRINGS)
         table = commanded[2] - below + yielding(float(felt.force.max()), 1 if pitch else 2)
         assert table == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("wanted", [0.0, 0.0012, -0.002])
+def test_a_leaning_hand_stands_as_high_as_it_is_pushed_to(wanted: float) -> None:
+    """Arm and tip yield to the table. With closed pads, the middle between the tips is where it was wanted."""
+    gripper = find_robot("baxter").gripper
+    for pitch, roll in product(PITCH[PITCH != 0.0], ROLL):
+        rotation = Posture(GraspId.LEFT, False, float(pitch), float(roll)).rotation(WAY)[0]
+        below = lower_tip(gripper.tip_distance(0.004), float(pitch))
+        commanded = to_stand_at(wanted, below)
+        tips = fingertips(gripper, np.array([0.0, 0.0, commanded]), rotation, 0.004)
+        lift = touch(tips, np.zeros(2), SPRINGS).lift
+        assert standing_height(commanded, below) == pytest.approx(commanded + lift, abs=1e-9)
+        if wanted > -below:  # else the upper tip touches, too, and lifts the hand
+            assert commanded + lift == pytest.approx(wanted, abs=1e-6)

@@ -16,6 +16,7 @@ from cell.config.garments.garment_file import load_garment
 from cell.control.set_points import LastCommand
 from cell.executive.effects import EFFECTS
 from cell.executive.effects.recovery.deciding import ask_approval, ask_operator, pause
+from cell.record.words import recovery_in_words
 from cell.states.recovery_table import RECOVERIES, Adjustment
 from cell.states.run_context import RunContext
 from cell.states.transition_table import TRANSITIONS, Effect, Event, State
@@ -176,6 +177,20 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_a_person_is_asked()
     ]
     assert context.fold.adjustments == (Adjustment.LOWER, Adjustment.INWARD)
     assert context.asking == result.record["reason"] == RECOVERIES[K.MISSED_GRASP][-1].reason
+
+
+def test_a_hand_that_stood_low_enough_grasps_further_inward_then_upright() -> None:
+    """Going deeper would not help. The journal says what the grasp has shown and what changes."""
+    context, tried = planned(), []
+    values = {"side": "left", "too_high_m": -0.0004, "layers": 2, "layers_expected": 4}
+    missed = Failure(K.MISSED_GRASP, "the left hand holds 2 layers, not 4", "", values)
+    for _ in range(3):
+        result = choose_next(fake_workcell(FakeCell()), context.with_failure(missed))
+        context, tried = result.context, [*tried, result.record["change"]]
+        said = str(result.record.get("because", ""))
+        assert ("stood low enough" in said) is (result.event is Event.GRASP_AGAIN)
+        assert not said or said in recovery_in_words(result.event, result.record)
+    assert tried == ["inward", "upright", "none"]
 
 
 def lying(state: FoldState, confidence: float = 0.9, second: FoldState = FoldState.BEFORE) -> StateEstimate:

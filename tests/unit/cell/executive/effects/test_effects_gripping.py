@@ -34,6 +34,8 @@ from tests.workcells import fake_workcell
 
 TOUCHED = 0.04
 """Distance that the left hand has descended on its path [m]."""
+STROKE = 0.005
+"""Distance by which it is pushed down after the contact [m]."""
 WAY = Descent(np.linspace(0.0, 0.5, 51)[:, None] * np.ones(7), np.linspace(0.0, 0.05, 51), TOUCHED)
 
 
@@ -51,9 +53,9 @@ def pressed(monkeypatch: pytest.MonkeyPatch, newtons_a_metre: float) -> tuple[Fa
         return Failure(FailureKind.STALE_STATE, "no tips") if np.isnan(newtons_a_metre) else None
 
     pushes.look = look
-    posture: Any = SimpleNamespace(pitch=0.1)
     lowering = {Side.LEFT: Lowering(WAY, 0.05, JerkLimiter(TOUCHED))}
-    failure = grasping._push(workcell, {Side.LEFT: posture}, grasping.PUSH + grasping.DEEPER, lowering, pushes)
+    monkeypatch.setattr(Hands, "height", lambda *_: 0.01)
+    failure = grasping._push(workcell, lambda _, height: height - STROKE, lowering, pushes)
     return cell, failure, pushes
 
 
