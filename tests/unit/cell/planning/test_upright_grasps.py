@@ -1,0 +1,42 @@
+"""A recovery can ask for hands that are upright at the grasp."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cell.config.cell_settings import load_settings
+from cell.config.garments.garment_file import load_garment
+from cell.executive.effects import planning
+from cell.planning import fold_planning
+from cell.states.recovery_table import Adjustment
+from robots.errors import Failure, FailureKind
+from skills.vocabulary import Grasp, GraspId, Outcome
+from tests.builders.contexts import context_with
+from tests.fakes import FakeCell
+from tests.workcells import fake_workcell
+
+
+@pytest.mark.parametrize("adjustments", [(), (Adjustment.INWARD,), (Adjustment.INWARD, Adjustment.UPRIGHT)])
+def test_hands_are_upright_at_the_grasp_after_the_recovery(
+    adjustments: tuple[Adjustment, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[bool] = []
+
+    def plan(*_: Any, upright_grasps: bool, **__: Any) -> Outcome[Any]:
+        asked.append(upright_grasps)
+        return Outcome(failure=Failure(FailureKind.UNREACHABLE, "no posture"))
+
+    garment = load_garment("pants")
+    grasp = Grasp(np.zeros(2), 0.0, 2, 2 * garment.material.thickness)
+    task = SimpleNamespace(step=SimpleNamespace(grasps={GraspId.LEFT: grasp}), paths={})
+    monkeypatch.setattr(fold_planning, "plan_fold_motion", plan)
+    monkeypatch.setattr(planning, "_task", lambda *_: task)
+    monkeypatch.setattr(planning, "fresh_state", lambda *_: Outcome(SimpleNamespace(q=np.zeros(14))))
+    context = context_with(garment=garment, adjustments=adjustments, trajectory=SimpleNamespace(), step=task.step)
+    workcell = fake_workcell(FakeCell(), settings=load_settings())
+    planning.plan_motion(workcell, context, context.plan, context.fold.trajectory)
+    assert asked == [Adjustment.UPRIGHT in adjustments]
