@@ -145,6 +145,8 @@ def guarded_descent(
 
 
 PUSH_S = 0.4
+LONGEST_PUSH_S = 1.0
+"""Least and largest duration of a push [s]. A set-point that its limits delay is waited for."""
 
 
 def push_down(
@@ -157,7 +159,7 @@ def push_down(
     max_force: float,
 ) -> Motion[JointState]:
     """Push the hands of `lowering` down. A hand brakes if the force on one of its tips exceeds `max_force`. The
-    motion ends after PUSH_S, or with a failure of `monitor`.
+    motion ends when the set-points have come to rest, or with a failure of `monitor`.
 
     lowering: set-point of each hand; the motion changes it. strokes: (start, end) depth of each hand [m].
     max_force: limit of the force on a tip [N].
@@ -165,7 +167,9 @@ def push_down(
     last, state, record = start.q + last_command.offset(start.q), start, hands.recording()
     braking: dict[Side, float] = {}
     """Depth at which a braking hand comes to rest [m]."""
-    for k in range(1, round(PUSH_S / TICK_S) + 1):
+    for k in range(1, round(LONGEST_PUSH_S / TICK_S) + 1):
+        if k * TICK_S > PUSH_S + 0.5 * TICK_S and all(hand.rests for hand in lowering.values()):
+            break
         left, left_before = blend(k, PUSH_S), blend(k - 1, PUSH_S)
         for side, hand in lowering.items():
             stroke = strokes[side][1] - strokes[side][0]
