@@ -32,7 +32,7 @@ PARTS = {
     "cell/executive": (f"{CELL}/executive",),
     "cell/journal": (f"{CELL}/journal", f"{CELL}/runs"),
     "cell/operator/console": (f"{CELL}/operator/console",),
-    "cell/runs": (f"{CELL}/runs",),
+    "cell/runs": (f"{CELL}/runs", f"{CELL}/commands/test_absurd_cells.py", f"{CELL}/commands/test_bad_input.py"),
     "cell/states": (f"{CELL}/states", f"{CELL}/executive"),
     "skills/grasping": (f"{SKILLS}/grasping", f"{CELL}/executive"),
     "skills/perception/inspection": (f"{SKILLS}/perception/inspection", f"{CELL}/executive"),
