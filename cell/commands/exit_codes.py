@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import sys
@@ -24,6 +25,12 @@ __all__ = ["FAULT", "INTERRUPTED", "NOT_DONE", "OK", "USAGE", "framed"]
 OK, NOT_DONE, FAULT, USAGE, INTERRUPTED = 0, 2, 3, 64, 130
 """Exit codes, in this order: done; ended safe but not done; fault; bad usage, configuration or logs; SIGINT. The
 codes of SIGHUP (129) and SIGTERM (143) follow from BY_SIGNAL in cell/support/process/terminations.py."""
+
+UNUSABLE = frozenset({errno.ENAMETOOLONG, errno.EACCES, errno.EPERM})
+"""Errors of a name that a user gave: too long for a file, or in a folder that may not be searched. Even asking
+whether there is such a file raises them."""
+LONGEST = 120
+"""Number of characters of a file's name that a message shows."""
 
 
 def framed(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> int:
@@ -71,6 +78,10 @@ def _perform(parse: Callable[[], argparse.Namespace], asked_for_json: bool) -> i
         wrong_input = isinstance(e, ConfigurationError | StorageError)
         return _fail(options, USAGE if wrong_input else FAULT, e.what, e.hint)
     except Exception as e:
+        if isinstance(e, OSError) and e.errno in UNUSABLE and e.filename is not None:
+            return _fail(
+                options, USAGE, f"{str(e.filename)[:LONGEST]} cannot be used: {e.strerror}", "check the name"
+            )
         path = _write_traceback(options)
         hint = f"the details are in {path}" if path else traceback.format_exc()
         return _fail(options, FAULT, f"this is a bug in foldcell: {type(e).__name__}: {e}", hint)

@@ -177,7 +177,7 @@ class Journal:
         """
         try:
             connection = _connect_readonly(path, traceless) if readonly else _connect(path)
-        except sqlite3.Error as e:
+        except (sqlite3.Error, ValueError) as e:
             raise _storage_error(path, e) from e
         return cls(path, connection, readonly)
 
@@ -264,7 +264,7 @@ class Journal:
     def entries(self, run: str, kind: str | None = None) -> list[Entry]:
         """Return all entries of a run in order, or only the entries of one kind."""
         rows = self._read("SELECT * FROM events WHERE run = ? ORDER BY sequence", (run,))
-        return [_entry(row) for row in rows if kind is None or row["kind"] == kind]
+        return [self._entry(row) for row in rows if kind is None or row["kind"] == kind]
 
     def named(self, name: str) -> list[tuple[str, Entry]]:
         """Return (run id, entry) for all entries with this name, in the order in which the runs began."""
@@ -273,7 +273,7 @@ class Journal:
             " ORDER BY runs.rowid, sequence",
             (name,),
         )
-        return [(row["run"], _entry(row)) for row in rows]
+        return [(row["run"], self._entry(row)) for row in rows]
 
     def last_intent(self, run: str) -> Intent | None:
         """Return the last effect that began, or None. Its result is None if the run ended during the effect."""
@@ -282,9 +282,9 @@ class Journal:
         )
         if not rows:
             return None
-        begun = _entry(rows[0])
+        begun = self._entry(rows[0])
         results = self._read("SELECT * FROM events WHERE run = ? AND answers = ?", (run, begun.sequence))
-        return Intent(begun, _entry(results[0]) if results else None)
+        return Intent(begun, self._entry(results[0]) if results else None)
 
     def began_to_act(self, run: str) -> bool:
         """Whether a run has begun an effect, i.e. whether its cell was opened."""
@@ -295,8 +295,13 @@ class Journal:
         return str(self._read("PRAGMA quick_check", ())[0][0])
 
     def _read(self, sql: str, values: tuple[Any, ...]) -> list[sqlite3.Row]:
-        with self._mutex, self._errors():
+        with self._mutex, self._errors(), self._intact():
             return self._connection.execute(sql, values).fetchall()
+
+    def _entry(self, row: sqlite3.Row) -> Entry:
+        fields = {name: row[name] for name in _ENTRY_COLUMNS}
+        with self._intact():
+            return Entry(**fields, payload=json.loads(row["payload"]))
 
     def _record(self, row: sqlite3.Row) -> JournalRun:
         folder = self.path.parent / row["id"]
@@ -304,18 +309,21 @@ class Journal:
         if status == "interrupted":  # the run may have ended after its row was read
             now = self._read("SELECT * FROM runs WHERE id = ?", (row["id"],))
             row, status = (now[0], now[0]["result"] or status) if now else (row, status)
+        with self._intact():
+            versions = json.loads(row["versions"])
+            summary = json.loads(row["summary"]) if row["summary"] else {}
         return JournalRun(
             id=row["id"],
             garment=row["garment"],
             seed=row["seed"],
             driver=row["driver"],
-            versions=json.loads(row["versions"]),
+            versions=versions,
             settings_hash=row["settings_hash"],
             pid=row["pid"],
             started=row["started"],
             ended=row["ended"],
             result=row["result"],
-            summary=json.loads(row["summary"]) if row["summary"] else {},
+            summary=summary,
             status=status,
             directory=folder,
         )
@@ -327,6 +335,14 @@ class Journal:
         except sqlite3.IntegrityError as e:
             raise InternalError(f"the journal refused an entry: {e}") from e
         except sqlite3.Error as e:
+            raise _storage_error(self.path, e) from e
+
+    @contextmanager
+    def _intact(self) -> Iterator[None]:
+        """Report text that is no UTF-8 or no JSON as damage of the file."""
+        try:
+            yield
+        except ValueError as e:
             raise _storage_error(self.path, e) from e
 
 
@@ -434,11 +450,6 @@ def _dumps(value: Mapping[str, Any]) -> str:
 
 
 _ENTRY_COLUMNS = tuple(f.name for f in dataclasses.fields(Entry) if f.name != "payload")
-
-
-def _entry(row: sqlite3.Row) -> Entry:
-    fields = {name: row[name] for name in _ENTRY_COLUMNS}
-    return Entry(**fields, payload=json.loads(row["payload"]))
 
 
 # files
@@ -551,7 +562,11 @@ def _make_run_folder(logs: Path, garment: str, seed: int | None, started: float)
     return new_folder(logs, f"{stamp}-{word}" + (f"-seed{seed}" if seed is not None else ""))
 
 
-def _storage_error(path: Path, error: sqlite3.Error) -> StorageError:
+def _storage_error(path: Path, error: sqlite3.Error | ValueError) -> StorageError:
+    if isinstance(error, ValueError):  # bytes that are no UTF-8, or a text that is no JSON
+        return StorageError(
+            f"the journal {path} is damaged: {error}", "keep a copy and move it aside", path=str(path)
+        )
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     hint = {
         sqlite3.SQLITE_FULL: "the disk is full: free some space, or choose another --logs DIR",

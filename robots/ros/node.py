@@ -94,11 +94,11 @@ class Node:
 
     def _is_alive(self, node: str) -> bool:
         code, _, uri = self._rospy.get_master().lookupNode(node)
-        address = urlparse(uri) if code == 1 else None
-        if address is None or address.hostname is None or address.port is None:
+        address = _host_and_port(uri) if code == 1 else None
+        if address is None:
             return False
         try:
-            socket.create_connection((address.hostname, address.port), ANSWER_S).close()
+            socket.create_connection(address, ANSWER_S).close()
         except ConnectionError:
             return False
         except OSError:  # unknown host name or no answer: assume that the node is alive
@@ -140,11 +140,18 @@ def open_node(name: str) -> Node:
 def master_address() -> tuple[str, str, int]:
     """Return the master's URI, host and port. Raises ConfigurationError for an invalid URI."""
     uri = os.environ.get("ROS_MASTER_URI") or MASTER
-    parsed = urlparse(uri)
-    try:
-        host, port = parsed.hostname, parsed.port
-    except ValueError:
-        host = port = None
-    if not host or not port:
+    address = _host_and_port(uri)
+    if address is None:
         raise ConfigurationError(f"ROS_MASTER_URI={uri} is not an address", "its form is http://HOST:11311")
-    return uri, host, port
+    return uri, *address
+
+
+def _host_and_port(uri: str) -> tuple[str, int] | None:
+    """Return the host and port of a URI; None if it is invalid or lacks one of them."""
+    try:
+        parsed = urlparse(uri)
+        host, port = parsed.hostname, parsed.port
+        (host or "").encode("idna")  # as it is looked up
+    except ValueError:
+        return None
+    return (host, port) if host and port else None

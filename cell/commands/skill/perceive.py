@@ -63,6 +63,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Recognise the garment and write the overlay, even if no garment is recognised. Returns 0 if a garment was
     recognised, 2 if none was. Raises ConfigurationError, StorageError."""
+    if not options.image.name:  # ".", "/", or empty
+        raise ConfigurationError(f"{options.image} is a folder", "name the file of a picture")
     output = options.output or options.image.with_name(f"{options.image.stem}-perceived.png")
     refuse_foreign(output, PNG_MARK)
     look = look_at(options, options.garment)

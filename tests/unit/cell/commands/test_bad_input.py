@@ -6,6 +6,8 @@ stops before it writes.
 
 from __future__ import annotations
 
+import argparse
+import errno
 import json
 import sqlite3
 from collections.abc import Callable
@@ -17,11 +19,13 @@ import numpy as np
 import pytest
 import yaml
 
+from cell.commands.exit_codes import framed
 from cell.commands.main import main
 from cell.config.calibration_file import calibration_text
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import shipped_garment_path
 from cell.hardware.camera import camera_calibration
+from cell.journal.journal import Journal
 from cell.support.process.lock import OwnerLock
 from tests.builders.yaml_texts import aliases_of_aliases
 
@@ -61,6 +65,61 @@ def contents(folder: Path) -> dict[str, Any]:
         str(p.relative_to(folder)): (p.stat().st_mtime_ns, p.read_bytes()) if p.is_file() else None
         for p in sorted(folder.rglob("*"))
     }
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "hil NAME",
+        "calibrate tactile --output NAME",
+        "tidy --logs NAME --json",
+        "compare NAME last",
+        "perceive NAME",
+    ],
+)
+def test_a_name_that_no_file_can_have_is_refused(refused: Callable[..., str], line: str) -> None:
+    refused(line.replace("NAME", 300 * "a"), "File name too long")
+
+
+def test_a_folder_that_may_not_be_searched_is_no_bug(capsys: pytest.CaptureFixture[str]) -> None:
+    def ask(options: argparse.Namespace) -> int:  # as Path.is_file does
+        raise PermissionError(errno.EACCES, "Permission denied", "/root/mine.yaml")
+
+    assert framed(lambda: argparse.Namespace(run=ask), False) == 64
+    assert capsys.readouterr().err.startswith("foldcell: /root/mine.yaml cannot be used: Permission denied")
+
+
+@pytest.mark.parametrize("place", [".", "/", ""])
+@pytest.mark.parametrize("command", ["perceive", "perceive --unit px"])
+def test_a_folder_is_no_picture(
+    folder: Path, command: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command.split(), place]) == 64
+    assert "is a folder" in capsys.readouterr().err and contents(folder) == {}
+
+
+@pytest.mark.parametrize("command", ["runs", "report last", "resume last", "replay last", "compare last last"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE runs SET garment = CAST(x'4a86' AS TEXT)",
+        "UPDATE runs SET summary = '{', versions = '['",
+        "UPDATE events SET payload = '{\"a\": '",
+    ],
+)
+def test_a_journal_with_damaged_texts_is_no_bug(
+    folder: Path, command: str, change: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "logs").mkdir()
+    with Journal.open(folder / "logs" / "journal.db") as journal:
+        run = journal.begin_run(garment="small_towel", seed=1, driver="sim")
+        run.result(run.intent(0.0, "looking", "look"), 1.0, {"event": "done"})
+        run.end("not_folded", {"a": 1})
+    with sqlite3.connect(folder / "logs" / "journal.db") as connection:
+        connection.execute(change)
+    code = main(command.split())
+    assert code in (0, 2, 64) and "bug" not in capsys.readouterr().err
+    assert not list(folder.rglob("crash-*"))
 
 
 # garments

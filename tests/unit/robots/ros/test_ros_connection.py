@@ -130,7 +130,10 @@ def test_a_process_cannot_become_a_node_of_a_second_master(
     assert master_address()[0] in caught.value.what
 
 
-@pytest.mark.parametrize("uri", ["localhost", "localhost:11311", "http://localhost", "http://localhost:port"])
+@pytest.mark.parametrize("uri", [
+    "localhost", "localhost:11311", "http://localhost", "http://localhost:port", "http://[", "http://a..b:11311",
+    "http://\udce9:11311",
+])  # fmt: skip
 def test_an_invalid_master_address_is_refused(monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", uri)
     with pytest.raises(ConfigurationError, match="is not an address"):

@@ -1,0 +1,1 @@
+"""Random inputs and surroundings of all commands: `python -m benchmarks.inputs`."""
