@@ -155,7 +155,7 @@ def _wrong_end(case: Case, code: int, out: str, err: str) -> list[str]:
         wrong.append("a traceback: " + err[-1500:])
     if code == 64 and not err.strip():
         wrong.append("refused without a word")
-    if case.stdout == "file" and "--json" in case.words and code != 130:
+    if case.stdout == "file" and "--json" in case.words and "--" not in case.words and code != 130:
         try:
             last = json.loads(out.rstrip("\n").split("\n")[-1])
             assert isinstance(last, dict)
@@ -173,7 +173,7 @@ def _wrong_files(case: Case, code: int, folder: Path, before: dict[str, str]) ->
             wrong.append(f"a crash file: {(folder / name).read_text()[-1500:]}")
         elif not _whole(folder / name):
             wrong.append(f"{name} is half-written")
-        elif code == 64 and not name.startswith(_own_folders(case)):
+        elif code == 64 and case.stdout == "file" and not name.startswith(_own_folders(case)):
             wrong.append(f"refused, but {name} was written")
     gone = [
         name for name, content in before.items() if after.get(name) != content and not name.startswith("logs/")

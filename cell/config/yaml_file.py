@@ -261,13 +261,20 @@ def read_text(path: Path, what: str) -> str:
     try:
         if path.is_dir():
             raise ConfigurationError(f"{path}: this is a folder; a {what} is expected", path=str(path))
-        if path.stat().st_size > LARGEST_FILE:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
             raise ConfigurationError(
-                f"{path}: the file has {path.stat().st_size} bytes; a {what} has at most {LARGEST_FILE}",
+                f"{path}: the file has {size} bytes; a {what} has at most {LARGEST_FILE}",
                 "check that this is the right file",
                 path=str(path),
             )
-        return path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:  # a device without an end states no size
+            raise ConfigurationError(
+                f"{path}: has no end; a {what} is expected", "check that this is the right file", path=str(path)
+            )
+        return data.decode("utf-8")
     except FileNotFoundError as e:
         raise ConfigurationError(f"{path}: there is no such {what}", _similar_file(path), path=str(path)) from e
     except UnicodeDecodeError as e:

@@ -14,6 +14,8 @@ from robots.errors import ConfigurationError
 __all__ = ["known_depth", "read_depth", "read_picture"]
 
 MILLIMETRES = 1e-3
+LARGEST_FILE = 2**29
+"""The rest of a larger file is not read [bytes]."""
 DAMAGED = ("premature end", "Premature end", "bad Huffman code", "instead of RST")
 """Parts of libjpeg's messages about a picture with missing or invalid data. libjpeg returns such a picture with
 invented pixels."""
@@ -55,7 +57,8 @@ def known_depth(metres: NDArray) -> NDArray[np.float32]:
 
 def _read_image(path: Path, flags: int) -> NDArray:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
+        with path.open("rb") as file:  # which may be a device without an end
+            data = np.frombuffer(file.read(LARGEST_FILE), np.uint8)
     except OSError as e:
         raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
     with captured_messages() as messages:

@@ -81,6 +81,12 @@ def test_a_name_that_no_file_can_have_is_refused(refused: Callable[..., str], li
     refused(line.replace("NAME", 300 * "a"), "File name too long")
 
 
+@pytest.mark.parametrize("line", ["garment show", "cell check --cell", "fold", "hil", "trials"])
+@pytest.mark.timeout(60)
+def test_a_file_without_an_end_is_refused(refused: Callable[..., str], line: str) -> None:
+    refused(f"{line} /dev/full", "/dev/full", "has no end")
+
+
 def test_a_folder_that_may_not_be_searched_is_no_bug(capsys: pytest.CaptureFixture[str]) -> None:
     def ask(options: argparse.Namespace) -> int:  # as Path.is_file does
         raise PermissionError(errno.EACCES, "Permission denied", "/root/mine.yaml")
