@@ -49,7 +49,7 @@ def judge(table: FaultTable, trial: Trial) -> Verdict:
     right = end in due or (end is DueEnd.ASKED and DueEnd.SAFE in due)
     missed = trial.seen.not_done
     # a run that asked after its first fault never meets the second one
-    struck = not missed or (not right and len(names) > 1)
+    struck = not missed or (not right and 1 < len(names) > len(trial.seen.missed))
     return Verdict(end, right, struck, why if not missed else f"{why}; {', '.join(missed)} did not happen")
 
 

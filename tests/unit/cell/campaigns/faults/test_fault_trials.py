@@ -154,6 +154,8 @@ def test_a_run_without_its_fault_proves_nothing() -> None:
 def test_a_run_that_failed_before_its_second_fault_is_a_failure() -> None:
     verdict = judge(TABLE, ended("slip+camera_silent", "not_folded", seen={"missed": (MISSED,)}))
     assert not verdict.due and verdict.struck
+    neither = judge(TABLE, ended("slip+camera_silent", "not_folded", seen={"missed": (MISSED, MISSED)}))
+    assert not neither.due and not neither.struck, "it failed without any of its faults"
 
 
 # the results
