@@ -8,7 +8,7 @@ import numpy as np
 
 from robots.ports import Array
 from skills.perception.classify import Match, polygon_iou
-from skills.perception.outline import GarmentOutline, segment_lengths
+from skills.perception.outline import GarmentOutline, MemberOutline, segment_lengths
 from skills.perception.registration.register import Registration
 from skills.perception.segmentation.mask import Segmentation
 from skills.perception.settings import PerceptionSettings
@@ -104,9 +104,15 @@ def misfit(registration: Registration, garment: GarmentOutline, contour: Array, 
     LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
-    overlap = polygon_iou(polygon, contour)
-    ratio = np.log(segment_lengths(polygon) / segment_lengths(np.asarray(garment.template, dtype=float)))
-    distortion = float(ratio.std())
+    lengths = segment_lengths(np.asarray(garment.template, dtype=float))
+    ratio = np.log(segment_lengths(polygon) / lengths)
+    if isinstance(garment, MemberOutline):
+        # Its bends belong to the shape, and an edge of a few millimetres, as an underarm seam, has any ratio.
+        overlap = polygon_iou(garment.placed, contour)
+        middle = np.average(ratio, weights=lengths)
+        distortion = float(np.sqrt(np.average((ratio - middle) ** 2, weights=lengths)))
+    else:
+        overlap, distortion = polygon_iou(polygon, contour), float(ratio.std())
     if overlap >= (PROPOSED_POLYGON_IOU if proposed else POLYGON_IOU) and distortion <= MAX_DISTORTION:
         if registration.least_turn >= LEAST_TURN:
             return None

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robots.ports import Array
-from skills.perception.outline import GarmentOutline, counter_clockwise, polygon_area
+from skills.perception.outline import GarmentOutline, MemberOutline, counter_clockwise, polygon_area
 from skills.perception.registration.energy import Boundary, EnergyWeights
 from skills.perception.registration.register import FitSettings, best_starts, fit
 
@@ -69,6 +69,8 @@ def _sort_key(match: Match, best: float) -> tuple[int, float, str]:
 def _match(contour: Array, boundary: Boundary, garment: GarmentOutline) -> Match:
     polygon = counter_clockwise(garment.template)
     scale = float(np.sqrt(polygon_area(contour) / polygon_area(polygon)))
+    if isinstance(garment, MemberOutline):
+        return Match(garment, polygon_iou(garment.placed, contour), scale)
     iou = 0.0
     for start in best_starts(polygon, boundary, _CANDIDATES):
         overlap = polygon_iou(start.polygon, contour)

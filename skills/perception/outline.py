@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from robots.ports import Array
@@ -14,6 +16,7 @@ from skills.plane import cross, lengths_along, rotation
 
 __all__ = [
     "GarmentOutline",
+    "MemberOutline",
     "counter_clockwise",
     "interior_angles",
     "outward_normals",
@@ -46,6 +49,22 @@ class GarmentOutline(Protocol):
 
     @property
     def template(self) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class MemberOutline:
+    """The outline of a garment with another shape of its category; see `GarmentOutline`.
+
+    placed: (n, 2) where it lies on an observed boundary, counter-clockwise: the key points and further bends
+    between them [m]. feature: (n,) index of the key point of each of them, -1 for a bend.
+    """
+
+    name: str
+    category: str
+    keypoints: tuple[str, ...]
+    template: Array
+    placed: Array
+    feature: NDArray[np.intp]
 
 
 def polygon_area(polygon: Array) -> float:

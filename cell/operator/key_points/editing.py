@@ -16,7 +16,7 @@ from skills.fold_plan.plan import plan_folds
 from skills.garments.garment import Garment
 from skills.garments.key_point_check import KeyPointFinding, check_key_points
 from skills.garments.picture_measure import PictureMeasure, as_laid
-from skills.perception.limb_poses import best_poses
+from skills.perception.family import best_members
 from skills.perception.outline import counter_clockwise, polygon_area
 from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import best_starts
@@ -86,6 +86,6 @@ def template_over(outline: Array, like: Garment) -> Mapping[str, Array]:
     laid = as_laid(np.asarray(outline, dtype=float))
     scale = float(np.sqrt(polygon_area(like.template) / abs(polygon_area(laid))))
     contour = scale * counter_clockwise(laid)
-    posed = best_poses(contour, [like])[0]
+    posed = best_members(contour, [like])[0]
     start = best_starts(np.asarray(posed.template), Boundary(contour, step=0.003, sample_step=0.015))[0]
     return dict(zip(like.keypoints, -start.polygon[:, ::-1] / scale, strict=True))

@@ -26,6 +26,8 @@ _SNAP, _NOTCH = 0.05, 0.25
 """Maximum displacement of a sharp corner and of a notch [m]."""
 _EDGE, _NOTCH_EDGE = 0.08, 0.16
 """Length of the edges to which lines are fitted, at a corner and at a notch [m]."""
+_SHORT = 0.03
+"""An edge that is shorter than this and has too few points is taken as straight between its corners [m]."""
 _LINE_SIGMA = 0.0025
 """Standard deviation of the position of a line fitted to an edge, where it meets the other line [m]."""
 _TEMPLATE_SIGMA = 0.004
@@ -34,16 +36,21 @@ _SMOOTHED = 0.0015
 """Length that smoothing during segmentation removes from the tip of a very acute corner [m]."""
 _TIP_SIGMA, _NOTCH_SIGMA, _UNMOVED_SIGMA = 0.0016, 0.010, 0.020
 """Standard deviations of the place of a sharp corner, of a notch, and of a corner that was not relocated [m]."""
+_FITTED_SIGMA = 0.006
+"""Standard deviation of the place of a blunt corner in a shape that was fitted to the outline [m]."""
 _TIP = 8
 """Number of boundary points, before and after the nearest one, among which the tip of a corner is searched."""
 
 
-def set_corners(X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary) -> tuple[Array, Array]:
+def set_corners(
+    X: Array, feature: NDArray[np.intp], polygon: Array, boundary: Boundary, fitted: bool = False
+) -> tuple[Array, Array]:
     """Return the registered contour X (n, 2) [m] with its corners relocated, and the standard deviation of the
     place of each corner (c,), in the order of the contour [m].
 
     polygon: (k, 2) the template, counter-clockwise. feature: (n,) index into `polygon` of each contour point that
-    is a corner, -1 for the other points.
+    is a corner, -1 for the other points. fitted: whether the template was made for this outline; its blunt corners
+    then stay where they are on the boundary.
 
     Straight lines are fitted to the edges on both sides of a corner. A sewn corner is round: its tip is the
     boundary point that reaches furthest towards the intersection of the lines. Near a crotch the table between the
@@ -61,8 +68,11 @@ def set_corners(X: Array, feature: NDArray[np.intp], polygon: Array, boundary: B
     point_arc, corner_arc = _arc_position(X, segment, t), _arc_position(X, corners, np.zeros(len(corners)))
     total = float(segment_lengths(X).sum())
     blunt = (angles <= NOTCH_ANGLE) & (np.abs(np.sin(angles)) < _SHARP)
-    body = lay_body(shape, X[corners], clear > 0.5, boundary) if blunt.any() else None
+    body = lay_body(shape, X[corners], clear > 0.5, boundary) if blunt.any() and not fitted else None
     for k, vertex in enumerate(corners):
+        if blunt[k] and fitted:
+            moved[vertex], sigma[k] = boundary.points[boundary.nearest(X[vertex][None])[1][0]], _FITTED_SIGMA
+            continue
         if blunt[k]:
             # The two estimates have about equal and nearly independent errors, so their mean is used.
             place = X[vertex] if body is None else 0.5 * (X[vertex] + body[k])
@@ -71,7 +81,7 @@ def set_corners(X: Array, feature: NDArray[np.intp], polygon: Array, boundary: B
             moved[vertex], sigma[k] = locate_bend(boundary, place, before, after, np.pi - angles[k])
             continue
         notch = bool(angles[k] > NOTCH_ANGLE)
-        lines = _edge_lines(k, corner_arc, total, q, point_arc, _NOTCH_EDGE if notch else _EDGE)
+        lines = _edge_lines(k, X[corners], corner_arc, total, q, point_arc, _NOTCH_EDGE if notch else _EDGE)
         if len(lines) < 2:
             continue
         if notch:
@@ -90,9 +100,12 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
     the template. Return the smallest ratio over all sharp corners.
 
     corners: (k, 2) [m]. angles: (k,) interior angles of the template [rad]. A ratio near 0 means that the corner
-    was placed on a straight part of the boundary. Notches are ignored, because their inside is not visible.
+    was placed on a straight part of the boundary. Notches are ignored, because their inside is not visible. So are
+    corners whose turn cannot be told from that of the next one.
     """
-    sharp = (np.abs(np.sin(angles)) >= _SHARP) & (angles <= NOTCH_ANGLE)
+    edges = segment_lengths(corners)
+    alone = np.minimum(edges, np.roll(edges, 1)) > boundary.length / len(boundary.points) * 3 * _TIP
+    sharp = (np.abs(np.sin(angles)) >= _SHARP) & (angles <= NOTCH_ANGLE) & alone
     if not sharp.any():
         return 1.0
     n, points = len(boundary.points), boundary.points
@@ -111,13 +124,13 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
 
 
 def _edge_lines(
-    k: int, corner_arc: Array, total: float, q: Array, point_arc: Array, reach: float
+    k: int, X: Array, corner_arc: Array, total: float, q: Array, point_arc: Array, reach: float
 ) -> list[tuple[Array, Array]]:
     """Fit lines (point, unit direction) to the boundary on both sides of the k-th corner, up to `reach` [m] from
     it.
 
-    corner_arc: (c,) positions of the corners along the contour; point_arc: (m,) positions of the boundary's points
-    q (m, 2) along it; total: length of the contour; all [m].
+    X: (c, 2) the corners. corner_arc: (c,) positions of the corners along the contour; point_arc: (m,) positions
+    of the boundary's points q (m, 2) along it; total: length of the contour; all [m].
     """
     lines = []
     for sign, other in ((-1.0, corner_arc[k - 1]), (1.0, corner_arc[(k + 1) % len(corner_arc)])):
@@ -125,6 +138,8 @@ def _edge_lines(
         distance = (sign * (point_arc - corner_arc[k])) % total
         chosen = (distance > min(0.014, 0.25 * span)) & (distance < min(0.55 * span, reach))
         line = _line(q[chosen])
+        if line is None and span < _SHORT:
+            line = X[k], (X[k + int(sign) - len(X)] - X[k]) / max(span, 1e-6)
         if line is not None:
             lines.append(line)
     return lines

@@ -11,7 +11,7 @@ orientation, and the result of lowest energy is chosen. At the end the corners a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from robots.ports import Array, frozen
 from skills.perception.outline import (
     GarmentOutline,
+    MemberOutline,
     counter_clockwise,
     interior_angles,
     polygon_area,
@@ -97,16 +98,20 @@ class Start:
 
 
 def register(contour: Array, garment: GarmentOutline) -> Registration:
-    """Fit the garment's template to an observed boundary (n, 2) [m], table frame, closed implicitly."""
+    """Fit the garment's template to an observed boundary (n, 2) [m], table frame, closed implicitly. A member of
+    its category starts where it was placed."""
     settings = FitSettings()
     contour = counter_clockwise(contour)
     boundary = Boundary(contour)
     polygon = counter_clockwise(garment.template)
     names = garment.keypoints[::-1] if polygon_area(garment.template) < 0 else garment.keypoints
-    fits = [fit(start.polygon, boundary, settings) for start in best_starts(polygon, boundary)]
+    if isinstance(garment, MemberOutline):
+        fits = [fit(garment.placed, boundary, replace(settings, updates=1), garment.feature)]
+    else:
+        fits = [fit(start.polygon, boundary, settings) for start in best_starts(polygon, boundary)]
     X, feature, history, stages = min(fits, key=lambda f: _score(f[0], f[1], polygon, boundary, settings))
     vertices = np.flatnonzero(feature >= 0)
-    X, sigma = set_corners(X, feature, polygon, boundary)
+    X, sigma = set_corners(X, feature, polygon, boundary, isinstance(garment, MemberOutline))
     sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]
@@ -229,14 +234,15 @@ def _score(
 
 
 def fit(
-    polygon: Array, boundary: Boundary, settings: FitSettings
+    polygon: Array, boundary: Boundary, settings: FitSettings, feature: NDArray[np.intp] | None = None
 ) -> tuple[Array, NDArray[np.intp], list[float], list[Array]]:
-    """Fit a placed template (k, 2) to the boundary.
+    """Fit a placed template (k, 2) to the boundary. feature: (k,) index of the key point of each vertex, -1 for
+    none; without it, all are key points, in this order.
 
     Returns the registered contour (n, 2) [m]; the index of each vertex's key point (n,), -1 for none; the energies
     before the first and after each round; and the contours that have these energies.
     """
-    X, feature = _subdivide(polygon, np.arange(len(polygon)), settings.longest)
+    X, feature = _subdivide(polygon, np.arange(len(polygon)) if feature is None else feature, settings.longest)
     history, stages = [_energy(X, boundary, settings)], [X]
     for _ in range(settings.updates):
         X = _levenberg_marquardt(X, boundary, settings)

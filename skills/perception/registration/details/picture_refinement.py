@@ -26,6 +26,9 @@ __all__ = ["notches", "refine_by_picture"]
 
 _HOLLOW_ANGLE = 4.9
 """A corner with a larger interior angle than this is hollow, as the armpit of a shirt [rad]."""
+_HOLLOW_EDGE = 0.08
+"""Least length of the edges of a hollow corner [m, for a garment of its nominal size]. Shorter ones, as the
+underarm seam of many T-shirts, leave a wide gap, and the outline shows its end."""
 _LEG_GROWTH = 0.12
 """Least expected growth of the width of a gap, per length, because legs can touch in a template."""
 _UNSEEN_SIGMA = 0.020
@@ -59,7 +62,7 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
 
 
 def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
-    names, places = garment.keypoints, registration.keypoints
+    names, places, scale = garment.keypoints, registration.keypoints, registration.scale
     narrow = notches(registration, garment)
     lying = _interior_angles(np.array([places[name] for name in names]))
     sleeved = [name for name in names if name.replace("armpit_", "cuff_lower_") in set(names) - {name}]
@@ -70,12 +73,18 @@ def _set_notches(registration: Registration, garment: GarmentOutline, picture: C
         opening = _between(places[name], first, second)
         growth = max(2.0 * float(np.tan(0.5 * (2.0 * np.pi - lying[k]))), _LEG_GROWTH)
         settings = NARROW if name in narrow else HOLLOW
-        end = locate_gap_end(picture, places[name], opening, growth, settings, registration.scale)
+        end = locate_gap_end(picture, places[name], opening, growth, settings, scale)
         if end is not None:
             registration = _moved(registration, name, *end)
-        else:
+        elif (
+            name in narrow or min(np.linalg.norm(p - places[name]) for p in (first, second)) > _HOLLOW_EDGE * scale
+        ):
             registration = replace(registration, sigmas={**registration.sigmas, name: _UNSEEN_SIGMA})
     return registration
+
+
+def _nearer(place: Array, first: Array, second: Array) -> float:
+    return float(min(np.linalg.norm(first - place), np.linalg.norm(second - place)))
 
 
 def _set_shoulders(
