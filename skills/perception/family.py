@@ -147,6 +147,8 @@ _STEPS = 30
 """Gauss-Newton steps of a fit."""
 _FIRST_STEPS = 8
 """Steps after which only the best starts go on."""
+_TRIED = 10
+"""Number of starts that are fitted, those that are nearest to the outline."""
 _KEPT = 2
 """Number of starts that go on."""
 _SCALE, _LAST_SCALE = 0.15, 0.03
@@ -190,7 +192,8 @@ def _best_member(contour: Array, garment: GarmentOutline) -> GarmentOutline:
         return garment
     size = float(np.sqrt(polygon_area(outline)))
     model = _Model(family, garment.keypoints, _vertices(garment.keypoints, family))
-    fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in _starts(model, template, boundary)]
+    starts = sorted(_starts(model, template, boundary), key=lambda p: _cost(model, p, boundary, size))[:_TRIED]
+    fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS)) for p in starts]
     fits = sorted(fits, key=lambda p: _cost(model, p, boundary, size))[:_KEPT]
     fits = [_fitted(model, p, boundary, size, range(_FIRST_STEPS, _STEPS)) for p in fits]
     chosen = min(fits, key=lambda p: _cost(model, p, boundary, size))
