@@ -14,6 +14,7 @@ from skills.perception.camera_fault import camera_fault, same_picture
 from skills.perception.candidate import choose_garment, fit_quality, misfit, wanted_garment
 from skills.perception.classify import classify, polygon_iou
 from skills.perception.family import best_members
+from skills.perception.limb_poses import best_poses
 from skills.perception.outline import GarmentOutline
 from skills.perception.rectification.heights import garment_height
 from skills.perception.rectification.table_view import TableView
@@ -197,7 +198,8 @@ def _perceive_region(
     contour = view.to_table(segmentation.contour, top)
     nominal = {garment.name: garment for garment in garments}
     if method == _PROPOSAL:
-        garments = best_members(contour, garments)
+        # Without a name, a shape with so much freedom would win too easily, and fits of all families take long.
+        garments = best_poses(contour, garments) if wanted is None else best_members(contour, garments)
     matches = classify(contour, garments)
     stages.done("classify")
     chosen = choose_garment(matches, wanted, settings)
