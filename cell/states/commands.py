@@ -43,8 +43,12 @@ class CommandQueue:
         self._queue: deque[QueuedCommand] = deque()
         self._lock = Condition()
         self._edit: PlanEdit | None = None
-        self.deserted = False
+        self._deserted = False
+
+    @property
+    def deserted(self) -> bool:
         """Whether the operator has left. Then no further commands will come."""
+        return self._deserted
 
     def put(self, command: Event, edit: PlanEdit | None = None) -> QueuedCommand:
         """Add a command. edit: for the command EDIT, and only for it. Raises ValueError for an event that is not
@@ -60,7 +64,7 @@ class CommandQueue:
 
     def close(self) -> None:
         """Put an ABORT, because the operator has left. Later questions stay unanswered."""
-        self.deserted = True
+        self._deserted = True
         self.put(Event.ABORT)
 
     def take(self, wanted: Set[Event]) -> Event | None:

@@ -103,6 +103,13 @@ class _Commands(CommandQueue):
         super().__init__()
         self._record, self._all = port_recorder.record, queue
 
+    @property
+    def deserted(self) -> bool:
+        return self._all.deserted
+
+    def close(self) -> None:
+        self._all.close()
+
     def put(self, command: Event, edit: PlanEdit | None = None) -> QueuedCommand:
         return self._all.put(command, edit)
 

@@ -105,6 +105,17 @@ def test_the_same_questions_get_the_same_answers(tmp_path: Path) -> None:
     assert again(tmp_path, work) == then
 
 
+def test_a_recorded_queue_says_that_the_operator_has_left(tmp_path: Path) -> None:
+    commands = CommandQueue()
+
+    def leave(_: Ports, heard: CommandQueue) -> tuple[bool, bool]:
+        before = heard.deserted
+        commands.close()
+        return before, heard.deserted
+
+    assert taken_down(tmp_path, FakeCell(), leave, commands) == (False, True)
+
+
 def test_a_change_of_the_plan_is_replayed(tmp_path: Path) -> None:
     commands, edit = CommandQueue(), PlanEdit("page 1", keypoints={"corner": (0.1 + 0.2, -1.0 / 3.0)})
     commands.put(Event.EDIT, edit)
