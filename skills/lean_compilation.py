@@ -1,4 +1,4 @@
-"""Compiles a function with many callees in two thirds of numba's time, to the same code.
+"""Compiles a function with many callees in three quarters of numba's time, to the same code.
 
 numba treats each callee like a function of its own: it optimises it fully together with its own callees, and makes
 machine code of it that nobody runs, because the caller is optimised with the callee's unfinished code in it. Here
