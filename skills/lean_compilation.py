@@ -3,6 +3,8 @@
 numba treats each callee like a function of its own: it optimises it fully together with its own callees, and makes
 machine code of it that nobody runs, because the caller is optimised with the callee's unfinished code in it. Here
 a callee that Python cannot call is optimised only as far as it becomes smaller, and gets no machine code.
+
+This replaces inner parts of numba, so only the version that it was written for compiles in this manner.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numba
 from llvmlite.binding import Linkage
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Flags
@@ -21,6 +24,8 @@ from numba.core.registry import cpu_target
 
 __all__ = ["lean_compilation"]
 
+WRITTEN_FOR = "0.68."
+"""Beginning of numba's version. Another version compiles in its own manner."""
 OBJECTS = 100_000
 """Number of new objects after which Python looks for garbage. A compilation makes many that stay."""
 _FROM_PYTHON = "_ZN7cpython"
@@ -88,6 +93,9 @@ def lean_compilation() -> Iterator[None]:
     def values(self: Any) -> dict[str, Any]:  # numba's takes a tenth of the time to compile
         return {**_DEFAULTS, **self._values}
 
+    if not numba.__version__.startswith(WRITTEN_FOR):
+        yield
+        return
     with global_compiler_lock:
         codegen, thresholds = cpu_target.target_context.codegen(), gc.get_threshold()
         before = flags.values, codegen._library_class
