@@ -203,7 +203,7 @@ def _with_standing(
     """Add to a failure of a hand how much too high it stood to take the lowest layer [m]; negative if it stood low
     enough. state: of the arms after the push."""
     side = failure.values.get("side")
-    if side is None:
+    if side is None or not failure.values["layers"]:  # pads that closed on nothing say nothing about the layers
         return failure
     hand = Side(side)
     commanded = cell.hands.height(hand, state.q) - fold.table_contact[hand]
