@@ -90,8 +90,6 @@ def _shirt(*sleeve: Joint, angles: tuple[float, ...] = (), lengths: tuple[float,
         Joint("collar", "shoulder", (0.09, 0.34), (-90.0, -42.0)),
         *sleeve,
     )
-    if not lengths:
-        return Family(joints, "collar", (1.0, 0.0), (0.0, -1.0), ("right", "left"))
     corners = (
         Corner(("cuff_upper", "cuff_lower", "armpit"), (35.0, 125.0)),
         Corner(("cuff_lower", "armpit", "side"), (40.0, 176.0)),
@@ -136,7 +134,6 @@ FAMILIES: Mapping[str, Family] = {
         angles=(95.0, 115.0, 135.0, 155.0, 170.0),
         lengths=(0.58, 0.80, 1.00),
     ),
-    "vest": _shirt(Joint("neck", "", (0.55, 0.99), (0.0, 0.0))),
     "pants": _trousers((0.10, 0.32)),
     "shorts": _trousers((0.24, 0.75)),
 }  # fmt: skip
