@@ -27,7 +27,7 @@ def refuse_unwritable(path: Path) -> None:
             file.write(bytes(PROBE_BYTES))
             file.flush()
     except OSError as e:
-        raise StorageError(f"{path} cannot be written: {e.strerror}", HINT, path=str(path)) from e
+        raise _unwritable(path, e, HINT) from e
 
 
 def write_whole(path: Path, data: bytes | str, hint: str = HINT) -> None:
@@ -50,7 +50,12 @@ def write_whole(path: Path, data: bytes | str, hint: str = HINT) -> None:
                     os.unlink(file.name)
                 raise
     except OSError as e:
-        raise StorageError(f"{path} cannot be written: {e.strerror}", hint, path=str(path)) from e
+        raise _unwritable(path, e, hint) from e
+
+
+def _unwritable(path: Path, e: OSError, hint: str) -> StorageError:
+    reason = "no such folder" if isinstance(e, FileNotFoundError) else e.strerror
+    return StorageError(f"{path} cannot be written: {reason}", hint, path=str(path))
 
 
 def _sync(folder: Path) -> None:
