@@ -406,7 +406,7 @@ def test_a_driver_that_raises_is_a_failure_like_any_other(rig: Rig) -> None:
     rig.special[Effect.LOOK] = silent
     end = rig.run()
     assert end.state is State.NOT_FOLDED
-    assert rig.performed.count(Effect.LOOK) == 3, "the effect is retried twice"
+    assert rig.performed.count(Effect.LOOK) == 6, "it looks again after 1, 2, 4, 8 and 15 s: recovery.patience"
     failed = [e.payload for e in rig.entries("result") if e.name == "look"]
     assert all((f["kind"], f["values"]) == ("camera_fault", {"waited_s": 2.0}) for f in failed)
 
@@ -614,12 +614,12 @@ def test_a_pause_does_not_prevent_making_the_cell_safe(rig: Rig) -> None:
 
 def test_the_operator_is_asked_after_the_last_recovery(rig: Rig) -> None:
     rig.attended()
-    rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 3)
+    rig.special[Effect.LOOK] = failing(K.NO_GARMENT, 6)
     rig.answer(Effect.ASK_OPERATOR, rig.say(Event.RETRY))
     end = rig.run()
     assert end.state is State.FOLDED
     asked = rig.performed.index(Effect.ASK_OPERATOR)
-    assert rig.performed[:asked].count(Effect.LOOK) == 3
+    assert rig.performed[:asked].count(Effect.LOOK) == 6
     assert rig.performed[asked + 1] is Effect.LOOK
     assert end.context.waited_s > 0
 

@@ -85,7 +85,7 @@ def test_a_heap_of_the_first_fold_is_spread_after_a_second_look() -> None:
 @pytest.mark.parametrize("kind", [K.NOT_FLAT, K.LOW_CONFIDENCE, K.UNKNOWN_GARMENT, K.CATEGORY_MISMATCH])
 def test_what_recognition_refuses_is_spread_only_after_another_pull(kind: FailureKind) -> None:
     assert chosen(heaped(), kind) is Event.LOOK_AGAIN
-    assert chosen(heaped(), kind, 3) is Event.GIVE_UP
+    assert [chosen(heaped(), kind, times) for times in (5, 6)] == [Event.LOOK_AGAIN, Event.GIVE_UP]
     assert chosen(heaped(pulls=1), kind) is Event.LOOK_AGAIN, "no verdict from one look"
     assert chosen(heaped(pulls=1), kind, 2) is Event.SPREAD
 
