@@ -21,6 +21,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import cache_from_source
 from pathlib import Path
 
 __all__ = ["PARTS", "Fault", "drawn", "faults", "main"]
@@ -175,7 +176,7 @@ def is_caught(fault: Fault, root: Path, near: bool, timeout_s: float) -> bool:
     """Whether a test fails, or never ends, while the fault is planted in the copy `root`."""
     path = root / fault.file
     source = path.read_text(encoding="utf-8")
-    path.write_text(fault.planted(source), encoding="utf-8")
+    _write(path, fault.planted(source))
     tests = covering_tests(fault, root, near)
     line = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", f"--timeout={TEST_S}", *tests]
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": ""}
@@ -185,7 +186,14 @@ def is_caught(fault: Fault, root: Path, near: bool, timeout_s: float) -> bool:
     except subprocess.TimeoutExpired:
         return True
     finally:
-        path.write_text(source, encoding="utf-8")
+        _write(path, source)
+
+
+def _write(path: Path, source: str) -> None:
+    """Write a source and forget its bytecode, which Python would take for that of a source of the same size that
+    was written within the same second."""
+    path.write_text(source, encoding="utf-8")
+    Path(cache_from_source(str(path))).unlink(missing_ok=True)
 
 
 def copied(folder: Path) -> Path:

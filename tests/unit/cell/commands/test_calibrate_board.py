@@ -103,7 +103,7 @@ def test_the_pdf_shows_the_same_page_as_the_picture(tmp_path: Path, capsys) -> N
     assert (np.unpackbits(bits, axis=1)[:, :w] * 255 == draw_sheet()).all()
 
 
-@pytest.mark.parametrize(("name", "word"), [("board.svg", "PDF"), ("no/such/folder/board.pdf", "No such")])
+@pytest.mark.parametrize(("name", "word"), [("board.svg", "PDF"), ("no/such/folder/board.pdf", "no such folder")])
 def test_an_unwritable_output_is_refused(name: str, word: str, tmp_path: Path, capsys) -> None:
     assert main(["calibrate", "board", "--output", str(tmp_path / name), "--json"]) == 64
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
