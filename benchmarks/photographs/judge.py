@@ -16,6 +16,7 @@ import numpy as np
 import foldcell
 from benchmarks.photographs.canvas import footprint
 from benchmarks.photographs.lens import through
+from benchmarks.photographs.limits import Limits, print_figures
 from benchmarks.photographs.outline import Points
 from benchmarks.photographs.photograph import Photograph
 
@@ -23,7 +24,7 @@ RIGHT_M = 0.010
 """All key points within this: right."""
 FAR_M = 0.030
 """A key point beyond this: a fold would be spoilt."""
-LIMITS: Mapping[str, tuple[str, float]] = {
+LIMITS: Limits = {
     "accepted_share": (">=", 0.95),
     "right_share_of_accepted": (">=", 0.95),
     "beyond_30_mm": ("<=", 0),
@@ -121,12 +122,7 @@ def figures(judgements: list[Judgement]) -> dict[str, float]:
 
 def report(judgements: list[Judgement]) -> None:
     """The figures of all photographs beside their limits, and of parts of them."""
-    for name, value in figures(judgements).items():
-        limit = ""
-        if name in LIMITS:
-            relation, bound = LIMITS[name]
-            limit = f"  (asked {relation} {bound}: {'held' if held(name, value) else 'MISSED'})"
-        print(f"{name:26}{value:9.3f}{limit}")
+    print_figures(figures(judgements), LIMITS)
     parts = {
         "camera stated, empty table": [j for j in judgements if j.reference],
         "camera stated": [j for j in judgements if j.known_camera and not j.reference],
@@ -166,11 +162,6 @@ def calibration_error(confidence: Points, right: Points) -> float:
     bins = np.minimum((confidence * BINS).astype(int), BINS - 1)
     gaps = [abs(confidence[bins == b].sum() - right[bins == b].sum()) for b in np.unique(bins)]
     return float(sum(gaps) / len(right))
-
-
-def held(name: str, value: float) -> bool:
-    relation, limit = LIMITS[name]
-    return value >= limit if relation == ">=" else value <= limit
 
 
 def as_record(judgement: Judgement) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 
 import foldcell
 from benchmarks.photographs.judge import calibration_error, largest_error
+from benchmarks.photographs.limits import Limits, print_figures
 from benchmarks.photographs.photograph import Photograph
 from robots.errors import FailureKind
 
@@ -22,7 +23,7 @@ NEAR = 0.02
 """All key points within this share of the garment's diagonal: right."""
 FAR = 0.06
 """A key point beyond this: a fold would be spoilt."""
-LIMITS: Mapping[str, tuple[str, float]] = {
+LIMITS: Limits = {
     "accepted_share": (">=", 0.95),
     "right_share_of_accepted": (">=", 0.95),
     "beyond_6_percent": ("<=", 0),
@@ -140,12 +141,7 @@ def figures(judgements: list[Judgement]) -> dict[str, float]:
 
 def report(judgements: list[Judgement]) -> None:
     """The figures beside their limits, and of parts of the pictures."""
-    for name, value in figures(judgements).items():
-        limit = ""
-        if name in LIMITS:
-            relation, bound = LIMITS[name]
-            limit = f"  (asked {relation} {bound}: {'held' if held(name, value) else 'MISSED'})"
-        print(f"{name:36}{value:9.3f}{limit}")
+    print_figures(figures(judgements), LIMITS)
     flat = [j for j in judgements if j.due is None]
     parts: dict[str, list[Judgement]] = {
         "garment stated": [j for j in flat if j.stated],
@@ -168,12 +164,6 @@ def report(judgements: list[Judgement]) -> None:
         print(
             f"{name:28}{len(part):8}{sum(not j.accepted for j in part):9}{sum(j.refused_as_due for j in part):22}"
         )
-
-
-def held(name: str, value: float) -> bool:
-    """Whether the limit is kept. A share of no pictures breaks none."""
-    relation, limit = LIMITS[name]
-    return bool(np.isnan(value)) or (value >= limit if relation == ">=" else value <= limit)
 
 
 def as_record(judgement: Judgement) -> dict[str, Any]:
