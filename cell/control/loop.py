@@ -76,11 +76,13 @@ class ControlLoop:
             if frozen:
                 read = Outcome(failure=frozen)
             failure = read.failure
-            if failure and failure.kind is not FailureKind.STALE_STATE:
+            stale = failure is not None and failure.kind is FailureKind.STALE_STATE
+            if failure and not stale:
                 self.last_command.q = None
-                return Outcome(failure=failure)
-            if failure and interruptions.resting:
-                return Outcome(failure=failure)
+            if failure and (interruptions.resting or not stale):
+                if failure.kind is FailureKind.STOPPED or not interruptions.paused:
+                    return Outcome(failure=failure)
+                sends = False  # until the operator resumes, the driver holds the arms
             state = read.value or self.ports.arms.state()
             following = _next_setpoint(motion, Feedback(state, sends and read.ok, late, interruptions.order))
             if isinstance(following, Outcome):

@@ -1,4 +1,8 @@
-"""Interruptions of a motion: pause, abort, and failures that bring it to rest."""
+"""Interruptions of a motion: pause, abort, and failures that bring it to rest.
+
+Arms that rest in a pause stay at rest until the operator resumes or ends the run, because a person may be near
+them. A failure in a pause therefore ends the motion only then. Only the stop ends it at once.
+"""
 
 from __future__ import annotations
 
@@ -26,21 +30,25 @@ class Interruptions:
         self._clock, self._limits, self._control = clock, limits, control
         self.order: Order | None = None
         self.resting = first.resting
+        self.paused = False
+        """Whether the operator has ordered a pause, and not to go on since."""
         self._stopping = False
         self._ending: Failure | None = None
-        """The failure that ends the motion once it rests."""
+        """The failure that ends the motion once it rests, after a pause once the operator lets it go on."""
+        self._told = False
+        """Whether the operator knows of a failure in this pause."""
         self._asked: float | None = None
         """Cell time at which a pause was requested [s]; None if no request waits to be written to the journal."""
 
-    def judge(self, following: SetPoint, q: Array, state: JointState, stale: Failure | None) -> Failure | None:
+    def judge(self, following: SetPoint, q: Array, state: JointState, failed: Failure | None) -> Failure | None:
         """Evaluate one tick. Returns the failure that ends the motion now, or None while it continues.
 
         following: the motion's next set-point; q (joints,): the set-point just sent; state: the arms' state;
-        stale: the failure if that state is too old.
+        failed: the failure of the loop's own checks, for example of a state that is too old.
         """
         self.order, self.resting = None, following.resting
-        self._ending = self._ending or stale or following.failure
-        if self._ending is None:
+        self._ending = self._ending or failed or following.failure
+        if self._ending is None or (self.paused and self.resting):
             return self._obey_operator(following, q, state)
         if not self.resting:
             self._bring_to_rest()
@@ -62,7 +70,7 @@ class Interruptions:
             command = control.commands.take(frozenset({Event.PAUSE, Event.ABORT}))
             if command is Event.PAUSE:
                 control.tell("pausing: the arms are coming to rest")
-                self._asked = self._clock.now()
+                self._asked, self.paused = self._clock.now(), True
                 self._bring_to_rest()
             if command is Event.ABORT:
                 self._ending = ABORTED
@@ -79,12 +87,17 @@ class Interruptions:
             control.note("paused", {"asked_s": self._asked, "path_s": following.path_s})
             control.tell("paused during a motion: resume, or end the run")
             self._asked = None
+        if self._ending and not self._told:
+            control.tell(f"{self._ending.what}: nothing moves until you resume, and the cell then recovers")
+            self._told = True
         command = commands.wait(frozenset({Event.RESUME, Event.ABORT}), TICK_S)
         if command is Event.RESUME:
+            if self._ending:
+                return self._ending
             mismatch = start_mismatch(state, q, self._limits)
             if mismatch:
                 return mismatch
             control.note("resumed", {"path_s": following.path_s})
             control.tell("resumed")
-            self.order, self._stopping, self.resting = Order.GO, False, False
+            self.order, self._stopping, self.resting, self.paused = Order.GO, False, False, False
         return ABORTED if command is Event.ABORT else None

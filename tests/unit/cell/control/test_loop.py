@@ -76,7 +76,9 @@ class Bench:
     ports: Ports
     loop: ControlLoop
 
-    def run(self, kind: str, commands: CommandQueue | None = None) -> Outcome[Any]:
+    def run(
+        self, kind: str, commands: CommandQueue | None = None, control: PathControl | None = None
+    ) -> Outcome[Any]:
         """Run one motion of this kind, which takes at least 0.4 s. Tactile readings that are not numbers end every
         kind."""
         robot: Any = None
@@ -87,7 +89,7 @@ class Bench:
             return validate_reading(hands.read(Side.LEFT, tick.state))
 
         if kind == "trajectory":
-            return stream(self.loop, sweep(), watch, PathControl(commands, JOINTS, JOINTS))
+            return stream(self.loop, sweep(), watch, control or PathControl(commands, JOINTS, JOINTS))
         if kind == "hold":
             failure = wait(self.loop, 0.6, watch)
             return Outcome(failure=failure) if failure else Outcome("held")
@@ -302,23 +304,40 @@ def test_a_pause_slows_the_path_clock_to_zero_on_the_path() -> None:
     assert b.cell.q == pytest.approx(0.3)
 
 
+def test_a_stop_ends_a_pause_at_once() -> None:
+    b = bench("trajectory")
+    failure = rested(b, lambda: b.ports.stop.trigger("button")).failure
+    assert failure is not None and failure.kind is K.STOPPED
+    assert b.cell.now == pytest.approx(1.4, abs=2 * TICK_S)
+
+
+@pytest.mark.parametrize("end", [Event.RESUME, Event.ABORT])
+@pytest.mark.parametrize("at", [AT + 0.3, 1.4], ids=["coming to rest", "at rest"])
 @pytest.mark.parametrize(
-    ("spoil", "kind", "known"),
+    ("spoil", "kind"),
     [
-        (lambda b: b.ports.stop.trigger("button"), K.STOPPED, 0.0),
-        (lambda b: setattr(b.cell, "frozen_since", b.cell.now), K.STALE_STATE, LIMITS.stale_s + 2 * TICK_S),
-        (lambda b: push_arms(b.cell), K.TRACKING_ERROR, 0.0),
-        (lambda b: spoil_tactile(b.cell), K.TACTILE_FAULT, TICK_S),
+        (lambda b: setattr(b.cell, "frozen_since", b.cell.now), K.STALE_STATE),
+        (lambda b: push_arms(b.cell), K.TRACKING_ERROR),
+        (lambda b: spoil_tactile(b.cell), K.TACTILE_FAULT),
     ],
 )
-def test_resting_arms_are_checked_like_moving_ones(
-    spoil: Callable[[Bench], None], kind: FailureKind, known: float
+def test_a_failure_in_a_pause_waits_for_the_person(
+    spoil: Callable[[Bench], None], kind: FailureKind, at: float, end: Event
 ) -> None:
-    """The arms are at rest already, so the motion ends immediately."""
-    b = bench("trajectory")
-    failure = rested(b, lambda: spoil(b)).failure
-    assert failure is not None and failure.kind is kind
-    assert 1.4 <= b.cell.now <= 1.4 + known + 1e-9
+    """A motion that failed is followed by others, for example by laying the cloth back. A person who has ordered a
+    pause may be near the arms, so none of them begins before the person says so."""
+    b, commands, told = bench("trajectory"), CommandQueue(), []
+    b.cell.at(AT, lambda: commands.put(Event.PAUSE))
+    b.cell.at(at, lambda: spoil(b))
+    b.cell.at(5.0, lambda: commands.put(end))
+    control = PathControl(commands, JOINTS, JOINTS, tell=told.append)
+    failure = b.run("trajectory", control=control).failure
+    assert failure is not None and failure.kind is (kind if end is Event.RESUME else K.ABORTED)
+    assert b.cell.now == pytest.approx(5.0, abs=2 * TICK_S)
+    assert sum("nothing moves until you resume" in line for line in told) == 1
+    late = [q for t, q in b.cell.commands if t > at + 0.65]
+    assert kind is K.TACTILE_FAULT or not late, "arms of unknown or wrong position get no set-points"
+    assert not late or np.ptp(np.array(late), axis=0).max() == 0.0, "nothing moves"
 
 
 def test_the_first_failure_is_reported() -> None:
