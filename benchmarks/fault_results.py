@@ -29,7 +29,7 @@ CAUSES = "## Causes"
 ABOUT = """# Results: injected faults
 
 Simulated. In each run one fault of the
-[table](../safety.md#which-faults-are-rehearsed-and-how-they-should-end) strikes at a moment that the seed draws. A
+[table](../look_up/faults.md) strikes at a moment that the seed draws. A
 run ends as due if its end is the one in the table; *recovered* means folded without a person, and passed by the
 scorer. A run whose fault did not happen (`-`) proves nothing and is not counted.
 Intervals: Wilson, 95 %.

@@ -1,4 +1,4 @@
-"""Makes the pictures of the pages for docs/operating.md: `python -m benchmarks.page_pictures [NAME...]`.
+"""Makes the pictures of the pages for docs/do: `python -m benchmarks.page_pictures [NAME...]`.
 
 Chromium (without a window) opens the page of two supervised runs of a simulated towel. In the first one the left
 hand misses its grasp until the cell asks, then the run is stopped. The second one is approved, paused, watched by

@@ -363,7 +363,7 @@ class _Problem:
                 f"by the arms' motion, the printed board has {scale:.1%} of its size; "
                 f"its print and this measurement explain {GATE * scale_sigma:.1%}"
             )
-            hint = "print it again at 100 % (not 'fit to page'), and measure the pattern (docs/operating.md)"
+            hint = "print it again at 100 % (not 'fit to page'), and measure the pattern (docs/do/calibrate.md)"
             return _low_confidence(what, hint, {"scale": scale, "scale_sigma": scale_sigma})
         position, angle = (
             float(np.sqrt(np.linalg.eigvalsh(variance[c, c])[-1])) for c in (slice(0, 3), slice(3, 6))

@@ -65,7 +65,7 @@ def drawn_of(leaf: int, first: int, run: str) -> list[Case]:
 def load_program() -> None:
     """Import every module of the program, so that the cases do not."""
     for module in pkgutil.walk_packages(cell.__path__, "cell."):
-        if not module.name.endswith(("__main__", "recovery_page", "documentation")):
+        if not module.name.endswith("__main__"):
             with suppress(ModuleNotFoundError):  # of an optional part
                 importlib.import_module(module.name)
 

@@ -1,4 +1,4 @@
-"""Writes docs/perception.md and its pictures from the figures of one run.
+"""Writes docs/results/perception.md and its pictures from the figures of one run.
 
 foldcell bench perception --json > figures.json
 python -m benchmarks.perception.document figures.json
@@ -58,7 +58,7 @@ def write(figures: Mapping[str, Any], docs: Path = DOCS) -> None:
     }  # fmt: skip
     _save(pictures / "inspection_curves.png", draw_curve(curves))
     _save(pictures / "perception_fitting.png", draw_example()[:, :, ::-1])
-    write_whole(docs / "perception.md", page.encode())
+    write_whole(docs / "results" / "perception.md", page.encode())
 
 
 def draw_example() -> NDArray[np.uint8]:
@@ -105,7 +105,7 @@ def _page(f: Mapping[str, Any]) -> str:
             seeds were not used during development. A bar is the required value of a figure, and a share or rate of
             1 means all."""),
         *(_prose(str(f["remark"])) if f.get("remark") else []),
-        "![The template, its fitting, the result](pictures/perception_fitting.png)", "",
+        "![The template, its fitting, the result](../pictures/perception_fitting.png)", "",
         f"## Key points: {f['scenes']} scenes, {f['held_out_scenes']} held out", "",
         *_table(("figure", "bar", "bench", "held out"), measured),
         *_prose(f"""The paper's own method finds all key points within 10 mm in a share of
@@ -120,7 +120,7 @@ def _page(f: Mapping[str, Any]) -> str:
             stated confidence. The confidence is the probability of this, estimated from the picture
             (`skills/perception/registration/accuracy.py`). Poor fits are refused by another measure."""),
         *_table(("scenes from", "confidence from", "scenes", "mean confidence", "within 10 mm"), bins),
-        "![Stated confidence and measured rate](pictures/perception_reliability.png)", "",
+        "![Stated confidence and measured rate](../pictures/perception_reliability.png)", "",
         f"## After a fold: {f['inspection_folds_seen']} folds, {f['inspection_pictures']} pictures", "",
         *_prose("""The folds are those of towels, trousers and shirts. Sag: the middle of the moved edge, between
             the hands, lies behind its target. Dropped corner: one end of this edge lies behind. Severity is the
@@ -130,7 +130,7 @@ def _page(f: Mapping[str, Any]) -> str:
             slightly behind looks like a good fold, and low piles look like creases. Drift below the threshold is
             not a defect, because the next fold is planned from the garment's present place."""),
         *_table(("defect", "severity mm", "pictures", "diagnosed correctly", "noticed"), curves),
-        "![Rate of correct diagnoses over severity](pictures/inspection_curves.png)", "",
+        "![Rate of correct diagnoses over severity](../pictures/inspection_curves.png)", "",
         "## Photographs by an unknown camera", "",
         *_prose(f"""{f['photographs']} synthetic photographs were used (no reference, no depth, any resolution,
             tilt, uneven light, JPEG). A share of {_shown(f['photographs_accepted_rate'])} was accepted. Of these,

@@ -3,7 +3,7 @@
 The loop runs a motion (motion.py): it sends a set-point, waits for the next tick, reads and checks the arms'
 state, and asks the motion for the next set-point. The loop checks the stop, the state's age, altered set-points,
 tracking errors, pause and abort for every motion. The motions check arrival, contact, force and slip.
-docs/safety.md states the order of the checks.
+docs/do/safety.md states the order of the checks.
 """
 
 from __future__ import annotations

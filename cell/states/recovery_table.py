@@ -12,7 +12,7 @@ A verdict that would end a fold or a run is never taken from one look: rows of s
 `recovery.patience`, because looking moves nothing; rows of judging look again first, after a dwell.
 
 Before a recovery is chosen, the cell lays down the cloth that the hands still hold (`LAYING`) and moves the hands
-away. `python -m cell.states.recovery_page` writes the table into docs/safety.md.
+away. `python -m benchmarks.reference` writes the table into docs/look_up/recoveries.md.
 """
 
 from __future__ import annotations

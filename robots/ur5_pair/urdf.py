@@ -35,7 +35,8 @@ GRIPPER = GripperGeometry(
 
 BASE = {Side.LEFT: (0.07, 0.22, 0.10), Side.RIGHT: (0.07, -0.22, 0.10)}
 """Place of each arm's foot in the base frame [m], 0.2 m above the table and as near to it as the camera's view
-allows. From there the arms reach all folds of the shipped garments (docs/porting.md). Both arms stand upright."""
+allows. From there the arms reach all folds of the shipped garments (docs/do/another_robot.md). Both arms stand
+upright."""
 TURN = {Side.LEFT: 0.0, Side.RIGHT: np.pi}
 """Turn of each foot about z [rad]. The shoulder of an arm lies to one side of its axis. The right arm is turned
 and reaches forward over its back, so that the arms work like mirror images."""

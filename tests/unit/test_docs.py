@@ -90,6 +90,11 @@ def test_the_documented_pages_exist() -> None:
     assert all(p.stat().st_size > 500 for p in PAGES)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_page_is_longer_than_a_reader_takes(page: Path) -> None:
+    assert len(page.read_text(encoding="utf-8").splitlines()) <= 250
+
+
 def test_the_readme_names_the_main_commands() -> None:
     told = " ".join(line for page, line in commands() if page == "README.md")
     assert "fold medium_towel" in told
@@ -129,9 +134,9 @@ def test_every_phony_target_is_defined() -> None:
 
 
 def holders() -> list[tuple[str, str]]:
-    """(beginning of the rule, path) for every test named in docs/invariants.md."""
+    """(beginning of the rule, path) for every test named in docs/understand/invariants.md."""
     named = []
-    for line in (ROOT / "docs" / "invariants.md").read_text(encoding="utf-8").splitlines():
+    for line in (ROOT / "docs" / "understand" / "invariants.md").read_text(encoding="utf-8").splitlines():
         cells = [c.strip() for c in line.strip("|").split("|")]
         if not line.startswith("|") or len(cells) != 3 or cells[2].strip("-") in {"", "held by"}:
             continue
@@ -160,11 +165,22 @@ def test_every_file_named_in_the_docs_exists() -> None:
     assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub and the site make them."""
+    prose = "".join(re.split(r"^```.*?^```$", page.read_text(encoding="utf-8"), flags=re.M | re.S))
+    titles = re.findall(r"^#+ (.*)$", prose, flags=re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
 def test_every_link_in_the_docs_has_a_target() -> None:
     broken = set()
-    for page in PAGES:
+    for page in (*PAGES, *(ROOT / f"{name}.md" for name in ("CONTRIBUTING", "CHANGELOG", "SECURITY"))):
         for link in re.findall(r"\]\(([^)\s]+)", page.read_text(encoding="utf-8")):
-            if not re.match(r"[a-z]+:|#", link) and not (page.parent / link.split("#")[0]).exists():
+            path, _, anchor = link.partition("#")
+            target = page.parent / path if path else page
+            if re.match(r"[a-z]+:", link):
+                continue
+            if not target.exists() or (anchor and anchor not in anchors(target)):
                 broken.add(f"{page.name}: {link}")
     assert broken == set()
 
@@ -197,6 +213,6 @@ def test_the_safety_page_states_the_figures_of_the_cell() -> None:
         "`motion.tracking_tolerance`, 0.12 rad": shipped.motion.tracking_tolerance == 0.12,
         "to within 0.01 rad of where the camera was calibrated": seeing.HEAD_TOLERANCE == 0.01,
     }
-    page = " ".join((ROOT / "docs" / "safety.md").read_text(encoding="utf-8").split())
+    page = " ".join((ROOT / "docs" / "do" / "safety.md").read_text(encoding="utf-8").split())
     assert [words for words, holds in told.items() if words not in page or not holds] == []
     assert load_settings().motion.max_state_age_s <= arms.COMMAND_TIMEOUT

@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     print(
         f"  next: print it at 100 % (not 'fit to page'), measure the line of {RULER_MM} mm and the pattern, cut"
         f" the card\n  to {_shown(figures['card_mm'])} mm and glue it flat on a stiff plate with a tab"
-        " (docs/operating.md, Print the board)"
+        " (docs/do/calibrate.md, Print the board)"
     )
     return 0
 

@@ -35,7 +35,7 @@ def add_fault_options(parser: argparse.ArgumentParser) -> None:
         const=SHIPPED,
         type=Path,
         metavar="TABLE.yaml",
-        help="each fault of a table (the shipped one, docs/safety.md) and whether the run ends as due",
+        help="each fault of a table (the shipped one, docs/look_up/faults.md) and whether the run ends as due",
     )
     parser.add_argument("--only", metavar="A,B", help="with --faults: these faults or kinds (all)")
     parser.add_argument("--pairs", action="store_true", default=None, help="with --faults: also two in one run")

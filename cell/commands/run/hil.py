@@ -116,7 +116,9 @@ def _files(given: list[Path]) -> list[Path]:
     for path in given:
         inside = sorted(p for p in path.iterdir() if p.suffix in (".yaml", ".yml")) if path.is_dir() else [path]
         if not inside:
-            raise ConfigurationError(f"{path} contains no script", "scripts are YAML files; see docs/operating.md")
+            raise ConfigurationError(
+                f"{path} contains no script", "scripts are YAML files; see docs/do/scripts.md"
+            )
         files += (Path(checked_name(str(file), "script")) for file in inside)
     return files
 

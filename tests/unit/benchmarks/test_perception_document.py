@@ -29,8 +29,9 @@ REQUIRED = {
 
 def test_the_page_holds_the_figures_and_its_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(document, "draw_example", lambda: np.zeros((8, 8, 3), np.uint8))
+    (tmp_path / "results").mkdir()
     document.write(REQUIRED, tmp_path)
-    page = (tmp_path / "perception.md").read_text()
+    page = (tmp_path / "results" / "perception.md").read_text()
     assert "| keypoints within 10mm rate | >= 0.95 | 0.991 | - |" in page
     assert "| sag | 40 | 48 | 1 | 1 |" in page
     for name in ("perception_reliability", "inspection_curves", "perception_fitting"):

@@ -1,4 +1,4 @@
-"""The examples of docs/api.md, run in their order in an empty folder."""
+"""The examples of docs/learn/python.md, run in their order in an empty folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from cell.config.garments.garment_file import load_garment
 from tests.runs import PLAIN
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "api.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "learn" / "python.md"
 
 
 def blocks() -> list[str]:
@@ -26,7 +26,7 @@ def test_the_examples_of_the_api_page_run(
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for number, block in enumerate(blocks(), 1):
-        exec(compile(block, f"docs/api.md, block {number}", "exec"), names)
+        exec(compile(block, f"docs/learn/python.md, block {number}", "exec"), names)
     result = names["result"]
     assert isinstance(result, names["foldcell"].RunRecord) and names["quick"] == PLAIN
     assert (result.result, result.failure) == ("folded", None)

