@@ -2,7 +2,8 @@
 
 numba takes its cache to be infallible: a damaged entry raises, and so does a program folder that cannot be
 written. Here an entry that cannot be read is compiled again and replaced, and code that cannot be written is not
-kept. The code in a program folder that is read-only is still used.
+kept. The code in a program folder that is read-only is still used. The code of an installed package goes to the
+user's cache, because nothing would remove it from the package's folder.
 
 Of several processes that need the same code, one compiles it. The others wait and load it (a file lock beside the
 code). If that one ends early, the next one compiles.
@@ -30,8 +31,18 @@ from skills.lean_compilation import lean_compilation
 
 __all__ = ["WAITING", "FallibleCache", "cached"]
 
+INSTALLED = frozenset({"site-packages", "dist-packages"})
 WAITING = "foldcell:waiting"
 """Kind of the event while this process waits for code that another one compiles. Data: the function's `module`."""
+
+
+class _BesideSource(InTreeCacheLocator):
+    """`__pycache__` beside the source, unless that belongs to an installed package."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        installed = not INSTALLED.isdisjoint(Path(py_file).parts)
+        return None if installed else super().from_function(py_func, py_file)  # type: ignore[no-untyped-call]
 
 
 class _UncheckedPlace(InTreeCacheLocator):
@@ -42,7 +53,10 @@ class _UncheckedPlace(InTreeCacheLocator):
 
 
 class _Implementation(CompileResultCacheImpl):
-    _locator_classes = [*CompileResultCacheImpl._locator_classes, _UncheckedPlace]  # noqa: RUF012
+    _locator_classes = [  # noqa: RUF012
+        *(_BesideSource if c is InTreeCacheLocator else c for c in CompileResultCacheImpl._locator_classes),
+        _UncheckedPlace,
+    ]
 
 
 class FallibleCache(FunctionCache):

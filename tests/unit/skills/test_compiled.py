@@ -174,6 +174,16 @@ def test_without_a_lock_file_the_code_is_compiled_and_kept(folder: Path) -> None
     assert loads(imported(folder)) == 1
 
 
+def test_the_code_of_an_installed_package_is_kept_in_the_users_cache(folder: Path) -> None:
+    package = folder / "site-packages"
+    package.mkdir()
+    (folder / "module.py").rename(package / "module.py")
+    assert loads(imported(package)) == 0
+    assert loads(imported(package)) == 1
+    assert not list(package.rglob("*.nb?"))
+    assert imported(package)._cache.index.is_relative_to(folder / "user")
+
+
 def test_every_compiled_function_that_is_kept_has_this_cache() -> None:
     kept, plain = set(), []
     for path in (p for layer in ("cell", "skills", "robots", "calibration") for p in (ROOT / layer).rglob("*.py")):
