@@ -18,7 +18,7 @@ from foldcell.perceiving import PerceivedGarment, perceive
 from robots.errors import CellError, ConfigurationError, Failure, StorageError
 
 if TYPE_CHECKING:
-    from cell.record.run_record import FoldRecord, RunRecord
+    from cell.record.run_record import FoldRecord, GraspRecord, RunRecord
     from cell.transcript.set_points import SetPoints
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "ConfigurationError",
     "Failure",
     "FoldRecord",
+    "GraspRecord",
     "OptimisedFold",
     "PerceivedGarment",
     "Run",
@@ -43,7 +44,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import the cell's result types when they are first used."""
-    if name in {"FoldRecord", "RunRecord"}:
+    if name in {"FoldRecord", "GraspRecord", "RunRecord"}:
         from cell.record import run_record
 
         return getattr(run_record, name)

@@ -1,4 +1,5 @@
-"""The setting that decided that something counts as a failure, for messages to the operator."""
+"""The setting that decided that something counts as a failure, and those that change it, for messages to the
+operator."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ import numpy as np
 from cell.config.cell_settings import CellSettings
 from robots.errors import Failure, FailureKind
 
-__all__ = ["LIMITS", "Limit", "deciding_setting", "overriding_file", "setting_in_words"]
+__all__ = ["LIMITS", "Limit", "deciding_setting", "grasping_hint", "overriding_file", "setting_in_words"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,23 @@ def deciding_setting(failure: Failure, settings: CellSettings) -> str:
         if value < allowed if limit.least else value > allowed:
             return f"{setting_in_words(limit.key, settings)}, measured {value:.3g}"
     return ""
+
+
+def grasping_hint(failure: Failure, settings: CellSettings, whole_stack: bool) -> str:
+    """Return the hint of a grasp that failed, with the settings that make the next one lower, less deep or further
+    in, and their values. whole_stack: whether all layers were to be held, so that with tactile sensors the touch
+    alone decides the height."""
+    touch, table, opening = (
+        setting_in_words(key, settings) for key in ("grasp.contact_force", "table.height", "gripper.opening")
+    )
+    lower, higher = f"a lower {table}", f"a higher {table}"
+    if settings.grasp.tactile:
+        lower = f"a higher {touch}" + ("" if whole_stack else f" or {lower}")
+        higher = f"a lower {touch}" + ("" if whole_stack else f" or {higher}")
+    inset = f"`inset` of the grasp in the garment file, or a larger {opening}"
+    ways = (("lower", lower), ("less deep", higher), ("further in", inset))
+    said = "; ".join(f"{way}: {keys}" for way, keys in ways if way in failure.hint)
+    return f"{failure.hint} ({said})" if said else failure.hint
 
 
 def _in_force(key: str, settings: CellSettings) -> float:

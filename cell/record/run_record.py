@@ -35,6 +35,7 @@ __all__ = [
     "Ending",
     "FailureRecord",
     "FoldRecord",
+    "GraspRecord",
     "IdealRecord",
     "Recognised",
     "RecordingLosses",
@@ -78,6 +79,27 @@ class FailureRecord:
 
 
 @dataclass(frozen=True)
+class GraspRecord:
+    """One grasp by one hand. Figures that were not measured are None.
+
+    t: cell time at which the grasp ended [s]. contact_height_m: height above the table of cell.yaml of the point
+    between the tips when they touched; contact_by: the signal of the touch ('tip', 'effort', 'stall'), or 'height'
+    if the descent ended at its height. grip_n: mean force on the less loaded of the closed pads [N]. opening_m:
+    mean opening of the closed pads. layers: most likely number of layers between them. failed: why the hands did
+    not hold the garment, the same for both; None if they held it.
+    """
+
+    t: float
+    hand: Literal["left", "right"]
+    contact_height_m: float
+    contact_by: str
+    grip_n: float | None = None
+    opening_m: float | None = None
+    layers: int | None = None
+    failed: FailureKind | None = None
+
+
+@dataclass(frozen=True)
 class FoldRecord:
     """One planned fold. Figures that were not measured are None.
 
@@ -90,7 +112,8 @@ class FoldRecord:
     observed_height_m: of the stack, away from the creases; pressed_from_m: the same before each pressing.
     duration_s: duration of the arms' motion with the garment, without pauses.
 
-    attempts: number of times that the hands went down to grasp. recoveries: 'failure kind -> event (change)'.
+    attempts: number of times that the hands went down to grasp. grasps: the grasps in which a hand touched the
+    garment, in order, also those of repairs. recoveries: 'failure kind -> event (change)'.
     estimates: the states in which the garment was thought to lie after failures, in words.
     """
 
@@ -107,6 +130,7 @@ class FoldRecord:
     pressed_from_m: tuple[float | None, ...] = ()
     duration_s: float | None = None
     attempts: int = 0
+    grasps: tuple[GraspRecord, ...] = ()
     recoveries: tuple[str, ...] = ()
     estimates: tuple[str, ...] = ()
 
@@ -209,8 +233,8 @@ class RunRecord:
     run without waiting for an operator; stage_times_s: cell time spent in each state, including such waiting;
     wall_time_s: duration on the wall clock. signal: number of the signal that interrupted the run.
 
-    resumed_from: the run that this one resumed. `steps` then has the folds of both runs, but times and events are
-    of this run only. unwritten: messages about files that could not be written after the run's end.
+    resumed_from: the run that this one resumed. `steps` then has the folds of both runs, but times, events and
+    grasps are of this run only. unwritten: messages about files that could not be written after the run's end.
     """
 
     garment: str

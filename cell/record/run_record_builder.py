@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from cell.config.deciding_setting import deciding_setting
 from cell.record.run_record import (
     NOTHING_LOST,
     FailureRecord,
     FoldRecord,
+    GraspRecord,
     Recognised,
     RecordingLosses,
     RunEvent,
@@ -25,6 +28,7 @@ from cell.states.observers import FAILING, Step
 from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.stages import FoldNote
 from cell.states.transition_table import Effect, Event, State
+from robots.ports import Side
 from skills.scoring.verdict import Score
 
 __all__ = ["RunRecordBuilder"]
@@ -51,11 +55,15 @@ class RunRecordBuilder:
         self.events: tuple[RunEvent, ...] = ()
         """Failures, estimates, recoveries and commands so far, in order. It is replaced, so that any thread may
         read it."""
+        self._grasps: dict[int, tuple[GraspRecord, ...]] = {}  # by the index of the fold
 
     def entered(self, t: float, step: Step) -> None: ...
 
     def performed(self, t: float, step: Step, result: Result) -> None:
         self.events = (*self.events, *_events(t, step, result))
+        if step.effect is Effect.GRASP:
+            fold = result.context.fold.index
+            self._grasps[fold] = (*self._grasps.get(fold, ()), *_grasps(t, result))
 
     def record(
         self,
@@ -80,7 +88,7 @@ class RunRecordBuilder:
             state=end.state,
             failure=_failure(end, request),
             score=None if score is None else ScoreRecord.of(score),
-            steps=tuple(_folds(context)),
+            steps=tuple(_folds(context, self._grasps)),
             robot_time_s=end.ended - end.started - context.waited_s,
             wall_time_s=time.monotonic() - self._began,
             stage_times_s={k: round(v, 3) for k, v in end.stage_times.items()},
@@ -119,7 +127,30 @@ def _failure(end: RunEnd, request: FoldRequest) -> FailureRecord | None:
     return FailureRecord(failure.kind, failure.what, failure.hint, deciding_setting(failure, request.settings))
 
 
-def _folds(context: RunContext) -> Iterator[FoldRecord]:
+def _grasps(t: float, result: Result) -> Iterator[GraspRecord]:
+    """Yield the grasp of each hand that touched the garment. t: cell time at its end [s]."""
+    failure = result.context.failure if result.event in FAILING else None
+    record: Mapping[str, Any] = result.record
+    for hand, height in record.get("contact_height_m", {}).items():
+        felt: Mapping[str, Any] = {}
+        if failure is None:
+            held = result.context.fold.held[Side(hand)]
+            felt = {"force_n": held.grip, "opening_m": held.opening, "layers": held.count.layers}
+        elif failure.values.get("side") == hand:
+            felt = failure.values
+        yield GraspRecord(
+            t=t,
+            hand=hand,
+            contact_height_m=height,
+            contact_by=record["contact_by"][hand],
+            grip_n=felt.get("force_n"),
+            opening_m=felt.get("opening_m"),
+            layers=felt.get("layers"),
+            failed=failure.kind if failure else None,
+        )
+
+
+def _folds(context: RunContext, grasps: Mapping[int, tuple[GraspRecord, ...]]) -> Iterator[FoldRecord]:
     """Yield the record of each planned fold. The record of an unfinished fold has the figures that are known so
     far."""
     notes, done = context.notes(), {note.name for note in context.done}
@@ -127,13 +158,13 @@ def _folds(context: RunContext) -> Iterator[FoldRecord]:
         recoveries = tuple(text for i, text in context.recoveries if i == index)
         estimates = tuple(note.says for note in context.estimates if note.fold == index)
         if step.name in notes:
-            yield _fold(notes[step.name], step.name in done, recoveries, estimates)
+            fold = _fold(notes[step.name], step.name in done)
         else:
-            attempts = context.fold.grasps if index == context.fold.index else 0
-            yield FoldRecord(step.name, attempts=attempts, recoveries=recoveries, estimates=estimates)
+            fold = FoldRecord(step.name, attempts=context.fold.grasps if index == context.fold.index else 0)
+        yield replace(fold, grasps=grasps.get(index, ()), recoveries=recoveries, estimates=estimates)
 
 
-def _fold(note: FoldNote, done: bool, recoveries: tuple[str, ...], estimates: tuple[str, ...]) -> FoldRecord:
+def _fold(note: FoldNote, done: bool) -> FoldRecord:
     attempt, seen = note.attempt, note.inspected
     return FoldRecord(
         name=note.name,
@@ -149,6 +180,4 @@ def _fold(note: FoldNote, done: bool, recoveries: tuple[str, ...], estimates: tu
         pressed_from_m=tuple(known(before.height_m) for before in attempt.pressed),
         duration_s=known(attempt.carrying_s),
         attempts=note.grasps,
-        recoveries=recoveries,
-        estimates=estimates,
     )

@@ -1,6 +1,6 @@
 """Figures, failures, recoveries and verdicts of a run as text. Every page, line and message takes them from here.
 
-The unit of a figure follows from the end of its name: `_m`, `_rad`, `_s`.
+The unit of a figure follows from the end of its name: `_m`, `_rad`, `_s`, `_n`.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def value_in_words(value: object, longest: int = 120) -> str:
 
 
 def figure(name: str, value: float | None) -> str:
-    """Return a figure in mm (`_m`), degrees (`_rad`), s (`_s`), percent (reliability), or as a plain number."""
+    """Return a figure in mm (`_m`), degrees (`_rad`), s (`_s`), N (`_n`), percent (reliability), or plain."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if name.endswith("_m"):
@@ -119,6 +119,8 @@ def figure(name: str, value: float | None) -> str:
         return f"{math.degrees(value):.1f}°"
     if name.endswith("_s"):
         return seconds(value)
+    if name.endswith("_n"):
+        return f"{value:.2f} N"
     return percent(value) if name == "reliability" else f"{value:.3f}"
 
 

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import synthetic_run as show
 
-from cell.record.run_record import FoldRecord, RunEvent, RunRecord
+from cell.record.run_record import FoldRecord, GraspRecord, RunEvent, RunRecord
 from cell.report.page import FoldPictures, Picture, ReportPictures
 from cell.report.pictures.fold_pictures import KeyFrame, fold_strip
+from robots.errors import FailureKind
 from skills.fold_figures.outline import outline
 from tests.builders.records import run_record, score_record
 
@@ -22,6 +23,12 @@ GOOD_SCORE = score_record(
 )  # fmt: skip
 
 
+GRASPS = (
+    GraspRecord(31.2, "right", 0.0043, "tip", 0.21, 0.0011, 0, FailureKind.MISSED_GRASP),
+    GraspRecord(44.8, "right", 0.0041, "tip", 1.834, 0.0036, 2),
+)
+
+
 def report_record() -> RunRecord:
     """Two folds, of which the first was grasped twice and pressed."""
     folds = tuple(
@@ -30,6 +37,7 @@ def report_record() -> RunRecord:
             simulations=54 * (1 - step.index), dissimilarity_m=0.0123, aligned_iou=0.97, observed_iou=0.94,
             drift_m=0.0072, observed_height_m=0.0188, pressed_from_m=(0.0273,) * (1 - step.index), duration_s=4.0,
             attempts=2 - step.index, recoveries=("missed_grasp -> grasp_again",) * (1 - step.index),
+            grasps=GRASPS[step.index :],
         )
         for step in show.steps()
     )  # fmt: skip

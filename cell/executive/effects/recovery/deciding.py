@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from cell.config.deciding_setting import deciding_setting, setting_in_words
+from cell.config.deciding_setting import deciding_setting, grasping_hint, setting_in_words
 from cell.control.checks import stopped
 from cell.control.motions.hold_position import wait
 from cell.control.ticks import TICK_S
@@ -67,7 +67,8 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if recovery.reason:
         limit = setting_in_words(recovery.limit, cell.settings) if recovery.limit else ""
         reason = recovery.reason.format(tries=len(context.retries), limit=limit)
-        asking = replace(context, asking=reason, setting=deciding_setting(failed, cell.settings))
+        told = replace(failed, hint=_hint(cell, context, failed))
+        asking = replace(context, failure=told, asking=reason, setting=deciding_setting(failed, cell.settings))
         return Result(event, asking, {**record, "reason": reason})
     if recovery.not_made and context.fold.attempt is not None:
         context = context.with_attempt(replace(context.fold.attempt, carried=False))
@@ -81,6 +82,17 @@ def choose_next(cell: Workcell, context: RunContext, failed: Failure) -> Result:
     if event is Event.REPAIR and fold.repair is None and fold.attempt is not None:
         fold = replace(fold, refused=(*fold.refused, (failed.kind, fold.attempt.motion)))
     return Result(event, replace(context, recoveries=recoveries, fold=fold), record)
+
+
+def _hint(cell: Workcell, context: RunContext, failed: Failure) -> str:
+    """Return the failure's hint; if the hands took too little or too much, with the settings that change it."""
+    plan, attempt = context.plan, context.fold.attempt
+    grasped_amiss = failed.kind in {FailureKind.MISSED_GRASP, FailureKind.MISSED_LAYER}
+    if not (failed.hint and grasped_amiss and plan and attempt):
+        return failed.hint
+    stated = plan.garment.material.thickness
+    whole_stack = all(grasp.whole_stack(stated) for grasp in attempt.step.grasps.values())
+    return grasping_hint(failed, cell.settings, whole_stack)
 
 
 def _reason_of_change(failed: Failure, adjust: Adjustment) -> dict[str, object]:

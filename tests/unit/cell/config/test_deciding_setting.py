@@ -11,7 +11,7 @@ import yaml
 from cell.config import cell_settings
 from cell.config.calibration_file import tactile_text
 from cell.config.cell_settings import load_settings
-from cell.config.deciding_setting import LIMITS, deciding_setting
+from cell.config.deciding_setting import LIMITS, deciding_setting, grasping_hint
 from robots.errors import Failure, FailureKind
 
 SHIPPED = yaml.safe_load(Path(cell_settings.__file__).with_name("cell.yaml").read_text())
@@ -53,3 +53,30 @@ def test_the_value_of_a_tactile_calibration_is_named_with_its_file(tmp_path: Pat
     settings = load_settings(tmp_path / "cell.yaml")
     failure = Failure(FailureKind.MISSED_GRASP, "", values={"force_n": 1.0, "layers": 2})
     assert deciding_setting(failure, settings) == f"`held_force: 1.25` in {tmp_path / 'pads.yaml'}, measured 1"
+
+
+def test_the_hint_of_a_grasp_names_the_settings_that_are_in_force(tmp_path: Path) -> None:
+    missed = Failure(FailureKind.MISSED_GRASP, "", "grasp lower or further in")
+    further = (
+        "; further in: `inset` of the grasp in the garment file, or a larger `gripper.opening: 0.03` in cell.yaml)"
+    )
+    said = grasping_hint(missed, load_settings(), whole_stack=True)
+    assert said == f"{missed.hint} (lower: a higher `grasp.contact_force: 0.35` in cell.yaml{further}"
+    (tmp_path / "pads.yaml").write_text(tactile_text({"contact_force": 0.3, "held_force": 1.25}))
+    (tmp_path / "cell.yaml").write_text("grasp: {calibration: pads.yaml}")
+    said = grasping_hint(missed, load_settings(tmp_path / "cell.yaml"), whole_stack=True)
+    assert f"a higher `contact_force: 0.3` in {tmp_path / 'pads.yaml'};" in said
+    (tmp_path / "cell.yaml").write_text("grasp: {tactile: false}")
+    said = grasping_hint(missed, load_settings(tmp_path / "cell.yaml"), whole_stack=True)
+    assert said == f"{missed.hint} (lower: a lower `table.height: -0.1` in cell.yaml{further}", (
+        "nothing feels a touch"
+    )
+
+
+def test_the_hint_of_a_grasp_of_upper_layers_names_the_height_too() -> None:
+    fewer = Failure(FailureKind.MISSED_GRASP, "", "grasp lower")
+    more = Failure(FailureKind.MISSED_LAYER, "", "let go and grasp less deep")
+    keys = "`grasp.contact_force: 0.35` in cell.yaml or a {} `table.height: -0.1` in cell.yaml)"
+    said = [grasping_hint(failure, load_settings(), whole_stack=False) for failure in (fewer, more)]
+    assert said[0] == f"grasp lower (lower: a higher {keys.format('lower')}"
+    assert said[1] == f"let go and grasp less deep (less deep: a lower {keys.format('higher')}"

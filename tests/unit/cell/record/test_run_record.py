@@ -13,6 +13,7 @@ from cell.record.run_record import (
     RECORD,
     FailureRecord,
     FoldRecord,
+    GraspRecord,
     Recognised,
     RecordingLosses,
     RunEvent,
@@ -35,7 +36,18 @@ def full(tmp_path: Path) -> RunRecord:
         state=State.NOT_FOLDED,
         failure=FailureRecord(FailureKind.TOO_HIGH, "it stands 31 mm high", "press it", "inspection.height 0.02"),
         score=score_record({"iou": 0.9}, iou=0.94, flat=None),
-        steps=(FoldRecord("half", done=True, pressed_from_m=(0.03, None), recoveries=("slipped -> look_again",)),),
+        steps=(
+            FoldRecord(
+                "half",
+                done=True,
+                pressed_from_m=(0.03, None),
+                recoveries=("slipped -> look_again",),
+                grasps=(
+                    GraspRecord(2.0, "left", 0.004, "tip", 0.2, 0.001, 0, FailureKind.MISSED_GRASP),
+                    GraspRecord(9.0, "left", 0.004, "tip", 1.8, 0.0034, 2),
+                ),
+            ),
+        ),
         stage_times_s={"looking": 1.5},
         recording=RecordingLosses(dropped=2, errors=("disk full",)),
         claim=a_claim(crease_height_m=0.02),
@@ -50,6 +62,12 @@ def test_a_record_is_read_back_as_it_was_written(full: RunRecord) -> None:
     write_record(full)
     assert read_record(Path(full.run_dir)) == full == record_of(full.as_json())
     assert json.loads((Path(full.run_dir) / RECORD).read_text()) == full.as_json()
+
+
+def test_a_record_without_grasps_is_read_as_before(full: RunRecord) -> None:
+    values = full.as_json()
+    del values["steps"][0]["grasps"]
+    assert record_of(values) == replace(full, steps=(replace(full.steps[0], grasps=()),))
 
 
 def test_a_height_that_was_not_visible_is_null_in_the_file(full: RunRecord) -> None:

@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 
-from cell.record.run_record import FoldRecord, RunEvent
+from cell.record.run_record import FoldRecord, GraspRecord, RunEvent
 from cell.states.observers import Step
 from cell.states.run_context import Result, RunContext, RunEnd
 from cell.states.transition_table import Effect, Event, State
 from robots.errors import Failure, FailureKind
+from robots.ports import Side
+from skills.grasping.confirm import Held, LayerCount
 from tests.builders.contexts import context_with
 from tests.builders.records import record_builder
 
@@ -79,6 +81,32 @@ def test_the_duration_of_a_fold_is_that_of_the_arms_motion() -> None:
     motion: Any = SimpleNamespace(fold=SimpleNamespace(duration=7.5))
     half, _ = folds_of(context_with(steps=STEPS, trajectory=ARC, motion=motion))
     assert half.duration_s == 7.5 and half.observed_iou is None
+
+
+GRASPING = Step(State.APPROACHING, Event.DONE, State.GRASPING, Effect.GRASP)
+TOUCHED = {"contact_height_m": {"left": 0.004, "right": 0.006}, "contact_by": {"left": "tip", "right": "effort"}}
+
+
+def test_each_fold_has_what_the_hands_felt_in_its_grasps() -> None:
+    values = {"side": "left", "force_n": 0.21, "opening_m": 0.0011, "layers": 0}
+    first = context_with(steps=STEPS, index=0)
+    missed = first.failed(Failure(FailureKind.MISSED_GRASP, "nothing", "lower", values), TOUCHED)
+    sides = ((Side.LEFT, 1.8, 0.0034), (Side.RIGHT, 1.6, 0.0036))
+    held = {s: Held(20.0, grip, opening, LayerCount((0.0, 0.1, 0.9), 2.1, 0.3)) for s, grip, opening in sides}
+    holding = context_with(first, held=held)
+    builder = record_builder()
+    builder.performed(9.0, GRASPING, missed)
+    builder.performed(20.0, GRASPING, Result(Event.DONE, holding, TOUCHED))
+    untouched = context_with(holding, index=1).failed(Failure(FailureKind.NO_CONTACT, "no table", "look", {}))
+    builder.performed(30.0, GRASPING, untouched)
+    half, quarter = builder.record(RunEnd(State.NOT_FOLDED, untouched.context, 0.0, 31.0, {})).steps
+    assert half.grasps == (
+        GraspRecord(9.0, "left", 0.004, "tip", 0.21, 0.0011, 0, FailureKind.MISSED_GRASP),
+        GraspRecord(9.0, "right", 0.006, "effort", failed=FailureKind.MISSED_GRASP),
+        GraspRecord(20.0, "left", 0.004, "tip", 1.8, 0.0034, 2),
+        GraspRecord(20.0, "right", 0.006, "effort", 1.6, 0.0036, 2),
+    )
+    assert quarter.grasps == (), "hands that touched nothing felt nothing"
 
 
 def test_a_resumed_run_says_so_first() -> None:

@@ -97,6 +97,7 @@ def test_the_unit_of_a_figure_follows_from_its_name() -> None:
     assert figure("edges_m", None) == figure("height_m", math.nan) == seconds(None) == "–"
     assert (seconds(8.314), seconds(83.14), figure("robot_time_s", 123.0)) == ("8.31 s", "83.1 s", "2 min 03 s")
     assert (figure("drift_rad", math.pi / 18), figure("iou", 0.9)) == ("10.0°", "0.900")
+    assert (figure("grip_n", 1.834), figure("grip_n", None)) == ("1.83 N", "–")
 
 
 def recoveries_of_the_table() -> Iterator[str]:

@@ -115,6 +115,12 @@ def test_the_report_shows_result_steps_and_failures() -> None:
     assert "14.3 mm" in text, "the height of the ideal fold"
 
 
+def test_each_fold_shows_what_the_pads_felt_at_which_height() -> None:
+    text = page_of().text
+    assert "right hand, 31.2 s 4.3 mm (tip) 0.21 N 1.1 mm 0 missed grasp" in text
+    assert text.count("right hand, 44.8 s 4.1 mm (tip) 1.83 N 3.6 mm 2 held") == 2
+
+
 def test_a_run_whose_ideal_fold_is_not_valid_is_not_shown_as_passed() -> None:
     ideal = IdealRecord(valid=False, reason="it does not come to rest")
     text = page_of(replace(report_record(), score=replace(GOOD_SCORE, passed=False, flat=None, ideal=ideal))).text

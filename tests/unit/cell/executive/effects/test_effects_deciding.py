@@ -25,6 +25,7 @@ from robots.ports import Side
 from skills.fold_plan.repair import RepairGoal
 from skills.state_estimate.estimate import StateEstimate
 from skills.state_estimate.hypothesis import FoldState
+from skills.vocabulary import Grasp
 from tests.builders.contexts import context_with
 from tests.fakes import FakeCell
 from tests.workcells import fake_workcell
@@ -177,6 +178,20 @@ def test_the_recoveries_of_a_failure_are_used_in_order_until_a_person_is_asked()
     ]
     assert context.fold.adjustments == (Adjustment.LOWER, Adjustment.INWARD)
     assert context.asking == result.record["reason"] == RECOVERIES[K.MISSED_GRASP][-1].reason
+
+
+@pytest.mark.parametrize(
+    ("layers", "decided"), [(2, "0.35` in cell.yaml;"), (1, "or a lower `table.height: -0.1`")]
+)
+def test_a_question_about_a_grasp_names_the_settings_that_would_change_it(layers: int, decided: str) -> None:
+    """Hands that take two layers of two take the whole stack, so the touch alone decides how low they close."""
+    step = SimpleNamespace(name="half", grasps={"left": Grasp(np.zeros(2), 0.0, layers, 0.004)})
+    context = context_with(SEEN, steps=(step,), tool_speed=0.3, recoveries=((0, "slipped -> grasp_again"),) * 6)
+    missed = Failure(K.MISSED_GRASP, "the left pads feel no cloth", "grasp lower or further in", {"force_n": 0.0})
+    result = choose_next(fake_workcell(FakeCell()), context.with_failure(missed))
+    failure = result.context.failure
+    assert result.event in {Event.ASK, Event.GIVE_UP} and failure is not None
+    assert failure.what == missed.what and failure.hint.startswith(missed.hint) and decided in failure.hint
 
 
 def test_a_hand_that_stood_low_enough_grasps_further_inward_then_upright() -> None:
