@@ -8,15 +8,15 @@ user's cache, because nothing would remove it from the package's folder.
 Of several processes that need the same code, one compiles it. The others wait and load it (a file lock beside the
 code). If that one ends early, the next one compiles.
 
-The main thread waits for a compilation on another thread, so that a signal is handled at once. An exception of its
-handler leaves the other thread behind.
+Threads wait for a compilation on another thread, named COMPILER, so that the main thread handles a signal at once.
+An exception of its handler leaves the other thread behind, and `abandon_compilation` ends the waits of the others.
 """
 
 from __future__ import annotations
 
 import fcntl
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
@@ -29,11 +29,15 @@ from numba.core.event import trigger_event
 
 from skills.lean_compilation import lean_compilation
 
-__all__ = ["WAITING", "FallibleCache", "cached"]
+__all__ = ["COMPILER", "WAITING", "FallibleCache", "abandon_compilation", "cached"]
 
 INSTALLED = frozenset({"site-packages", "dist-packages"})
 WAITING = "foldcell:waiting"
 """Kind of the event while this process waits for code that another one compiles. Data: the function's `module`."""
+COMPILER = "compiler"
+"""Name of the threads that compile."""
+_awaited: dict[Future[Any], Thread] = {}
+"""Result of each compilation -> the thread that waits for it."""
 
 
 class _BesideSource(InTreeCacheLocator):
@@ -140,19 +144,34 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
+def abandon_compilation() -> bool:
+    """End the waits for compilations on all threads but the main thread: they raise a RuntimeError there. Return
+    whether the main thread waits for a compilation."""
+    for done, waiting in tuple(_awaited.items()):
+        if waiting is not main_thread():
+            with suppress(InvalidStateError):  # it is compiled
+                done.set_exception(RuntimeError("code was being compiled when the process was asked to end"))
+    return main_thread() in _awaited.values()
+
+
 def _on_a_thread(compile_now: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def compile_there(signature: Any) -> Any:
-        if current_thread() is not main_thread() or global_compiler_lock.is_locked():  # locked by this thread
+        if global_compiler_lock.is_locked():  # by this thread, which compiles
             return compile_now(signature)
         done: Future[Any] = Future()
 
         def work() -> None:
-            try:
-                done.set_result(compile_now(signature))
-            except BaseException as error:
-                done.set_exception(error)
+            with suppress(InvalidStateError):  # abandoned
+                try:
+                    done.set_result(compile_now(signature))
+                except BaseException as error:
+                    done.set_exception(error)
 
-        Thread(target=work, name="compiler").start()
-        return done.result()
+        _awaited[done] = current_thread()
+        try:
+            Thread(target=work, name=COMPILER, daemon=True).start()
+            return done.result()
+        finally:
+            del _awaited[done]
 
     return compile_there

@@ -24,6 +24,7 @@ from cell.states.fold_request import FoldRequest
 from cell.support.files.whole_file import write_whole
 from cell.support.process.lock import CellBusyError, OwnerLock
 from cell.support.process.memory import return_free_memory
+from cell.support.process.terminations import Terminated
 from robots.errors import CellError, FailureKind, StorageError
 
 __all__ = ["Fold", "perform_trial"]
@@ -81,6 +82,8 @@ def _perform(request: TrialRequest, folder: Path, fold: Fold) -> Trial:
         return fold(request, folder)
     except (StorageError, MemoryError):
         raise
+    except Terminated as e:
+        raise BrokenExecutor(f"the run was ended by {e}") from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno is not None:  # e.g. a full disk: not the request's fault
             raise

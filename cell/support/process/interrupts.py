@@ -7,8 +7,10 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing import parent_process
 from typing import Any
 
+from cell.support.process.terminations import Terminated
 from robots.ports import Ports
 
 __all__ = ["Interrupts", "taking_signals"]
@@ -20,19 +22,22 @@ class Interrupts:
     def __init__(self) -> None:
         self.received: list[int] = []
         self._ports: Ports | None = None
+        self._simulated = False
         self._before: dict[int, Any] = {}
 
     @contextmanager
     def stop(self, ports: Ports, asked: bool) -> Iterator[None]:
         """Within the context, SIGINT and SIGTERM trigger the stop of `ports`. After the context and before
-        `leave`, a signal only prints a message, so that the end of the run is written completely.
+        `leave`, the end of the run is written completely. Each signal is acknowledged by a message, and ends the
+        waits of other threads for code that is being compiled. If the main thread of a simulated cell waits for
+        such code, which may take minutes, the signal raises Terminated: the run then counts as interrupted.
 
         SIGHUP also triggers the stop, except in a run that asks an operator (`asked`). In such a run SIGHUP is
         ignored, and the closed terminal ends the run. With any driver except `sim`, SIGCONT triggers the stop,
         because someone may have come near while the program was suspended. Outside the main thread no signal is
         handled.
         """
-        self._ports = ports
+        self._ports, self._simulated = ports, ports.simulated
         self._install(signal.SIGINT, self._on_signal)
         self._install(signal.SIGTERM, self._on_signal)
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup has made it ignored
@@ -48,11 +53,16 @@ class Interrupts:
 
     def _on_signal(self, number: int, _: Any) -> None:
         self.received.append(number)
+        name = signal.Signals(number).name
         if self._ports is not None:
-            self._ports.stop.trigger(signal.Signals(number).name)
-            return
-        with suppress(OSError, ValueError, RuntimeError):  # the terminal is closed, or a line is being printed
-            print("please wait: the end of the run is being written", file=sys.stderr, flush=True)
+            self._ports.stop.trigger(name)
+        if parent_process() is None:  # the parent of a worker process has said it
+            says = f"{name}: the cell stops" if self._ports else "please wait: the end of the run is being written"
+            with suppress(OSError, ValueError, RuntimeError):  # the terminal is closed, or a line is being printed
+                print(says, file=sys.stderr, flush=True)
+        compiled = sys.modules.get("skills.compiled")  # without it, nothing is being compiled
+        if compiled and compiled.abandon_compilation() and self._simulated:
+            raise Terminated(number)
 
     def _install(self, number: int, handler: Any) -> None:
         with suppress(ValueError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import (
@@ -37,7 +38,9 @@ def worker_pool(workers: int, tasks_each: int | None = None) -> Iterator[Executo
     with _processes(workers) if tasks_each is None else RenewedWorkers(workers, tasks_each) as pool:
         try:
             yield pool
-        except BaseException:
+        except BaseException as error:
+            if isinstance(error, KeyboardInterrupt):
+                print("ending the worker processes", file=sys.stderr, flush=True)
             pool.shutdown(wait=False, cancel_futures=True)
             _end_children()
             raise

@@ -13,6 +13,7 @@ import pytest
 from cell.campaigns.trials.campaign import Keep, TrialRequest
 from cell.campaigns.trials.perform_trial import perform_trial
 from cell.campaigns.trials.trial import TRIAL, Trial, read_trial
+from cell.support.process.terminations import Terminated
 from robots.errors import ConfigurationError, FailureKind, StorageError
 from tests.builders.campaigns import record, request
 
@@ -145,6 +146,12 @@ def test_a_run_that_a_signal_ended_is_not_finished(tmp_path: Path) -> None:
     """A worker that is told to end stops its run, and the stopped run has a record."""
     with pytest.raises(BrokenExecutor):
         perform_trial(request(), tmp_path, "all", lambda r, f: Trial(r, record("not_folded", signal=15)))
+
+    def ended(request: TrialRequest, folder: Path) -> Trial:
+        raise Terminated(15)
+
+    with pytest.raises(BrokenExecutor, match="SIGTERM"):
+        perform_trial(request(), tmp_path, "all", ended)
     assert read_trial(tmp_path, request()) is None
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.support.process import workers
 from cell.support.process.terminations import BY_SIGNAL
 from cell.support.process.workers import worker_pool
 
@@ -99,6 +100,32 @@ def test_queued_tasks_are_not_done_after_an_interruption(tmp_path: Path, each: i
     assert not active_children()
 
 
+COMPILING = """
+import time
+from cell.support.process.interrupts import taking_signals
+from skills.compiled import _on_a_thread
+from tests.fakes import FakeCell
+
+def compile_now(signature):
+    open({begun!r}, "w").close()
+    time.sleep(600.0)
+
+with taking_signals() as interrupts, interrupts.stop(FakeCell().ports(), asked=False):
+    _on_a_thread(compile_now)("i8(i8)")
+"""
+
+
+@pytest.mark.timeout(60)
+def test_a_worker_with_an_open_cell_ends_while_it_compiles(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    with pytest.raises(KeyboardInterrupt), worker_pool(1, 8) as pool:
+        pool.submit(exec, COMPILING.format(begun=str(begun)), {})
+        while not begun.exists():
+            time.sleep(0.02)
+        raise KeyboardInterrupt
+    assert not active_children()
+
+
 @pytest.mark.parametrize("each", [None, 1, 3])
 @pytest.mark.timeout(60)
 def test_tasks_run_in_another_process(each: int | None) -> None:
@@ -124,3 +151,13 @@ def _die(_: int) -> None:
 
 def _pid(_: int) -> int:
     return os.getpid()
+
+
+def test_an_interruption_is_acknowledged_before_the_workers_have_ended(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(workers, "_end_children", lambda: said.append(capsys.readouterr().err))
+    with pytest.raises(KeyboardInterrupt), worker_pool(1):
+        raise KeyboardInterrupt
+    assert said == ["ending the worker processes\n"]
