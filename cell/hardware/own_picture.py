@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from cell.config.cell_settings import CellSettings
 from cell.hardware.camera import camera_calibration
-from cell.hardware.photograph import Photograph, perceive_photograph
 from robots.errors import Failure
-from robots.ports import Array
+from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
+from skills.perception.perceive import perceive
+from skills.vocabulary import CameraCalibration
 
 __all__ = ["own_picture_refused"]
 
@@ -21,27 +22,42 @@ NOISE = 2.0
 """Standard deviation of the drawing's noise [levels of 256]. A picture without noise counts as artificial."""
 
 
-def own_picture_refused(file: str, garment: Garment, settings: CellSettings) -> Failure | None:
-    """Return why the garment is not recognised on a plain table in the middle of its poses; None if it is
-    recognised. file: its name or file. Nothing but the template is drawn: no wrinkles, no shadow, no depth."""
+def own_picture_refused(garment: Garment, settings: CellSettings) -> Failure | None:
+    """Return why a run would not recognise the garment on a plain table in the middle of its poses; None if it
+    would. Only the template is drawn, in colour and depth: no wrinkles, no shadow."""
     calibration = camera_calibration(settings)
-    corners = garment.place(*garment.poses.middle)
-    pixels = _projected(corners, calibration.T_table_camera, calibration.intrinsics.matrix)
-    shape = (calibration.intrinsics.height, calibration.intrinsics.width, 3)
-    noise = np.random.default_rng(0).normal(0.0, NOISE, (2, *shape))
-    empty, laid = (np.full(shape, TABLE, np.uint8) for _ in range(2))
-    cv2.fillPoly(laid, [np.round(pixels).astype(np.int32)], CLOTH, cv2.LINE_AA)
-    pictures = [
-        Photograph(np.clip(picture + grain, 0, 255).astype(np.uint8), None, name, "")
-        for picture, grain, name in zip((empty, laid), noise, ("table", garment.name), strict=True)
-    ]
-    return perceive_photograph(pictures[1], pictures[0], file, "m", settings)[0].failure
-
-
-def _projected(points: Array, T_table_camera: Array, matrix: Array) -> NDArray[np.float64]:
-    """Return the pixels (n, 2) of points (n, 2) on the table."""
-    there = (
-        np.column_stack([points, np.zeros(len(points)), np.ones(len(points))]) @ np.linalg.inv(T_table_camera).T
+    pixels = _projected(garment.place(*garment.poses.middle), calibration)
+    shape = (calibration.intrinsics.height, calibration.intrinsics.width)
+    covered = np.zeros(shape, np.uint8)
+    cv2.fillPoly(covered, [np.round(pixels).astype(np.int32)], 255, cv2.LINE_AA)
+    share = covered[..., None] / 255.0
+    top = garment.layers * garment.material.thickness
+    table = _depth(0.0, calibration)
+    depths = table, np.where(covered > 127, _depth(top, calibration), table)
+    noise = np.random.default_rng(0).normal(0.0, NOISE, (2, *shape, 3))
+    pictures = (TABLE + noise[0], share * CLOTH + (1.0 - share) * TABLE + noise[1])
+    empty, laid = (
+        CameraFrame(0.0, k, np.clip(rgb, 0, 255).astype(np.uint8), depth, calibration.intrinsics)
+        for k, (rgb, depth) in enumerate(zip(pictures, depths, strict=True))
     )
-    seen = there[:, :3] @ matrix.T
+    return perceive(
+        laid, calibration, settings.table, empty, [garment], garment.name, settings=settings.perception.settings()
+    ).failure
+
+
+def _projected(points: Array, calibration: CameraCalibration) -> NDArray[np.float64]:
+    """Return the pixels (n, 2) of points (n, 2) on the table."""
+    there = np.column_stack([points, np.zeros(len(points)), np.ones(len(points))])
+    seen = (there @ np.linalg.inv(calibration.T_table_camera).T)[:, :3] @ calibration.intrinsics.matrix.T
     return np.asarray(seen[:, :2] / seen[:, 2:])
+
+
+def _depth(height: float, calibration: CameraCalibration) -> NDArray[np.float32]:
+    """Return the depth (H, W) [m] of a plane over the table [m]; NaN where the plane is not seen."""
+    rows, columns = np.mgrid[: calibration.intrinsics.height, : calibration.intrinsics.width]
+    rays = np.stack([columns, rows, np.ones(rows.shape)], axis=-1) @ np.linalg.inv(calibration.intrinsics.matrix).T
+    down = rays @ calibration.T_table_camera[2, :3]
+    depth = np.divide(
+        height - calibration.T_table_camera[2, 3], down, where=down < 0.0, out=np.full(rows.shape, np.nan)
+    )
+    return depth.astype(np.float32)

@@ -81,7 +81,7 @@ def _checked(name: str, options: argparse.Namespace, settings: CellSettings) -> 
     placed = _drawn_on_table(garment, settings, options.draw)
     folds = _folds_on_table(name, garment, settings)
     pictures = [path for path in (drawing, placed) if path]
-    refused = _unrecognised(name, garment, settings)
+    refused = _unrecognised(garment, settings)
     words, good, predicted = list[str](), True, None
     if not options.no_predictions:
         # loaded only now, because the simulation takes seconds to load, and a file is refused sooner
@@ -118,12 +118,12 @@ def _drawn_on_table(garment: Garment, settings: CellSettings, folder: Path | Non
     return write_drawing(folder, f"{garment.name}-on-table", picture)
 
 
-def _unrecognised(name: str, garment: Garment, settings: CellSettings) -> Failure | None:
+def _unrecognised(garment: Garment, settings: CellSettings) -> Failure | None:
     """Return why the garment would not be recognised on this table; None if it would be."""
     # loaded only now, because perception takes a second to load, and a file is refused sooner
     from cell.hardware.own_picture import own_picture_refused
 
-    return own_picture_refused(name, garment, settings)
+    return own_picture_refused(garment, settings)
 
 
 def _folds_on_table(name: str, garment: Garment, settings: CellSettings) -> list[PlacedFold]:

@@ -11,11 +11,27 @@ from cell.commands.main import main
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments, load_garment
 from cell.hardware.own_picture import own_picture_refused
+from robots.errors import FailureKind
 
 
 @pytest.mark.parametrize("name", list_garments())
 def test_every_shipped_garment_is_recognised_in_its_own_picture(name: str) -> None:
-    assert own_picture_refused(name, load_garment(name), load_settings()) is None
+    assert own_picture_refused(load_garment(name), load_settings()) is None
+
+
+@pytest.mark.parametrize(
+    ("cell", "refused"),
+    [
+        ("camera: {width: 160, height: 120}", False),  # confidence 0.59: a run accepts 0.3
+        ("perception: {least_confidence: 0.95}", True),  # confidence 0.91
+    ],
+)
+def test_the_check_is_as_strict_as_a_run(cell: str, refused: bool, tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text(cell)
+    failure = own_picture_refused(load_garment("jeans"), load_settings(tmp_path / "cell.yaml"))
+    assert (failure is not None) is refused
+    if failure:
+        assert failure.kind is FailureKind.LOW_CONFIDENCE and 0.85 < failure.values["confidence"] < 0.95
 
 
 def test_a_garment_that_the_camera_cannot_tell_from_the_table_is_not_called_good(
