@@ -32,6 +32,8 @@ __all__ = ["LONGEST_S", "perform"]
 
 LONGEST_S = 60.0
 """A case that takes longer hangs [s]."""
+MOST_MEMORY = 2.0
+"""A case whose process needs more takes too much [GiB]. The loaded program is a quarter of it."""
 CODES = {0, 2, 3, 64, 130}
 """The documented exit codes; those of other signals cannot occur."""
 
@@ -51,32 +53,34 @@ def perform(case: Case, samples: Path, patience: float) -> list[str]:
         child = os.fork()
         if child == 0:
             _child(case, folder, Path(name))
-        code, hangs = _waited(child, patience)
+        code, hangs, memory = _waited(child, patience)
         streams = [
             (Path(name) / stream).read_text(encoding="utf-8", errors="replace") for stream in ("out", "err")
         ]
         wrong = [f"still at work after {LONGEST_S:.0f} s"] if hangs else _wrong_end(case, code, *streams)
+        if memory > MOST_MEMORY:
+            wrong.append(f"took {memory:.1f} GiB of memory")
         return wrong + _wrong_files(case, code, folder, before)
 
 
-def _waited(child: int, patience: float) -> tuple[int, bool]:
-    """Wait for the end of the process. Returns its exit code (negative: the signal that killed it), and whether it
-    had to be killed."""
+def _waited(child: int, patience: float) -> tuple[int, bool, float]:
+    """Wait for the end of the process. Returns its exit code (negative: the signal that killed it), whether it had
+    to be killed, and the largest memory that it and its own processes took [GiB]."""
     began, told = time.monotonic(), False
     while True:
-        ended, status = os.waitpid(child, os.WNOHANG)
+        ended, status, used = os.wait4(child, os.WNOHANG)
         if ended:
             with suppress(ProcessLookupError):  # processes that it has left behind
                 os.killpg(child, signal.SIGKILL)
-            return os.waitstatus_to_exitcode(status), False
+            return os.waitstatus_to_exitcode(status), False, used.ru_maxrss / 2**20
         spent = time.monotonic() - began
         if spent > patience and not told:
             told = True
             os.kill(child, signal.SIGINT)
         if spent > LONGEST_S + patience:
             os.killpg(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            return -signal.SIGKILL, True
+            used = os.wait4(child, 0)[2]
+            return -signal.SIGKILL, True, used.ru_maxrss / 2**20
         time.sleep(0.002 if spent < 0.5 else 0.02)
 
 
