@@ -4,8 +4,8 @@
 
 A case is good if the exit code is a documented one, no traceback reaches the user, nothing hangs longer than 60 s
 or takes more than 2 GiB of memory, no file of the user is changed and none is half-written. Prints each bad case,
-and a line with the counts. The exit code is 2 if there is a bad case. No robot moves and no run is simulated: cases
-end where a run would open the cell.
+and a line with the counts. The exit code is 2 if there is a bad case. No robot moves and no run is simulated:
+cases end where a run would open the cell.
 """
 
 from __future__ import annotations
