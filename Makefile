@@ -11,7 +11,7 @@ PARALLEL := -n auto --dist worksteal
 # Python keeps its compiled modules, also where that is switched off: the tests start many programs.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup setup-dev fold test quick lint compile hil docs lock clean
+.PHONY: setup setup-dev fold test quick lint compile hil docs lock release clean
 
 setup: $(VENV)/.installed          ## what a run needs
 setup-dev: $(VENV)/.installed-dev  ## and what the tests need
@@ -64,6 +64,9 @@ docs: setup            ## the pictures of README and docs, from three runs (need
 lock: setup            ## pins of all packages, with the hashes of their files; no address of an index
 	$(UV) pip compile pyproject.toml --all-extras -c constraints.txt --generate-hashes --no-emit-index-url \
 	    --no-header --no-annotate --python-version 3.11 --python-platform x86_64-manylinux_2_28 --quiet -o constraints.txt
+
+release: setup-dev     ## is this commit a release? version, tag, changelog, licences, figures; a towel folded from the wheel
+	$(BIN)/python -m benchmarks.release
 
 clean:
 	rm -rf $(VENV) build *.egg-info

@@ -81,6 +81,7 @@ STARTS_PROGRAMS = (
     "cell/support/process/test_library_messages.py",
     "cell/support/process/test_workers.py",
     "cell/view/test_recorder.py",
+    "test_wheel.py",
 )
 LONG = tuple(
     UNIT / place

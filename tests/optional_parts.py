@@ -14,7 +14,17 @@ import pytest
 
 from robots.ros.installation import PACKAGES, find_ros
 
-__all__ = ["ALLOWED_SKIPS", "BROWSER", "GIT", "MUJOCO", "ROS", "OptionalPart", "may_be_skipped", "skip_summary"]
+__all__ = [
+    "ALLOWED_SKIPS",
+    "BROWSER",
+    "BUILD",
+    "GIT",
+    "MUJOCO",
+    "ROS",
+    "OptionalPart",
+    "may_be_skipped",
+    "skip_summary",
+]
 
 ALLOWED_SKIPS = "FOLDCELL_ALLOWED_SKIPS"
 """Environment variable: comma-separated names of the parts whose tests may be skipped. If the variable is set,
@@ -58,8 +68,9 @@ BROWSER = OptionalPart(
 MUJOCO = OptionalPart(
     "mujoco", importlib.util.find_spec("mujoco") is not None, 'pip install -c constraints.txt -e ".[peers]"'
 )
+BUILD = OptionalPart("build", importlib.util.find_spec("build") is not None, "make setup-dev")
 GIT = OptionalPart("git", (Path(__file__).parents[1] / ".git").exists() and program("git"), "git clone")
-PARTS = (ROS, BROWSER, MUJOCO, GIT)
+PARTS = (ROS, BROWSER, MUJOCO, BUILD, GIT)
 
 
 def may_be_skipped(reason: str, environment: Mapping[str, str] = os.environ) -> bool:

@@ -10,7 +10,9 @@ from cell.commands.output import print_json
 from cell.executive.draw_state_chart import draw_chart
 from cell.states.state_chart import CHART
 from cell.support.files.own_file import refuse_foreign
+from cell.support.files.paths import repository_root
 from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
 
 __all__ = ["add_options", "run"]
 
@@ -25,7 +27,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the SVG file. Without --output, the new file replaces the chart that reports and the operator's page
-    show."""
+    show. Raises ConfigurationError if that belongs to an installed package."""
+    if options.output is None and repository_root() is None:
+        raise ConfigurationError(
+            "the chart of an installed program is not replaced", "name a file with --output SVG"
+        )
     path = options.output or CHART
     refuse_foreign(path, b'<svg class="states"')
     write_whole(path, draw_chart())

@@ -134,8 +134,9 @@ packages and are loaded together."""
 
 def _loading(*modules: str) -> subprocess.Popen[str]:
     """Start to import modules in a separate process, because an import may crash its process."""
+    plain = "from skills.motion.timing.without_plots import without_plots\nwith without_plots():\n"
     return subprocess.Popen(
-        [sys.executable, "-c", f"import {', '.join(modules)}"],
+        [sys.executable, "-c", f"{plain} import {', '.join(modules)}"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 

@@ -137,3 +137,12 @@ def test_two_garments_of_one_name_are_not_drawn_into_one_folder(
     assert main(["garment", "check", *files, "--draw", str(tmp_path), "--no-predictions"]) == 64
     assert "two have one name" in capsys.readouterr().err
     assert not list(tmp_path.glob("*.png"))
+
+
+def test_the_chart_of_an_installed_program_is_not_replaced(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = CHART.stat()
+    monkeypatch.setattr("cell.commands.installation.chart.repository_root", lambda: None)
+    assert main(["chart"]) == 64 and "--output SVG" in capsys.readouterr().err
+    assert CHART.stat() == before
