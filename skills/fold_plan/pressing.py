@@ -27,7 +27,7 @@ BAND = 0.060
 """Distance from the line within which raised cloth belongs to the crease [m]."""
 INSET = 0.010
 """Distance of the nearer finger from the fold line [m]."""
-ROOM = 0.135
+ROOM = 0.100
 """Minimum extent of the cloth from the line inwards [m]. A hand that presses the crease of a smaller stack would
 push the whole stack away."""
 PITCH = 0.045

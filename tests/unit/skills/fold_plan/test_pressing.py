@@ -80,7 +80,7 @@ def test_no_finger_comes_down_at_an_edge() -> None:
 
 
 def test_a_stack_that_is_too_small_for_the_fingers_is_not_pressed() -> None:
-    for depth, pressed in ((0.15, False), (0.18, True)):
+    for depth, pressed in ((0.13, False), (0.14, True)):
         dabs = crease_dabs(
             ridge(0.5, 0.7),
             np.full(80, 0.02),
