@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.reference.markdown import cell, table
 from cell.config.deciding_setting import LIMITS
 from cell.record.words import plain
 from cell.states.recovery_table import RECOVERIES
@@ -185,10 +186,5 @@ def _of_kind(kind: FailureKind, found: Iterable[Message]) -> list[str]:
 
 
 def _table(found: Iterable[Message]) -> list[str]:
-    rows = [f"| {_cell(m.what)} | {_cell(m.hint)} |" for m in found]
-    return ["", "| message | remedy |", "|---|---|", *rows] if rows else []
-
-
-def _cell(text: str) -> str:
-    """Return a text for a cell of a table, without marks."""
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("`", "")
+    lines = table(("message", "remedy"), [(cell(m.what), cell(m.hint)) for m in found])
+    return ["", *lines] if lines else []

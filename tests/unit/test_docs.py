@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cell.campaigns.hil.script import read_script
 from cell.commands.main import build_parser
 from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import list_garments
@@ -18,7 +19,9 @@ from cell.control.checks import MAX_ALTERED
 from cell.control.motions import trajectory
 from cell.executive.effects import seeing
 from cell.executive.effects.recovery import ways_out
+from cell.hardware.cell_check import cell_findings
 from cell.states import recovery_table
+from cell.states.transition_table import Event
 from robots import setpoint
 from robots.baxter.ros import electric_gripper
 from robots.baxter.ros.ports import arms
@@ -183,6 +186,17 @@ def test_every_link_in_the_docs_has_a_target() -> None:
             if not target.exists() or (anchor and anchor not in anchors(target)):
                 broken.add(f"{page.name}: {link}")
     assert broken == set()
+
+
+def test_the_files_of_the_first_hour_are_valid(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "learn" / "first_hour.md").read_text(encoding="utf-8")
+    cell, script = (tmp_path / name for name in ("mine.yaml", "pause.yaml"))
+    for file, text in zip(
+        (cell, script), re.findall(r"^```yaml\n(.*?)^```$", page, flags=re.M | re.S), strict=True
+    ):
+        file.write_text(text, encoding="utf-8")
+    assert [finding.name for finding in cell_findings(load_settings(cell)) if not finding.good] == []
+    assert [action.say for action in read_script(script).do] == [Event.PAUSE, Event.RESUME]
 
 
 def test_the_safety_page_states_the_figures_of_the_cell() -> None:

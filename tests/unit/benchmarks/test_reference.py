@@ -21,7 +21,7 @@ def test_the_page_is_that_of_the_present_program(name: str) -> None:
 
 def test_every_kind_of_failure_has_its_section() -> None:
     """Also the first kind of a part and the last one."""
-    sections = [line[3:] for name, text in PAGES.items() if name.startswith("failures_")
+    sections = [line[3:] for name, text in PAGES.items() if name.startswith("look_up/failures_")
                 for line in text.splitlines() if line.startswith("## ")]  # fmt: skip
     assert sections == [plain(kind) for kind in FailureKind]
 

@@ -1,0 +1,202 @@
+"""The pages of files: cell.yaml, garment files, scripts, campaigns and the result of a run, from their types."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import yaml
+from pydantic import TypeAdapter
+
+from benchmarks.reference.markdown import cell, table
+from cell.campaigns.hil.script import Script
+from cell.campaigns.trials.campaign import CampaignFile
+from cell.config.cell_settings import CellSettings, default_settings_path
+from cell.config.garments.garment_file import AVERAGE, _GarmentFile
+from cell.record.run_record import RunRecord
+from cell.states.commands import OPERATOR_EVENTS
+
+__all__ = ["pages"]
+
+Schema = Mapping[str, Any]
+PART = "PART"
+"""Stands for the word before the name of a part in the anchor of its heading."""
+GARMENT_KEYS: Mapping[str, str] = {
+    "title": "name for people",
+    "category": "kind of garment; photographs and pictures are recognised by it",
+    "layers": "layers of cloth of the garment as it lies",
+    "keypoints": "name: [x, y] [m], counter-clockwise around the outline as it lies; their middle is [0, 0]",
+    "material": "the fabric (below)",
+    "plan": "the folds, one after the other (below)",
+    "edge_pairs": "pairs of edges, each by two key points, that lie on one another when the garment is folded",
+    "max_tool_speed": "largest speed of the hands while they carry the garment [m/s]",
+    "size_range": "smallest and largest size that is recognised, as a share of this one",
+    "poses": "where the garment may lie (below)",
+    "final_layers": "layers of the folded garment",
+    "fabric": "class of fabrics; gives what is not stated, and the range that the simulated cell draws from",
+    "stretch_fraction": "how much the hung garment is longer than when it lies, as a share",
+    "hang_drop": "length that hung when this was measured [m]",
+    "friction_angle_deg": "surface: angle at which the garment slides [degrees]",
+    "areal_mass": "mass of one layer [kg/m2]",
+    "bending_length": "bending length of one layer [m]",
+    "thickness": "thickness of one layer [m]",
+    "friction_dynamic_ratio": "friction while it slides, as a share of the friction at rest",
+    "friction_layers": "friction coefficient of one layer on another",
+    "crease_set": "share of a bend beyond the elastic part that a standard press sets",
+    "measured": "property: who measured it and when",
+    "assumed": "properties that nobody measured",
+    "name": "name in the journal and in reports",
+    "line": "both ends of the fold line: key points, or key points with weights that sum to one",
+    "variants": "ways to make this fold; the next one is tried if the arms cannot make the first",
+    "tension": "how much further from the line, and further outwards, the targets of the grasps lie [m]",
+    "moves": "key points that the fold moves",
+    "grasps": "one or two grasps",
+    "at": "place of the grasp: a key point, or key points with weights",
+    "inset": "how far inside the edge, along both directions of the corner [m]",
+    "arm": "the arm that takes this grasp",
+    "turn_deg": "turn of the hand about the vertical [degrees]",
+    "x": "range of the place [m], table frame",
+    "y": "range of the place [m], table frame",
+    "angle_deg": "range of the angle [degrees]",
+}
+
+
+def pages() -> dict[str, str]:
+    """Return the pages: file name -> Markdown."""
+    defaults = yaml.safe_load(default_settings_path().read_text(encoding="utf-8"))
+    settings = CellSettings.model_json_schema()
+    groups = settings["$defs"]
+    for name, value in defaults.items():
+        group = settings["properties"][name].get("$ref", "").rpartition("/")[2]
+        for key, default in value.items() if group else ():
+            groups[group]["properties"][key]["default"] = default
+        if not group:
+            settings["properties"][name]["default"] = value
+    average = ", ".join(f"{key} {value:g}" for key, value in AVERAGE.items())
+    return {
+        "settings.md": _page(
+            "Settings: `cell.yaml`",
+            "Your file needs only the keys that differ from the shipped ones, `cell/config/cell.yaml`:"
+            " `foldcell fold small_towel --cell mine.yaml`. Lengths are in metres, angles in radians unless a key"
+            " ends in `_deg`, times in seconds, forces in newtons. An unknown key is an error.",
+            settings,
+            "group",
+        ),
+        "garment_file.md": _page(
+            "The garment file",
+            "One YAML file makes a garment; no code is needed. `foldcell garment new ...` makes one from a"
+            " photograph, `foldcell garment check FILE` checks and predicts it. Lengths are in metres, angles in"
+            f" degrees. A fabric of which nothing is stated has: {average}.",
+            _GarmentFile.model_json_schema(),
+            "part",
+            lambda key: GARMENT_KEYS[key],
+        ),
+        "script.md": _page(
+            "Scripts and their words",
+            "What a script of `foldcell hil SCRIPT...` may say ([how to write one](../do/scripts.md)).",
+            _spoken(Script.model_json_schema()),
+            "part",
+        ),
+        "campaign.md": _page(
+            "The campaign file",
+            "What a file for `foldcell trials FILE` may say ([campaigns](../do/campaigns.md)). Its actions are"
+            " those of [scripts](script.md).",
+            _without(CampaignFile.model_json_schema(), Script.model_json_schema()),
+            "part",
+        ),
+        "result.md": _page(
+            "The result of a run",
+            "What `foldcell fold small_towel --json` prints as its last line, `result.json` in the run's folder"
+            " has, and `foldcell.fold` returns. A figure that was not measured is null.",
+            TypeAdapter(RunRecord).json_schema(mode="serialization"),
+            "part",
+        ),
+    }
+
+
+def _spoken(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a script, with the events that an operator can say."""
+    said = {"Event": {"enum": sorted(OPERATOR_EVENTS)}}
+    return schema | {"$defs": schema["$defs"] | said}
+
+
+def _without(schema: dict[str, Any], other: Schema) -> dict[str, Any]:
+    """Return the schema without the parts that the other one has."""
+    return schema | {"$defs": {name: part for name, part in schema["$defs"].items() if name not in other["$defs"]}}
+
+
+def _page(title: str, about: str, schema: Schema, word: str, told: Callable[[str], str] | None = None) -> str:
+    """Write the page of a type. told: describes a key that has no description of its own."""
+    parts = {_plain(name): part for name, part in schema.get("$defs", {}).items()}
+    lines = [f"# {title}", "", about, *_part(schema, told, top=True)]
+    for name, part in parts.items():
+        lines += ["", f"## {word.capitalize()} {name}", *_part(part, told)]
+    made = "`python -m benchmarks.reference` writes this page from the program."
+    text = "\n".join([*lines, "", made, ""])
+    for name in parts:
+        text = text.replace(f"(#{PART}-{_anchor(name)})", f"(#{word}-{_anchor(name)})")
+    return text.replace(f"(#{PART}-", "(script.md#part-")  # what is explained there is not explained again
+
+
+def _part(part: Schema, told: Callable[[str], str] | None, top: bool = False) -> list[str]:
+    about = [] if top else _prose(part.get("description", ""))
+    if "enum" in part:
+        return ["", ", ".join(f"`{value}`" for value in part["enum"]) + "."]
+    rows = [
+        (f"`{key}`", _kind(value), _default(value), cell(_about(key, value, told)))
+        for key, value in part.get("properties", {}).items()
+    ]
+    heads = ["key", "value", "default", "meaning"]
+    if not any(row[3] for row in rows):
+        heads, rows = heads[:3], [row[:3] for row in rows]  # type: ignore[misc]
+    return [*about, "", *table(heads, rows)]
+
+
+def _prose(text: str) -> list[str]:
+    return [line for paragraph in text.split("\n\n") for line in ("", " ".join(paragraph.split()))] if text else []
+
+
+def _about(key: str, value: Schema, told: Callable[[str], str] | None) -> str:
+    unit = value.get("unit", "")
+    return (value.get("description") or (told(key) if told else "")) + (f" [{unit}]" if unit else "")
+
+
+def _default(value: Schema) -> str:
+    if "default" not in value or "$ref" in value:
+        return ""
+    default = value["default"]
+    text = yaml.safe_dump(default, default_flow_style=True, width=1000).strip().removesuffix("\n...").strip()
+    return f"`{text}`"
+
+
+def _kind(value: Schema) -> str:
+    """Return the type of a value in words."""
+    if "anyOf" in value:
+        return " or ".join(dict.fromkeys(_kind(one) for one in value["anyOf"]))
+    if "$ref" in value:
+        name = _plain(value["$ref"].rpartition("/")[2])
+        return f"[{name}](#{PART}-{_anchor(name)})"
+    if "enum" in value or "const" in value:
+        return ", ".join(f"`{one}`" for one in value.get("enum", [value.get("const")]))
+    kind = value.get("type", "any")
+    if kind == "array":
+        items = value.get("prefixItems") or [value.get("items", {})]
+        each = " and ".join(dict.fromkeys(_kind(one) for one in items))
+        return f"{len(items)} x {each}" if "prefixItems" in value else f"list of {each}"
+    if kind == "object":
+        inner = value.get("additionalProperties")
+        return f"name: {_kind(inner)}" if isinstance(inner, dict) else "keys and values"
+    low, high = value.get("minimum", value.get("exclusiveMinimum")), value.get("maximum")
+    words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
+    span = "" if low is None else f" from {low}" if high is None else f" {low} to {high}"
+    return words.get(kind, kind) + span.replace(".0 ", " ").removesuffix(".0")
+
+
+def _anchor(name: str) -> str:
+    return name.replace(" ", "-")
+
+
+def _plain(name: str) -> str:
+    """Return the name of a type as words."""
+    name = name.strip("_").removesuffix("Config").removesuffix("File").removesuffix("Spec")
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip().replace("  ", " ")
