@@ -16,8 +16,13 @@ Joint vectors have one entry for each joint: those of the left arm, then those o
 to wrist. Both arms have the same number of joints. In shapes, `joints` is the number of both arms together (14 for
 a robot with seven joints in each arm), `arm` that of one arm. Arrays inside a value are read-only.
 
-Every value has a stamp. A getter never blocks, never raises because a value is late, and never invents a value.
-The reader judges the age of the value.
+Every value has a stamp on the clock of `Clock.now()`. Stamps of a port never go back and are never in the future.
+A getter never blocks, never raises because a value is late, and never invents a value. The reader judges the age
+of the value. A sound device is at most 0.1 s behind (gripper 0.2 s, stop 0.5 s).
+
+One thread uses the ports. Only `Stop.trigger` and `Stop.state` may be called from others.
+
+`foldcell robot check NAME --driver DRIVER` checks a driver against this contract, clause by clause.
 """
 
 from __future__ import annotations
@@ -219,7 +224,8 @@ class Clock(Protocol):
 class Arms(Protocol):
     """Both arms as one position-controlled device, commanded at 100 Hz.
 
-    A command is valid for `command_timeout` seconds. Without a new command the arms hold their position.
+    A command is valid for `command_timeout` seconds. Without a new command the arms brake and hold their position,
+    with their motors on, also if the program has died.
     """
 
     command_timeout: float
@@ -230,13 +236,19 @@ class Arms(Protocol):
         """Clear faults and switch the motors on. Raises DriverError if the robot refuses."""
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
-        """Send one set-point q, qd (joints,) [rad], [rad/s]. Returns the set-point after clipping."""
+        """Send one set-point q, qd (joints,) [rad], [rad/s]. Returns the set-point as it was sent: clipped to the
+        joints' ranges and velocities, and to one step from the arms or the last set-point (robots/setpoint.py).
+
+        Raises DriverError and moves nothing: STOPPED; STALE_STATE if no joint state has arrived for
+        `command_timeout`; HARDWARE_FAULT if the motors are off, or a vector is not finite or lacks a joint."""
 
 
 class Head(Protocol):
-    """The head, which carries the camera. `JointState.head_pan` reports its angle."""
+    """The head, which carries the camera. `JointState.head_pan` reports its measured angle, 0 for a fixed head."""
 
-    def command_pan(self, angle: float) -> None: ...
+    def command_pan(self, angle: float) -> None:
+        """Turn to `angle` [rad], positive to the left. Returns immediately. A fixed head ignores it. Raises
+        DriverError for an angle that is not finite."""
 
 
 class Gripper(Protocol):
@@ -245,10 +257,14 @@ class Gripper(Protocol):
     side: Side
     max_opening: float
 
-    def calibrate(self) -> None: ...
+    def calibrate(self) -> None:
+        """Close and open the pads once, and clear an error. Returns immediately. `GripperState.calibrated` is true
+        when it has ended."""
 
     def command(self, opening: float, force: float) -> None:
-        """Move the pads to `opening` [m] with at most `force` [N]. Returns immediately."""
+        """Move the pads to `opening` [m] with at most `force` [N]. Returns immediately; from now on
+        `GripperState.moving` is true until the pads have arrived. During a calibration the command waits for its
+        end. Raises DriverError(GRIPPER_FAULT) for values that are not finite, or without a calibration."""
 
     def state(self) -> GripperState: ...
 
@@ -263,8 +279,9 @@ class Tactile(Protocol):
 
 class Camera(Protocol):
     def capture(self) -> CameraFrame:
-        """Take a still picture now. Its depth is the mean of several exposures (robots/depth_averaging.py), so the
-        scene has to be still. Raises DriverError(CAMERA_FAULT) if the camera does not answer."""
+        """Take a still picture: no exposure is older than the request. Its depth is registered to the colours. It
+        is the mean of several exposures (robots/depth_averaging.py), so the scene has to be still. Raises
+        DriverError(CAMERA_FAULT) if the camera does not answer."""
 
     def glimpse(self) -> CameraFrame | None:
         """Return a picture for display, without waiting. If there is no picture yet, request one and return None.
@@ -272,7 +289,8 @@ class Camera(Protocol):
 
 
 class Stop(Protocol):
-    """The stop circuit. It may be called from any thread and from a signal handler."""
+    """The stop circuit. `trigger` and `state` may be called from any thread and from a signal handler, in every
+    state. Stopped arms come to rest within 0.5 s. The stop stays, with its first reason, until `reset`."""
 
     def trigger(self, reason: str) -> None: ...
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cell.simulation.port_worlds import bind, world_behind
 from cell.simulation.world import World
+from robots.errors import DriverError, FailureKind
 from robots.ports import (
     Array,
     BoardPlace,
@@ -50,6 +51,8 @@ class _Arms(_Port):
 
     def command(self, q: Array, qd: Array) -> JointSetpoint:
         world = _world(self)
+        if world.port_faults.silence() > self.command_timeout:
+            raise DriverError(FailureKind.STALE_STATE, "the positions of the arms are unknown")
         return world.port_faults.stamped(world.robot.command(q, qd, world.port_faults.delivers()))
 
 

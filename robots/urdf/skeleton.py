@@ -19,6 +19,7 @@ FILES = {
     "cell.yaml": "cell.yaml.txt",
     "$name/__init__.py": None,
     "$name/robot.py": "robot.py.txt",
+    "$name/driver.py": "driver.py.txt",
     "$name/robot.urdf": "robot.urdf",
     "tests/test_robot.py": "test_robot.py.txt",
 }

@@ -56,6 +56,12 @@ def test_a_towel_is_folded_over_ros(tmp_path: Path) -> None:
     assert again.same and again.broken_off is None, "the decisions depend only on messages from the network"
 
 
+def test_the_driver_over_ros_keeps_the_contract_of_the_ports() -> None:
+    code, report = foldcell("robot", "check", "baxter")
+    broken = {clause["name"]: clause["reason"] for clause in report["clauses"] if clause["state"] != "passed"}
+    assert (code, broken) == (0, {})
+
+
 def test_a_stop_reaches_the_robot_over_ros(tmp_path: Path) -> None:
     script = tmp_path / "stop.yaml"
     script.write_text(SCRIPT, encoding="utf-8")

@@ -18,6 +18,7 @@ from cell.hardware.robot_model import load_robot
 from cell.record.run_record import RunRecord
 from cell.states.fold_request import FoldRequest
 from cell.states.transition_table import State
+from cell.support.junit import JUnitCase
 from robots.errors import CellError, ConfigurationError
 
 __all__ = ["ScriptResult", "check_script", "fold_scripted", "run_script"]
@@ -43,6 +44,12 @@ class ScriptResult:
         if self.result is None:
             return True
         return self.result.state == State.FAULT and State.FAULT not in self.script.expect.end
+
+    def as_case(self) -> JUnitCase:
+        output = self.result.run_dir if self.result is not None else ""
+        return JUnitCase(
+            self.script.name, self.broken, seconds=self.seconds, file=str(self.script.path), output=output
+        )
 
     def as_json(self) -> dict[str, Any]:
         run = self.result

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from cell.commands.options import Commands, add_command, cell_option, folder, json_option
-from cell.commands.output import print_json, print_table
-from cell.config.cell_settings import load_settings
+from cell.commands.output import print_json, print_table, progress_stream
+from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.cell_check import robot_findings
+from cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
+from cell.hardware.contract.opening import opened_rig
+from cell.hardware.contract.rig import Rig
+from cell.support.files.own_file import refuse_foreign
 from cell.support.files.whole_file import write_whole
+from cell.support.junit import junit_text
+from cell.support.process.interrupts import taking_signals
+from cell.support.process.terminations import BY_SIGNAL
 from robots.errors import ConfigurationError, StorageError
 from robots.registry import find_robot, list_robots
 from robots.urdf.skeleton import skeleton_files
 
 __all__ = ["add_options"]
 
+SUITE = "foldcell robot"
+
 
 def add_options(actions: Commands) -> None:
     listed = add_command(actions, "list", "list the robots that `robot:` in cell.yaml can name", _list)
     json_option(listed)
-    check = add_command(actions, "check", "check whether a robot's model fits the cell", _check)
+    check = add_command(actions, "check", "check whether a robot's model, and its driver, fit the cell", _check)
     check.add_argument("robot", metavar="NAME", help="a robot of `foldcell robot list`")
+    check.add_argument(
+        "--driver", metavar="DRIVER",
+        help="also check this driver against the contract of the ports, which moves the arms a little: "
+        "sim, emulator, ros, or MODULE:FACTORY",
+    )  # fmt: skip
+    check.add_argument("--junit", type=Path, metavar="FILE", help="write the results of the driver as JUnit XML")
     cell_option(check)
     json_option(check)
     new = add_command(actions, "new", "write the skeleton of a package that brings a robot", _new)
@@ -52,15 +69,45 @@ def _row(name: str) -> tuple[str, str, int | None, str]:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Returns 0 if the model fits, 2 if not. Raises ConfigurationError for a robot that cannot be loaded."""
-    robot = find_robot(options.robot)
-    findings = list(robot_findings(robot, robot.load_model(), robot.camera, load_settings(options.cell).table))
-    good = all(finding.good for finding in findings)
-    if options.json:
-        print_json({"robot": options.robot, "good": good, "findings": [vars(finding) for finding in findings]})
-    else:
+    """Returns 0 if the model and the driver fit, 2 if not, and 128 + its number after a signal. Raises
+    ConfigurationError for a robot or driver that cannot be loaded."""
+    if options.junit is not None:
+        refuse_foreign(options.junit, f'<testsuite name="{SUITE}"'.encode())
+    robot, settings = find_robot(options.robot), load_settings(options.cell)
+    findings = list(robot_findings(robot, robot.load_model(), robot.camera, settings.table))
+    if not options.json:
         print_table(("check", "", "found"), [(f.name, "good" if f.good else "BAD", f.found) for f in findings])
-    return 0 if good else 2
+    results, interrupted = list[ClauseResult](), 0
+    if options.driver is not None:
+        results, interrupted = _driver_results(options, settings.model_copy(update={"robot": options.robot}))
+    good = all(finding.good for finding in findings) and all(r.state != "failed" for r in results)
+    if options.json:
+        report = {"robot": options.robot, "good": good, "findings": [vars(finding) for finding in findings]}
+        driver = {"driver": options.driver, "clauses": [r.as_json() for r in results]} if results else {}
+        print_json(report | driver)
+    return interrupted or (0 if good else 2)
+
+
+def _driver_results(options: argparse.Namespace, settings: CellSettings) -> tuple[list[ClauseResult], int]:
+    """Check the driver and show each result when it is there. Returns the results, and the exit code of a signal
+    or 0."""
+    results: list[ClauseResult] = []
+    out = progress_stream(options.json)
+    print(f"\n{len(CLAUSES)} clauses of the contract; both arms move a little: stay out of their reach", file=out)
+    with taking_signals() as interrupts:
+
+        @contextmanager
+        def opened() -> Iterator[Rig]:
+            ended = lambda: bool(interrupts.received)  # noqa: E731
+            with opened_rig(options.driver, settings, ended) as rig, interrupts.stop(rig.ports, asked=False):
+                yield rig
+
+        for result in check_driver(opened):
+            results.append(result)
+            print(result, file=out, flush=True)
+    if options.junit is not None:
+        write_whole(options.junit, junit_text(SUITE, [result.as_case() for result in results]))
+    return results, BY_SIGNAL + interrupts.received[0] if interrupts.received else 0
 
 
 def _new(options: argparse.Namespace) -> int:

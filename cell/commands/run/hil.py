@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from cell.campaigns.hil.junit import junit_text
 from cell.campaigns.hil.script import Script, read_script
 from cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
 from cell.commands.options import cell_option, driver_options, json_option, logs_option
@@ -23,6 +22,7 @@ from cell.support.files.own_file import refuse_foreign
 from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs, space_for
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
+from cell.support.junit import JUnitCase, junit_text
 from cell.support.process.lock import OwnerLock
 from cell.support.process.terminations import BY_SIGNAL, Terminated
 from robots.errors import ConfigurationError
@@ -77,7 +77,9 @@ def _campaign(options: argparse.Namespace, settings: CellSettings, scripts: list
             _summary(done, left, folder)
         _write_results(folder, figures)
         if options.junit is not None:
-            write_whole(options.junit, junit_text(done, left))
+            cases = [p.as_case() for p in done]
+            cases += [JUnitCase(script.name, skipped="interrupted before it was run") for script in left]
+            write_whole(options.junit, junit_text("foldcell hil", cases))
     if ended_by is not None:
         return BY_SIGNAL + ended_by
     return 3 if any(p.faulty for p in done) else 2 if any(not p.passed for p in done) else 0

@@ -78,6 +78,13 @@ class PortFaults:
         """Whether set-points reach the robot."""
         return self._board.active(K.SETPOINTS_STARVED) is None
 
+    def silence(self) -> float:
+        """Return the time since the last joint state arrived, if they do not arrive at present, else 0 [s]."""
+        last: JointState | None = self._held.get((K.JOINT_STATE_STALE, None))
+        if last is None or self._board.active(K.JOINT_STATE_STALE) is None:
+            return 0.0
+        return self._board.now - last.stamp
+
     def joint_state(self, state: JointState) -> JointState:
         if self._board.empty:
             return state

@@ -146,6 +146,8 @@ class SimulatedRobot:
         return JointState(self._t, frozen(q), frozen(qd), frozen(effort), pan)
 
     def command_pan(self, angle: float) -> None:
+        if not math.isfinite(angle):
+            raise DriverError(FailureKind.HARDWARE_FAULT, f"invalid angle for the head: {angle}")
         self._head_goal = float(np.clip(angle, -self._design.head_range, self._design.head_range))
 
     def trigger_stop(self, reason: str) -> None:

@@ -86,7 +86,7 @@ class Emulator:
         self._told: set[str] = set()
         self._publishers: dict[str, Publisher] = {}
         self._now = ports.clock.now()
-        self._pan = math.nan
+        self._pan = self._joints_at = math.nan
         self._next_picture = self._next_grippers = -math.inf
         self._origin: tuple[float, float] | None = None
         node.set_parameter(USE_SIM_TIME, True)  # before any topic announces the robot
@@ -286,7 +286,9 @@ class Emulator:
         time."""
         m, tell, ports = self._messages, self._publishers, self._ports
         joints = ports.arms.state()
-        tell[topics.JOINT_STATES].tell(message_conversion.joint_state(m, joints))
+        if joints.stamp != self._joints_at:  # no reading is told twice
+            tell[topics.JOINT_STATES].tell(message_conversion.joint_state(m, joints))
+        self._joints_at = joints.stamp
         turning = abs(joints.head_pan - self._pan) > TURNING * TICK
         self._pan = joints.head_pan
         tell[topics.HEAD_STATE].tell(m.head_state(joints.head_pan, turning, False, True))

@@ -1,4 +1,4 @@
-"""The pair of UR5 arms: its model, its parked pose, its body in PyBullet, and its simulated cell."""
+"""The pair of UR5 arms: its model, its parked pose, and its body in PyBullet."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import pybullet as pb
 import pytest
 
 from cell.hardware.robot_check import view_margins
-from cell.simulation import SimulationSettings, open_simulated_cell
 from cell.view.entries.robot import RobotFigure
-from robots.errors import DriverError
 from robots.ports import Side
 from robots.registry import find_robot
 from robots.ur5_pair.robot import DESCRIPTION, ROBOT
@@ -72,19 +70,3 @@ def test_the_view_shows_its_links_and_moves_its_joints() -> None:
     assert len(figure.scene()) == 2
     assert len(figure.joints(t, np.tile(MODEL.q_park, (2, 1)), np.zeros(2))) == 12
     assert len(figure.fingers(Side.LEFT, t, np.array([0.0, 0.02]))) == 2
-
-
-def test_its_simulated_cell_moves_both_arms() -> None:
-    settings = SimulationSettings(robot="ur5_pair", garment="small_towel", robot_noise=False, render=False)
-    with open_simulated_cell(settings, 1) as cell:
-        ports = cell.ports
-        assert ports.grippers[Side.LEFT].max_opening == ROBOT.gripper.max_opening
-        ports.arms.enable()
-        with pytest.raises(DriverError, match="vectors of 12"):
-            ports.arms.command(np.zeros(14), np.zeros(14))
-        goal = MODEL.q_park + 0.01
-        for k in range(60):
-            ports.clock.sleep_until(0.01 * (k + 1))
-            ports.arms.command(MODEL.q_park + 0.01 * min(1.0, (k + 1) / 40), np.zeros(12))
-        assert ports.arms.state().q == pytest.approx(goal, abs=2e-3)
-        assert ports.arms.state().head_pan == 0.0

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from cell.campaigns.hil.junit import junit_text
 from cell.commands.main import main
 from cell.config.calibration_file import table_text
 from cell.config.garments.garment_file import shipped_garment_path
 from cell.states.state_chart import CHART
+from cell.support.junit import junit_text
 from skills.trajectory.export.tool_poses import MARKS, tool_poses_text
 from skills.trajectory.trajectory_library import Library, to_json
 
@@ -123,7 +123,7 @@ def test_every_kind_of_file_contains_its_mark() -> None:
     assert CHART.read_bytes().startswith(b'<svg class="states"')
     poses = {"half": {"left": np.arange(16.0).reshape(2, 8)}}
     assert all(mark in tool_poses_text("towel", poses, suffix).encode() for suffix, mark in MARKS.items())
-    assert b'<testsuite name="foldcell hil"' in junit_text([])
+    assert b'<testsuite name="foldcell hil"' in junit_text("foldcell hil", [])
     origin = {"height": {"by": "foldcell calibrate table"}}
     assert "by: foldcell calibrate " in table_text(-0.1, origin)
     assert '"entries"' in to_json(Library())

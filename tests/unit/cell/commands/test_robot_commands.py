@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 
 from cell.commands.main import main
 from cell.config.cell_settings import load_settings
-from cell.simulation import SimulationSettings, open_simulated_cell
+from cell.hardware.contract.clauses import CLAUSES
 from robots import registry
 from robots.errors import ConfigurationError
 from robots.registry import GROUP, find_robot, list_robots
 from robots.urdf.skeleton import skeleton_files
 
 NAME = "two_box_arms"
+ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture(scope="module")
@@ -67,19 +69,29 @@ def test_the_new_robot_is_found_and_fits_the_cell(installed: Path, capsys: pytes
     assert answer(capsys)["good"] is True
 
 
-def test_the_new_robot_moves_in_the_simulated_cell(installed: Path) -> None:
-    model = find_robot(NAME).load_model()
-    settings = SimulationSettings(robot=NAME, garment="small_towel", robot_noise=False)
-    with open_simulated_cell(settings, 1) as cell:
-        ports = cell.ports
-        ports.arms.enable()
-        for k in range(40):
-            ports.clock.sleep_until(0.01 * (k + 1))
-            ports.arms.command(model.q_park - 0.0005 * (k + 1), np.zeros(12))
-        ports.clock.sleep_until(0.5)
-        assert ports.arms.state().q == pytest.approx(model.q_park - 0.02, abs=3e-3)
-        picture = ports.camera.glimpse()
-        assert picture is not None and picture.rgb.std() > 5.0
+def test_the_driver_of_the_skeleton_keeps_the_contract(
+    installed: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    junit = tmp_path / "driver.xml"
+    command = ["robot", "check", NAME, "--driver", f"{NAME}.driver:connect", "--junit", str(junit)]
+    assert main([*command, "--json"]) == 0
+    states = {clause["name"]: clause["state"] for clause in answer(capsys)["clauses"]}
+    assert set(states) == {clause.name for clause in CLAUSES}
+    assert {name for name, state in states.items() if state != "passed"} == {"stale state"}
+    suite = ElementTree.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == (str(len(CLAUSES)), "0", "1")
+
+
+def test_the_documented_driver_is_that_of_the_skeleton(folder: Path) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/porting.md").read_text(), re.S)
+    written = (folder / NAME / "driver.py").read_text().replace(NAME, "my_robot")
+    assert [line for line in example.splitlines() if line not in written.splitlines()] == []
+
+
+@pytest.mark.parametrize("driver", ["rso", "no_such_package:connect", "json:connect"])
+def test_a_driver_that_cannot_be_loaded_is_refused(driver: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robot", "check", "ur5_pair", "--driver", driver]) == 64
+    assert driver in capsys.readouterr().err
 
 
 def test_its_own_tests_pass(installed: Path) -> None:

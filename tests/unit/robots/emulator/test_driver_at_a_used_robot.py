@@ -168,13 +168,3 @@ def test_an_earlier_stop_stays_until_it_is_reset(meet: Meet, cell: Cell) -> None
         hand.command(0.02, 6.0)
         wait(lambda: not hand.state().moving, "it is done")
         assert hand.state().opening == pytest.approx(0.02)
-
-
-def test_a_turned_head_returns_to_the_commanded_angle(serve: Serve, simulated: Ports) -> None:
-    program = serve(simulated, past=USED)
-    wait(lambda: program.clock.all, "a robot")
-    with connected(RosSettings(), LIMITS, lambda stop: Person(), driver="emulator", simulated=True) as ports:
-        assert ports.arms.state().head_pan == pytest.approx(0.3, abs=0.01)
-        assert all(gripper.state().calibrated for gripper in ports.grippers.values())
-        ports.head.command_pan(0.0)
-        wait(lambda: abs(ports.arms.state().head_pan) < 0.01, "it is back")

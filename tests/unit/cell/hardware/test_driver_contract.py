@@ -1,0 +1,298 @@
+"""The clauses of the ports' contract: a sound driver keeps all, and one that breaks a clause fails exactly
+there."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cell.config.cell_settings import load_settings
+from cell.hardware.camera import camera_calibration
+from cell.hardware.contract.clauses import CLAUSES, ClauseResult, check_driver
+from cell.hardware.contract.rig import REASON, Rig
+from cell.support.forwarding import forwarding
+from robots.errors import ConfigurationError
+from robots.ports import CameraFrame, GripperState, JointSetpoint, JointState, Ports, Side, frozen
+from tests.kinematic_cell import KinematicCell, kinematic_rig
+
+SETTINGS = load_settings()
+CAMERA = camera_calibration(SETTINGS)
+Break = Callable[[KinematicCell], Ports]
+
+
+def rig(broken: Break) -> AbstractContextManager[Rig]:
+    return kinematic_rig(SETTINGS, CAMERA, SETTINGS.table, broken)
+
+
+def results(broken: Break) -> dict[str, ClauseResult]:
+    return {result.clause.name: result for result in check_driver(lambda: rig(broken))}
+
+
+def with_state(change: Callable[[KinematicCell, JointState], JointState]) -> Break:
+    def broken(cell: KinematicCell) -> Ports:
+        return replace(cell.ports(), arms=forwarding(cell, state=lambda: change(cell, cell.state())))
+
+    return broken
+
+
+def with_command(change: Callable[[KinematicCell, Any, Any], JointSetpoint]) -> Break:
+    def broken(cell: KinematicCell) -> Ports:
+        return replace(cell.ports(), arms=forwarding(cell, command=lambda q, qd: change(cell, q, qd)))
+
+    return broken
+
+
+def with_gripper(**own: Callable[..., Any]) -> Break:
+    """own: methods that get the hand first."""
+
+    def broken(cell: KinematicCell) -> Ports:
+        def broken_hand(hand: Any) -> Any:
+            return forwarding(hand, **{k: lambda *a, f=f: f(hand, *a) for k, f in own.items()})
+
+        ports = cell.ports()
+        return replace(ports, grippers={side: broken_hand(hand) for side, hand in ports.grippers.items()})
+
+    return broken
+
+
+def with_stop(change: Callable[[KinematicCell, Callable[[str], None]], Callable[[str], None]]) -> Break:
+    def broken(cell: KinematicCell) -> Ports:
+        ports = cell.ports()
+        return replace(ports, stop=forwarding(ports.stop, trigger=change(cell, ports.stop.trigger)))
+
+    return broken
+
+
+def with_picture(change: Callable[[CameraFrame], CameraFrame]) -> Break:
+    def broken(cell: KinematicCell) -> Ports:
+        return replace(cell.ports(), camera=forwarding(cell, capture=lambda: change(cell.capture())))
+
+    return broken
+
+
+def writable(_: KinematicCell, state: JointState) -> JointState:
+    return replace(state, q=np.array(state.q))
+
+
+def degrees(_: KinematicCell, state: JointState) -> JointState:
+    return replace(state, q=frozen(np.rad2deg(state.q)))
+
+
+def wall_clock(_: KinematicCell, state: JointState) -> JointState:
+    return replace(state, stamp=state.stamp + 1.8e9)
+
+
+def first_two_exchanged(cell: KinematicCell, state: JointState) -> JointState:
+    order = np.arange(len(state.q))
+    order[:2] = 1, 0
+    rest = cell.model.q_park
+    return replace(state, q=frozen(rest + (state.q - rest)[order]), qd=frozen(state.qd[order]))
+
+
+def fast(_: KinematicCell, state: JointState) -> JointState:
+    return replace(state, qd=frozen(2.0 * state.qd))
+
+
+def fresh_stamp(cell: KinematicCell, state: JointState) -> JointState:
+    return replace(state, stamp=cell.t)
+
+
+def nan_is_zero(cell: KinematicCell, q: Any, qd: Any) -> JointSetpoint:
+    return cell.command(np.nan_to_num(q, posinf=0.0), np.nan_to_num(qd, posinf=0.0))
+
+
+def as_requested(cell: KinematicCell, q: Any, qd: Any) -> JointSetpoint:
+    sent = cell.command(q, qd)
+    return JointSetpoint(sent.stamp, frozen(np.array(q)), frozen(np.array(qd)), False)
+
+
+def never_holds(cell: KinematicCell) -> Ports:
+    """The controller goes on with the last velocity."""
+
+    def sleep_until(t: float) -> None:
+        while cell.t < t - 1e-9:
+            if cell.setpoint is not None and not cell.reason and cell.t - cell.setpoint.stamp > 0.02:
+                sent = cell.setpoint
+                cell.setpoint = replace(sent, stamp=cell.t, q=frozen(sent.q + 0.02 * sent.qd))
+            cell.sleep_until(min(t, cell.t + 0.01))
+
+    return replace(cell.ports(), clock=forwarding(cell, sleep_until=sleep_until))
+
+
+def motors_on_after_a_reset(cell: KinematicCell) -> Ports:
+    ports = cell.ports()
+
+    def reset() -> None:
+        ports.stop.reset()
+        cell.enabled = True
+
+    return replace(ports, stop=forwarding(ports.stop, reset=reset))
+
+
+def brakes_late(cell: KinematicCell) -> Ports:
+    """The robot goes on with its last velocity for a second after the stop."""
+    ports, before = cell.ports(), cell.sleep_until
+
+    def sleep_until(t: float) -> None:
+        coasts = cell.reason and cell.t - cell.stop_at < 1.0 and np.abs(cell.qd).max() > 0.01
+        q, qd = cell.q.copy(), cell.qd.copy()
+        begun = cell.t
+        before(t)
+        if coasts:
+            cell.q, cell.qd = q + qd * (cell.t - begun), qd
+
+    return replace(ports, clock=forwarding(cell, sleep_until=sleep_until))
+
+
+def on_its_own_thread(cell: KinematicCell, trigger: Callable[[str], None]) -> Callable[[str], None]:
+    own = threading.current_thread()
+
+    def only_here(reason: str) -> None:
+        if threading.current_thread() is own:
+            trigger(reason)
+
+    return only_here
+
+
+def never_moving(hand: Any) -> GripperState:
+    return replace(hand.state(), moving=False)
+
+
+def forgetful(hand: Any, opening: float, force: float) -> None:
+    before = hand.calibrating, hand.after
+    hand.command(opening, force)
+    if before[0] > 0.0:
+        hand.after = before[1]
+
+
+def mirrored(cell: KinematicCell) -> Ports:
+    return replace(cell.ports(), head=forwarding(cell, command_pan=lambda angle: cell.command_pan(-angle)))
+
+
+def same_number(frame: CameraFrame) -> CameraFrame:
+    return replace(frame, sequence=7)
+
+
+def unregistered(frame: CameraFrame) -> CameraFrame:
+    return replace(frame, depth=frame.depth[::2, ::2])
+
+
+def along_the_ray(frame: CameraFrame) -> CameraFrame:
+    k = frame.intrinsics
+    v, u = np.mgrid[0 : k.height, 0 : k.width].astype(np.float32)
+    longer = np.sqrt(1.0 + ((u - k.cx) / k.fx) ** 2 + ((v - k.cy) / k.fy) ** 2)
+    return replace(frame, depth=frozen((frame.depth * longer).astype(np.float32)))
+
+
+BROKEN: dict[str, tuple[Break, str]] = {
+    "writable arrays": (with_state(writable), "shapes"),
+    "degrees": (with_state(degrees), "units"),
+    "stamps of the wall clock": (with_state(wall_clock), "stamps"),
+    "motors on after a reset": (motors_on_after_a_reset, "stop at rest"),
+    "NaN taken for 0": (with_command(nan_is_zero), "refusals"),
+    "a stop for one thread": (with_stop(on_its_own_thread), "two threads"),
+    "the requested set-point returned": (with_command(as_requested), "clipping"),
+    "no hold": (never_holds, "hold"),
+    "late brakes": (brakes_late, "stop in motion"),
+    "invented stamps": (with_state(fresh_stamp), "stale state"),
+    "two joints exchanged": (with_state(first_two_exchanged), "joint order"),
+    "velocities doubled": (with_state(fast), "velocities"),
+    "a gripper that never moves": (with_gripper(state=never_moving), "gripper"),
+    "a gripper that forgets": (with_gripper(command=forgetful), "gripper orders"),
+    "a mirrored head": (mirrored, "head"),
+    "one number for all pictures": (with_picture(same_number), "camera"),
+    "depth of another size": (with_picture(unregistered), "depth"),
+    "depth along the ray": (with_picture(along_the_ray), "depth"),
+}  # fmt: skip
+
+
+def test_a_sound_driver_keeps_every_clause() -> None:
+    found = results(KinematicCell.ports)
+    assert list(found) == [clause.name for clause in CLAUSES]
+    assert {name: r.reason for name, r in found.items() if not r.passed} == {}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_driver_that_breaks_one_clause_fails_exactly_there(name: str) -> None:
+    broken, clause = BROKEN[name]
+    found = results(broken)
+    assert {n: r.reason for n, r in found.items() if r.state == "failed"} == {clause: found[clause].reason}
+    guarded = next(c for c in CLAUSES if c.name == clause).guards
+    left = {n for n, r in found.items() if r.state == "not_run"}
+    names = [c.name for c in CLAUSES]
+    later = {c.name for c in CLAUSES[names.index(clause) + 1 :] if c.moves or c.powered}
+    assert left == (later if guarded else set()), "nothing moves after the failure of a guard"
+
+
+def test_a_driver_that_cannot_be_opened_twice_fails_to_reconnect() -> None:
+    opened = 0
+
+    def once() -> AbstractContextManager[Rig]:
+        nonlocal opened
+        opened += 1
+        if opened > 1:
+            raise ConfigurationError("the port is in use")
+        return rig(KinematicCell.ports)
+
+    failed = [r for r in check_driver(once) if not r.passed]
+    assert [(r.clause.name, r.state) for r in failed] == [("reconnect", "failed")]
+    assert "in use" in failed[0].reason
+
+
+def test_a_stop_by_somebody_else_is_never_reset() -> None:
+    """Neither before the check nor in the middle of it."""
+    cells: list[KinematicCell] = []
+
+    def stopped_later(cell: KinematicCell) -> Ports:
+        cells.append(cell)
+        ports, trigger = cell.ports(), cell.trigger
+
+        def pressed(reason: str) -> None:
+            trigger("the button" if cell.pictures else reason)
+
+        return replace(ports, stop=forwarding(ports.stop, trigger=pressed))
+
+    def stopped_now(cell: KinematicCell) -> Ports:
+        cell.trigger("the button")
+        return cell.ports()
+
+    with pytest.raises(ConfigurationError, match="the button"):
+        list(check_driver(lambda: rig(stopped_now)))
+    clauses = [c for c in CLAUSES if c.name in ("camera", "stop at rest", "head")]
+    order = [dataclasses.replace(c, guards=False) for c in sorted(clauses, key=lambda c: c.name != "camera")]
+    found = list(check_driver(lambda: rig(stopped_later), order))
+    assert [r.state for r in found] == ["passed", "failed", "not_run"]
+    assert cells[0].reason == "the button" and REASON not in cells[0].reason
+
+
+def test_after_a_signal_the_check_resets_no_stop_and_commands_nothing() -> None:
+    cells: list[KinematicCell] = []
+
+    @contextmanager
+    def interrupted() -> Iterator[Rig]:
+        with rig(KinematicCell.ports) as sound:
+            cells.append(cast(KinematicCell, sound.ports.arms))
+            yield replace(sound, ended=lambda: bool(cells[0].reason))  # the signal comes with the first stop
+
+    found = {r.clause.name: r for r in check_driver(interrupted)}
+    assert {r.state for r in list(found.values())[3:]} == {"not_run"}
+    assert REASON in cells[0].reason and not cells[0].enabled
+
+
+@pytest.mark.parametrize("side", Side)
+def test_clauses_name_the_hand_that_is_at_fault(side: Side) -> None:
+    def broken(cell: KinematicCell) -> Ports:
+        ports = cell.ports()
+        hand = cell.hands[side]
+        own = forwarding(hand, state=lambda: never_moving(hand))
+        return replace(ports, grippers={**ports.grippers, side: own})
+
+    reason = results(broken)["gripper"].reason
+    assert side in reason and side.other not in reason
