@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import fcntl
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread, current_thread, main_thread
@@ -36,6 +36,9 @@ WAITING = "foldcell:waiting"
 """Kind of the event while this process waits for code that another one compiles. Data: the function's `module`."""
 COMPILER = "compiler"
 """Name of the threads that compile."""
+AWAKE_S = 0.2
+"""Time after which a waiting thread is awake for a moment [s], because the main thread does not notice a signal that
+arrives just before it begins to wait."""
 _awaited: dict[Future[Any], Thread] = {}
 """Result of each compilation -> the thread that waits for it."""
 
@@ -170,6 +173,8 @@ def _on_a_thread(compile_now: Callable[[Any], Any]) -> Callable[[Any], Any]:
         _awaited[done] = current_thread()
         try:
             Thread(target=work, name=COMPILER, daemon=True).start()
+            while not wait([done], AWAKE_S).done:
+                pass
             return done.result()
         finally:
             del _awaited[done]
