@@ -37,8 +37,8 @@ WAITING = "foldcell:waiting"
 COMPILER = "compiler"
 """Name of the threads that compile."""
 AWAKE_S = 0.2
-"""Time after which a waiting thread is awake for a moment [s], because the main thread does not notice a signal that
-arrives just before it begins to wait."""
+"""Time after which a waiting thread is awake for a moment [s], because the main thread does not notice a signal
+that arrives just before it begins to wait."""
 _awaited: dict[Future[Any], Thread] = {}
 """Result of each compilation -> the thread that waits for it."""
 
