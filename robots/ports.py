@@ -117,6 +117,11 @@ class CameraFrame:
     depth: NDArray[np.float32]
     intrinsics: Intrinsics
 
+    @property
+    def nbytes(self) -> int:
+        """Size of a picture of this camera [bytes]. Reading it does not wait for the pixels."""
+        return 7 * self.intrinsics.width * self.intrinsics.height
+
 
 @dataclass(frozen=True, eq=False)
 class JointState:

@@ -74,12 +74,10 @@ def read_yaml(path: Path, what: str = "configuration file") -> Document:
 def parse_yaml(text: str, path: Path, what: str = "configuration file") -> Document:
     """Parse one YAML mapping. path: file name for error messages. Raises ConfigurationError."""
     try:
-        loader = _StrictLoader(text)
         try:
-            node = loader.get_single_node()
-            data = loader.construct_document(node) if node is not None else {}
-        finally:
-            loader.dispose()
+            node, data = _loaded(_FastLoader(text))
+        except yaml.YAMLError:
+            node, data = _loaded(_Loader(text))
         lines: dict[Key, int] = {}
         _note_lines(node, (), lines)
     except yaml.YAMLError as e:
@@ -141,7 +139,7 @@ def _children(node: yaml.Node | None) -> list[yaml.Node]:
     return list(node.value) if isinstance(node, yaml.SequenceNode) else []
 
 
-class _StrictLoader(yaml.SafeLoader):
+class _Strict(yaml.composer.Composer, yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
     """Loads YAML 1.2's core schema and requires unique keys. In YAML 1.1, `no`, `on`, `1:30` and dates would be
     read as other types."""
 
@@ -154,15 +152,17 @@ class _StrictLoader(yaml.SafeLoader):
         )
     }
 
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
+    def __init__(self) -> None:
+        yaml.composer.Composer.__init__(self)
+        yaml.constructor.SafeConstructor.__init__(self)
+        yaml.resolver.Resolver.__init__(self)
         self._depth = 0
         self._values = 0
         self._complete: dict[int, _Extent] = {}
         """Extent of each complete node, by the node's id."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        event: Any = self.peek_event()  # type: ignore[attr-defined]
         mark = event.start_mark
         if isinstance(event, yaml.AliasEvent):
             node = super().compose_node(parent, index)
@@ -247,14 +247,42 @@ for _tag, _pattern, _first in (
     ),
 ):
     for _c in _first:
-        _StrictLoader.yaml_implicit_resolvers.setdefault("" if _c == "\0" else _c, []).append(
+        _Strict.yaml_implicit_resolvers.setdefault("" if _c == "\0" else _c, []).append(
             (f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"))
         )
 # `010` is ten. The constructor of YAML 1.1 would read it as octal eight.
-_StrictLoader.add_constructor(
+_Strict.add_constructor(
     "tag:yaml.org,2002:int",
     lambda _, node: int(node.value, 16 if node.value.lower().startswith("0x") else 10),
 )
+
+
+class _Loader(_Strict, yaml.SafeLoader):
+    """Parses in Python."""
+
+    def __init__(self, text: str) -> None:
+        yaml.SafeLoader.__init__(self, text)
+        _Strict.__init__(self)
+
+
+_Parser: Any = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
+
+class _FastLoader(_Strict, _Parser):
+    """Parses with libyaml, which is faster, but whose messages say less about the cause of an error."""
+
+    def __init__(self, text: str) -> None:
+        _Parser.__init__(self, text)
+        _Strict.__init__(self)
+
+
+def _loaded(loader: Any) -> tuple[yaml.Node | None, Any]:
+    """Return the document's node, None for an empty one, and its value."""
+    try:
+        node = loader.get_single_node()
+        return node, loader.construct_document(node) if node is not None else {}
+    finally:
+        loader.dispose()
 
 
 def read_text(path: Path, what: str) -> str:

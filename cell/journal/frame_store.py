@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
+from threading import Lock
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,14 +23,19 @@ FRAMES = "frames"
 
 
 class FrameStore:
-    """A folder of camera frames, stored bit for bit."""
+    """A folder of camera frames, stored bit for bit. Several threads may use it: a frame is packed once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._known: WeakKeyDictionary[CameraFrame, str] = WeakKeyDictionary()  # compared by identity
+        self._lock = Lock()
 
     def put(self, frame: CameraFrame) -> str:
         """Store a frame and return its name. The frame is on disk when the call returns. Raises StorageError."""
+        with self._lock:
+            return self._put(frame)
+
+    def _put(self, frame: CameraFrame) -> str:
         if frame in self._known:
             return self._known[frame]
         name = _name(frame)

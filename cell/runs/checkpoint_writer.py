@@ -45,11 +45,12 @@ class Interrupted:
 
 
 class CheckpointWriter:
-    """Writes the checkpoint of a run. world: returns the state of the simulated world; None on hardware."""
+    """Writes the checkpoint of a run. world: returns the state of the simulated world; None on hardware. frames:
+    the run's frame store, if others write to it too."""
 
-    def __init__(self, folder: Path, world: Callable[[], bytes] | None) -> None:
+    def __init__(self, folder: Path, world: Callable[[], bytes] | None, frames: FrameStore | None = None) -> None:
         self._folder, self._world = folder, world
-        self._frames = FrameStore(folder / FRAMES)
+        self._frames = frames or FrameStore(folder / FRAMES)
 
     def keep(self, context: RunContext) -> None:
         """Write the checkpoint. It is on disk when the call returns. Raises StorageError."""

@@ -125,7 +125,9 @@ def _perform(
             watching.watch_truth(opened)
             watching.listen_to_terminal(request.approve or not opened.ports.simulated)
             checkpoint_writer = CheckpointWriter(
-                run.directory, opened.simulated.checkpoint.save if opened.simulated else None
+                run.directory,
+                opened.simulated.checkpoint.save if opened.simulated else None,
+                watching.frames,
             )
             context, first = (interrupted.context, Event.REENTER) if interrupted else (RunContext(), Event.START)
             checkpoint_writer.keep(context)  # first: from here on, the run can be resumed if the process dies

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cell.hardware.camera import camera_calibration
 from cell.hardware.driver import OpenCell
 from cell.hardware.driver_names import is_simulated
+from cell.journal.frame_store import FRAMES, FrameStore
 from cell.journal.journal import RunJournal
 from cell.operator.console.run_status import RunStatus
 from cell.operator.progress.lines import ProgressLines
@@ -74,7 +75,8 @@ class RunObservers:
         self._request, self._run = request, run
         simulated, calibration = is_simulated(request.driver), camera_calibration(request.settings)
         self.recorder = _recorder(request, run)
-        self._port_recorder = PortRecorder(run.directory if request.record else None)
+        self.frames = FrameStore(run.directory / FRAMES)
+        self._port_recorder = PortRecorder(run.directory if request.record else None, self.frames)
         self.record = RunRecordBuilder(request, simulated, run.directory, began, resumed_from)
         self._run_status = RunStatus(self.record)
         self.commands = CommandQueue(self._run_status.note_command)

@@ -59,17 +59,17 @@ class WorldCamera:
         self._camera: SimulatedCamera | None = None
         if settings.render:
             scene = self._scene(noise.camera.light_swing, rng["look"])
-            self._renderer, self._fabric = Renderer(scene), _mean_colour(scene.garment_texture)
+            self._fabric = _mean_colour(scene.garment_texture)
             seed = int(rng["camera"].integers(2**31))
             self._camera = SimulatedCamera(
-                self._renderer, self._mount.intrinsics, noise.camera, seed, self._shot, now, ideal
+                Renderer(scene), self._mount.intrinsics, noise.camera, seed, self._shot, now, ideal
             )
             self._faults = CameraFaults(board, self._camera)
         self._seen_slabs: Sequence[Slab] = ()
 
     def close(self) -> None:
         if self._camera is not None:
-            self._renderer.close()
+            self._camera.close()
 
     @property
     def pictures(self) -> int:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cell.journal.frame_store import FrameStore
 from cell.states.commands import CommandQueue, QueuedCommand
 from cell.states.plan_edit import PlanEdit
 from cell.states.transition_table import Event
@@ -36,9 +37,9 @@ class RecordedPorts:
 class PortRecorder:
     """Writes a run's transcript. Create it on the thread of the executive."""
 
-    def __init__(self, folder: Path | None) -> None:
-        """folder: the run's folder; None: nothing is recorded."""
-        self._folder = folder
+    def __init__(self, folder: Path | None, frames: FrameStore | None = None) -> None:
+        """folder: the run's folder; None: nothing is recorded. frames: as for TranscriptWriter."""
+        self._folder, self._frames = folder, frames
         self._writer: TranscriptWriter | None = None
         self._thread = threading.get_ident()
 
@@ -47,7 +48,7 @@ class PortRecorder:
         if self._folder is None:
             return RecordedPorts(ports, commands)
         constants = CellConstants.of(ports)
-        self._writer = TranscriptWriter(self._folder, constants)
+        self._writer = TranscriptWriter(self._folder, constants, self._frames)
 
         def method(channel: Channel, sides: tuple[Side, ...]) -> Callable[..., Any]:
             port = getattr(ports, channel.port)

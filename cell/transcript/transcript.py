@@ -49,9 +49,10 @@ BLOCK = 1 << 16
 class TranscriptWriter:
     """Writes a transcript. Call `note` from one thread only. It returns immediately."""
 
-    def __init__(self, folder: Path, constants: CellConstants) -> None:
-        """Create the file in the run's folder. Raises StorageError."""
-        self._frames = FrameStore(folder / FRAMES)
+    def __init__(self, folder: Path, constants: CellConstants, frames: FrameStore | None = None) -> None:
+        """Create the file in the run's folder. frames: the run's frame store, if others write to it too. Raises
+        StorageError."""
+        self._frames = frames or FrameStore(folder / FRAMES)
         self._file = _create(folder / TRANSCRIPT, constants)
         self._pending: list[tuple[Channel, str, str | CameraFrame]] = []
         self._size = 0
@@ -66,7 +67,7 @@ class TranscriptWriter:
         """Record one exchange. The writing thread stores a picture later. Never raises."""
         if self.trouble is not None:
             return
-        size = answer.rgb.nbytes + answer.depth.nbytes if isinstance(answer, CameraFrame) else len(answer)
+        size = answer.nbytes if isinstance(answer, CameraFrame) else len(answer)
         with self._mutex:
             self._pending.append((channel, question, answer))
             self._size += size + len(question)

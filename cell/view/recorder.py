@@ -182,7 +182,7 @@ class Recorder:
         self._submit(partial(scene.log_entries, t, text, level), essential=True)
 
     def camera(self, t: float, frame: CameraFrame, calibration: CameraCalibration) -> None:
-        self._submit(partial(self._picture_entries, t, frame, calibration), frame.rgb.nbytes + frame.depth.nbytes)
+        self._submit(partial(self._picture_entries, t, frame, calibration), frame.nbytes)
 
     def perception(self, t: float, seen: RecognisedGarment, overlay: NDArray | None = None) -> None:
         """Record the recognised garment. overlay: (H, W, 3) uint8, the picture with the garment drawn on it; None:

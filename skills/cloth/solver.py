@@ -130,6 +130,7 @@ class ClothSimulation:
         self._pairs = new_pairs(16 * n, 12 * n)
         self._holds = new_holds()
         self._intersections = no_intersections(n)
+        self._finer: dict[tuple[int, PadGeometry], ClothSimulation] = {}
         self._tool_p = np.zeros((HANDS, 3))
         self._tool_r = np.tile(np.diag([1.0, -1.0, -1.0]), (HANDS, 1, 1))
         self.set_positions(mesh.lay_flat(material.thickness) if positions is None else positions)
@@ -334,11 +335,13 @@ class ClothSimulation:
 
     def _with_substeps(self, substeps: int, state: Mapping[str, Array]) -> ClothSimulation:
         """Return a simulation of the same cloth with other substeps, in the given state."""
-        settings = replace(self.settings, substeps=substeps, stretch_tolerance=None)
-        other = ClothSimulation(
-            self.mesh, self.material, settings=settings, table=bool(self._solver_parameters.table),
-            pads=self.pads, fixed=self._body.w == 0.0,
-        )  # fmt: skip
+        other = self._finer.get((substeps, self.pads))
+        if other is None:
+            settings = replace(self.settings, substeps=substeps, stretch_tolerance=None)
+            other = self._finer[substeps, self.pads] = ClothSimulation(
+                self.mesh, self.material, settings=settings, table=bool(self._solver_parameters.table),
+                pads=self.pads, fixed=self._body.w == 0.0,
+            )  # fmt: skip
         other._continue_from(state)
         return other
 

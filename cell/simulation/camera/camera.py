@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -130,6 +131,26 @@ class _Noise:
     depth: tuple[_DepthNoise, ...]
 
 
+_Pixels = tuple[NDArray[np.uint8], NDArray[np.float32]]
+
+
+class _Undeveloped(CameraFrame):
+    """A picture that is still being made. Its pixels are set when they are first read, which waits for them."""
+
+    @staticmethod
+    def begun(stamp: float, sequence: int, intrinsics: Intrinsics, pixels: Future[_Pixels]) -> CameraFrame:
+        frame = _Undeveloped.__new__(_Undeveloped)
+        vars(frame).update(stamp=stamp, sequence=sequence, intrinsics=intrinsics, _pixels=pixels)
+        return frame
+
+    def __getattr__(self, name: str) -> Any:  # called for attributes that are not set
+        if name not in {"rgb", "depth"}:
+            raise AttributeError(name)
+        rgb, depth = vars(self)["_pixels"].result()
+        vars(self).update(rgb=rgb, depth=depth)
+        return vars(self)[name]
+
+
 class SimulatedCamera:
     """Pictures with the errors of the sensor. The noise of a picture depends only on the seed and its sequence
     number, so that the number of pictures changes no other random number of the world.
@@ -153,6 +174,8 @@ class SimulatedCamera:
         self._sequence = 0
         self._last: CameraFrame | None = None
         self._drawing: DisplayDrawing | None = None
+        self._threads = ThreadPoolExecutor(2, "picture")
+        """One thread renders; the other adds the noise."""
         self._look = self._draw_look(np.random.default_rng((seed, 0)), np.random.default_rng((seed, 2)))
         self.frozen = self.black = self.silent = False
         """Faults: the camera repeats its last picture, takes black pictures, or does not answer."""
@@ -173,13 +196,26 @@ class SimulatedCamera:
 
     def capture(self, exposures: int = 1, slabs: Sequence[Slab] = ()) -> CameraFrame:
         """Return a picture whose depth is the mean of `exposures` pictures. slabs: objects before the camera that
-        are not part of the shot. Raises DriverError(CAMERA_FAULT) if `silent`."""
+        are not part of the shot. Raises DriverError(CAMERA_FAULT) if `silent`.
+
+        A picture of one exposure is returned at once and made while the world goes on. Reading its pixels waits
+        for them; they are black and without depth if they cannot be rendered. A picture of several exposures is
+        complete, or raises DriverError(CAMERA_FAULT).
+        """
         if self.frozen and self._last is not None and not self.silent:
             return self._last
         self._sequence += not self.silent
         rng = np.random.default_rng((self._seed, 1, self._sequence))
-        self._last = self._exposed(exposures, slabs, rng)
+        pixels = self._begun(exposures, slabs, rng)
+        if exposures > 1:
+            pixels.result()
+        self._last = _Undeveloped.begun(self._now(), self._sequence, self._intrinsics, pixels)
         return self._last
+
+    def close(self) -> None:
+        """Complete the pictures that were begun, then close the renderer."""
+        self._threads.shutdown()
+        self._renderer.close()
 
     def display(self, slabs: Sequence[Slab] = ()) -> Callable[[], CameraFrame]:
         """Take the present state for a picture that a person sees. A person may look at any time, so this changes
@@ -199,21 +235,25 @@ class SimulatedCamera:
 
         return draw
 
-    def _exposed(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> CameraFrame:
+    def _begun(self, exposures: int, slabs: Sequence[Slab], rng: np.random.Generator) -> Future[_Pixels]:
+        """Begin a picture of the present state. The noise does not depend on what the picture shows, so it is
+        drawn while another process renders."""
         self._answers()
-        shot = self._shot()
-        with ThreadPoolExecutor(1, "picture") as rendering:
-            rendered = rendering.submit(self._renderer.picture, shot)
-            # while another process renders: the noise does not depend on what the picture shows
+        shot, black, shape = self._shot(), self.black, (self._intrinsics.height, self._intrinsics.width)
+        rendered = self._threads.submit(self._renderer.picture, shot)
+
+        def develop() -> _Pixels:
             noise = None if self._ideal else self._draw_noise(exposures, rng)
+            if black or (exposures == 1 and rendered.exception()):
+                return frozen(np.zeros((*shape, 3), np.uint8)), frozen(np.full(shape, np.nan, np.float32))
             picture = self._with_slabs(rendered.result(), slabs, shot)
-        rgb, depth = picture.rgb, picture.depth
-        if noise is not None:
-            rgb = self._sense_colour(rgb, noise)
-            depth = mean_depth([self._sense_depth(depth, exposure) for exposure in noise.depth])
-        if self.black:
-            rgb, depth = np.zeros_like(rgb), np.full_like(depth, np.nan)
-        return CameraFrame(self._now(), self._sequence, frozen(rgb), frozen(depth), self._intrinsics)
+            rgb, depth = picture.rgb, picture.depth
+            if noise is not None:
+                rgb = self._sense_colour(rgb, noise)
+                depth = mean_depth([self._sense_depth(depth, exposure) for exposure in noise.depth])
+            return frozen(rgb), frozen(depth)
+
+        return self._threads.submit(develop)
 
     def _answers(self) -> None:
         if self.silent:

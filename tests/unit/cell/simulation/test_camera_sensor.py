@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -205,6 +206,45 @@ def test_faults_freeze_blacken_and_silence_the_camera() -> None:
     with pytest.raises(DriverError) as error:
         c.capture()
     assert error.value.kind is FailureKind.CAMERA_FAULT
+
+
+def test_a_glimpse_is_made_while_the_world_goes_on_and_shows_what_was_there() -> None:
+    """The renderer waits for this thread: a camera that waited for the renderer would never return. Only the
+    picture's pixels may depend on it."""
+    asked, free = list[Shot](), threading.Event()
+
+    class Slow(Still):
+        def picture(self, shot: Shot) -> Picture:
+            assert free.wait(10.0)
+            asked.append(shot)
+            return super().picture(shot)
+
+    shots = [shot(None), shot(lying(sheet()[0]))]
+    now = iter(shots)
+    slow = SimulatedCamera(Slow(), K, NOISE, 7, lambda: next(now), lambda: 2.5)  # type: ignore[arg-type]
+    glimpses = [slow.capture(), slow.capture()]
+    slow.black = True  # a fault that begins later changes no picture
+    assert [g.sequence for g in glimpses] == [1, 2] and asked == [] and glimpses[0].nbytes == 7 * 640 * 480
+    free.set()
+    copy = replace(glimpses[0], stamp=9.0)
+    assert copy.stamp == 9.0 and copy.rgb is glimpses[0].rgb
+    at_once = camera()
+    for glimpse in glimpses:
+        same = at_once.capture()
+        assert (glimpse.rgb == same.rgb).all() and np.array_equal(glimpse.depth, same.depth, equal_nan=True)
+    assert asked == shots
+
+
+def test_without_a_renderer_a_glimpse_is_black_and_a_still_picture_fails() -> None:
+    class Broken(Still):
+        def picture(self, _: Shot) -> Picture:
+            raise DriverError(FailureKind.CAMERA_FAULT, "the render process gave no picture")
+
+    broken = SimulatedCamera(Broken(), K, NOISE, 7, lambda: shot(None), lambda: 2.5)  # type: ignore[arg-type]
+    glimpse = broken.capture()
+    assert glimpse.rgb.max() == 0 and np.isnan(glimpse.depth).all()
+    with pytest.raises(DriverError, match="no picture"):
+        broken.capture(exposures=2)
 
 
 @pytest.mark.parametrize("seed", range(6))
