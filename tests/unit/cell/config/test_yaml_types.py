@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 from cell.campaigns.hil.script import read_script
+from cell.config import yaml_file
 from cell.config.calibration_file import (
     calibration_text,
     load_camera_calibration,
@@ -21,6 +23,7 @@ from cell.config.calibration_file import (
 )
 from cell.config.cell_settings import default_settings_path, load_settings
 from cell.config.garments.garment_file import load_garment, shipped_garment_path
+from cell.config.yaml_file import parse_yaml, read_yaml
 from cell.hardware.camera import camera_calibration
 from robots.errors import ConfigurationError
 
@@ -132,3 +135,19 @@ def test_whole_numbers_may_stand_where_a_length_is_expected(tmp_path: Path) -> N
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
     assert load_garment(path).poses.y == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("text", ["a: [1, 2\nb: 3", "a: 'x", "a:\n\tb: 1", "a: %x", "&a a: *b", "a: 1\n b: 2"])
+def test_an_error_of_syntax_is_worded_by_the_parser_in_python(text: str) -> None:
+    with pytest.raises(yaml.MarkedYAMLError) as known:
+        yaml.safe_load(text)
+    with pytest.raises(ConfigurationError, match=re.escape(str(known.value.problem))):
+        parse_yaml(text, Path("x.yaml"))
+
+
+def test_both_parsers_give_the_same_values_and_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = [*Path(shipped_garment_path("jeans")).parent.glob("*.yaml"), default_settings_path()]
+    fast = [read_yaml(path) for path in paths]
+    assert len(fast) > 10 and yaml_file._FastLoader is not yaml_file._Loader
+    monkeypatch.setattr(yaml_file, "_FastLoader", yaml_file._Loader)
+    assert [read_yaml(path) for path in paths] == fast

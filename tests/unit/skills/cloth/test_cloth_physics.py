@@ -293,6 +293,19 @@ def test_a_hasty_frame_in_which_positions_are_lost_is_repeated_with_shorter_subs
     assert np.isfinite(s.positions).all()
 
 
+def test_a_finer_simulation_that_is_used_again_continues_as_a_new_one(monkeypatch):
+    used, finer = jerked(4, fails=lambda simulation: simulation.substeps < 40), ClothSimulation._with_substeps
+    assert len(used._finer) == 1
+
+    def new(simulation, *about):
+        simulation._finer.clear()
+        return finer(simulation, *about)
+
+    monkeypatch.setattr(ClothSimulation, "_with_substeps", new)
+    built = jerked(4, fails=lambda simulation: simulation.substeps < 40).checkpoint()
+    assert all(np.array_equal(value, built[name]) for name, value in used.checkpoint().items())
+
+
 def test_sleeping_cloth_that_a_hand_tears_away_in_one_call_is_repeated_too():
     down, place = np.diag([1.0, -1.0, -1.0]), np.array([0.14, -0.09, 0.0015])
     s = ClothSimulation(PATCH, MATERIAL, settings=SolverSettings(substeps=20), at_rest=True)
