@@ -83,7 +83,7 @@ def test_the_driver_of_the_skeleton_keeps_the_contract(
 
 
 def test_the_documented_driver_is_that_of_the_skeleton(folder: Path) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/porting.md").read_text(), re.S)
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/do/another_robot.md").read_text(), re.S)
     written = (folder / NAME / "driver.py").read_text().replace(NAME, "my_robot")
     assert [line for line in example.splitlines() if line not in written.splitlines()] == []
 
