@@ -11,7 +11,7 @@ PARALLEL := -n auto --dist worksteal
 # Python keeps its compiled modules, also where that is switched off: the tests start many programs.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup setup-dev fold test quick lint compile hil docs lock release clean
+.PHONY: setup setup-dev fold test quick lint compile hil docs site lock release clean
 
 setup: $(VENV)/.installed          ## what a run needs
 setup-dev: $(VENV)/.installed-dev  ## and what the tests need
@@ -37,6 +37,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 $(VENV)/.installed-dev: $(VENV)/.installed
 	$(call install,[dev])
 
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(call install,[docs])
+
 fold: setup            ## one-shot fold of a medium towel in the simulated cell
 	$(BIN)/foldcell fold medium_towel
 
@@ -60,6 +63,9 @@ hil: setup             ## the scripted runs of tests/hil in the simulated cell
 docs: setup            ## the pictures of README and docs, from three runs (needs a graphics driver)
 	$(BIN)/python -m benchmarks.pictures
 	$(BIN)/python -m benchmarks.film
+
+site: $(VENV)/.installed-docs  ## build/site/index.html: the pages of docs, with search; opens without a network
+	$(BIN)/zensical build --clean --strict
 
 lock: setup            ## pins of all packages, with the hashes of their files; no address of an index
 	$(UV) pip compile pyproject.toml --all-extras -c constraints.txt --generate-hashes --no-emit-index-url \

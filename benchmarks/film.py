@@ -155,7 +155,7 @@ def main() -> int:
     assert film.scene is not None
     chosen = [film.moments[i] for i in np.linspace(0, len(film.moments) - 1, FRAMES).round().astype(int)]
     drawing, calibration = seen_from_front(film.scene), camera_calibration(settings)
-    names = list(load_robot(settings).model.joint_names)
+    names = list(load_robot(settings).joint_names)
     pictures = [draw(moment, drawing, names, calibration) for moment in chosen]
     durations = [*[FRAME_MS] * (len(pictures) - 1), LAST_MS]
     path = FOLDER / f"{garment}_folded.webp"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -186,6 +187,23 @@ def test_every_link_in_the_docs_has_a_target() -> None:
             if not target.exists() or (anchor and anchor not in anchors(target)):
                 broken.add(f"{page.name}: {link}")
     assert broken == set()
+
+
+def test_the_site_has_every_page_once_and_asks_nobody_for_its_files() -> None:
+    site = tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]
+    shown: list[str] = []
+
+    def walk(entry: object) -> None:
+        if isinstance(entry, str):
+            shown.append(entry)
+        for part in entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ():
+            walk(part)
+
+    walk(site["nav"])
+    assert sorted(shown) == sorted(p.relative_to(ROOT / "docs").as_posix() for p in PAGES[1:])
+    assert site["theme"]["font"] is False and not site["use_directory_urls"]
+    own = [*site["extra_css"], *(script["path"] for script in site["extra"]["polyfills"])]
+    assert all((ROOT / "docs" / path).is_file() for path in own) and "iframe-worker" in own[-1]
 
 
 def test_the_files_of_the_first_hour_are_valid(tmp_path: Path) -> None:
