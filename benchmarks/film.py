@@ -38,10 +38,10 @@ from skills.vocabulary import CameraCalibration
 __all__ = ["Moment", "RunFilm", "draw", "look_at", "main"]
 
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
-DEFAULT = ("long_sleeve_shirt_small", "1")
+DEFAULT = ("long_sleeve_shirt_small", "7")
 SIZE, INSET = (720, 450), (256, 192)
 """Width and height of the film, and of the camera's picture in it [px]."""
-EYE, TARGET, FOCAL = (2.15, -0.85, 1.05), (0.42, 0.0, 0.02), 0.95
+EYE, TARGET, FOCAL = (2.15, -0.85, 1.05), (0.38, -0.08, 0.06), 0.92
 """Where the film is seen from, which point is in its middle [m, base frame], and the focal length in widths."""
 FRAMES, FRAME_MS, LAST_MS, QUALITY = 110, 85, 1500, 55
 FINE = 2
@@ -133,7 +133,7 @@ def draw(
         value=(250, 250, 250),
     )
     h, w = inset.shape[:2]
-    picture[6 : 6 + h, -w - 6 : -6] = inset
+    picture[-h - 6 : -6, 6 : w + 6] = inset
     return np.asarray(picture, np.uint8)
 
 
