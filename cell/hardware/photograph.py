@@ -39,6 +39,9 @@ a garment file that is made from them is used again and again."""
 WIDTH, HEIGHT = 1.2, 2.0
 """For a picture by an unknown camera: assumed width of the table in the picture, and assumed height of the camera
 above the table [m]."""
+LONGEST = 5.0
+"""Largest ratio of the sides of such a picture. The view of the table has the shape of the picture, and its memory
+grows with this ratio."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +97,14 @@ def perceive_photograph(
 def photographed(shape: tuple[int, ...]) -> tuple[CameraCalibration, Table]:
     """Return an assumed calibration and table for a picture by an unknown camera. shape: (rows, columns, ...) of
     the picture. The camera is assumed straight above the table, and the picture shows a width of `WIDTH` on it.
-    Results in pixels are valid, results in metres are not."""
+    Results in pixels are valid, results in metres are not. Raises ConfigurationError for a picture that is too
+    long."""
     rows, columns = shape[:2]
+    if max(rows, columns) > LONGEST * min(rows, columns):
+        raise ConfigurationError(
+            f"the picture is {columns} x {rows} pixels: one side is more than {LONGEST:.0f} times the other",
+            "crop it to the garment and some of the table around it",
+        )
     focal = HEIGHT * columns / WIDTH
     intrinsics = Intrinsics(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
     T = np.array([[0.0, -1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, HEIGHT], [0.0, 0.0, 0.0, 1.0]])

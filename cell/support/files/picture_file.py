@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,9 @@ __all__ = ["known_depth", "read_depth", "read_picture"]
 MILLIMETRES = 1e-3
 LARGEST_FILE = 2**29
 """The rest of a larger file is not read [bytes]."""
+LARGEST_PICTURE = 2**28
+"""A picture with more pixels is not decoded."""
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 DAMAGED = ("premature end", "Premature end", "bad Huffman code", "instead of RST")
 """Parts of libjpeg's messages about a picture with missing or invalid data. libjpeg returns such a picture with
 invented pixels."""
@@ -23,7 +27,7 @@ invented pixels."""
 
 def read_picture(path: Path) -> NDArray[np.uint8]:
     """Read a picture (H, W, 3) RGB. Raises ConfigurationError for a file that is not a picture."""
-    return np.ascontiguousarray(_read_image(path, cv2.IMREAD_COLOR)[:, :, ::-1])
+    return _read_image(path, cv2.IMREAD_COLOR_RGB)
 
 
 def read_depth(path: Path) -> NDArray[np.float32]:
@@ -31,7 +35,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
     picture in millimetres. Raises ConfigurationError for any other file."""
     if path.suffix == ".npy":
         try:
-            raw = np.load(path, allow_pickle=False)
+            raw = np.load(path, mmap_mode="r", allow_pickle=False)  # its header may state any size
         except (OSError, ValueError, EOFError) as e:
             raise ConfigurationError(f"{path}: is no array that can be read: {e}", path=str(path)) from e
         if not isinstance(raw, np.ndarray):
@@ -39,6 +43,8 @@ def read_depth(path: Path) -> NDArray[np.float32]:
             raise ConfigurationError(
                 f"{path}: is no single array (an .npz holds several)", "save it with numpy.save", path=str(path)
             )
+        if raw.size > LARGEST_PICTURE:
+            raise _too_large(path, raw.size)
         metres = raw.astype(np.float32) if raw.ndim == 2 and raw.dtype.kind == "f" else None
     else:
         raw = _read_image(path, cv2.IMREAD_UNCHANGED)
@@ -58,12 +64,14 @@ def known_depth(metres: NDArray) -> NDArray[np.float32]:
 def _read_image(path: Path, flags: int) -> NDArray:
     try:
         with path.open("rb") as file:  # which may be a device without an end
-            data = np.frombuffer(file.read(LARGEST_FILE), np.uint8)
+            data = file.read(LARGEST_FILE)
     except OSError as e:
         raise ConfigurationError(f"{path}: cannot be read: {e.strerror}", "check the path", path=str(path)) from e
+    if (pixels := _stated_pixels(data)) > LARGEST_PICTURE:
+        raise _too_large(path, pixels)
     with captured_messages() as messages:
         try:
-            image = cv2.imdecode(data, flags) if data.size else None
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
         except cv2.error:  # the file states an impossible picture size
             image = None
         said = messages()
@@ -76,3 +84,23 @@ def _read_image(path: Path, flags: int) -> NDArray:
             f"{path}: the picture is damaged; a part of it is missing", "export or copy it anew", path=str(path)
         )
     return np.asarray(image)
+
+
+def _too_large(path: Path, pixels: int) -> ConfigurationError:
+    most = f"{pixels / 1e6:.0f} million pixels, at most {LARGEST_PICTURE / 1e6:.0f} are read"
+    return ConfigurationError(f"{path}: has {most}", "export it smaller", path=str(path))
+
+
+def _stated_pixels(data: bytes) -> int:
+    """Return the number of pixels that the header of a PNG or JPEG file states; 0 if there is no such header."""
+    if data.startswith(PNG_SIGNATURE) and len(data) >= 24:
+        columns, rows = struct.unpack(">II", data[16:24])
+        return int(columns * rows)
+    at = 2
+    while data.startswith(b"\xff\xd8") and at + 9 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # the header of a frame
+            rows, columns = struct.unpack(">HH", data[at + 5 : at + 9])
+            return int(columns * rows)
+        at += 2 + length
+    return 0

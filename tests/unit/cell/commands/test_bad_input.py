@@ -26,6 +26,7 @@ from cell.config.cell_settings import load_settings
 from cell.config.garments.garment_file import shipped_garment_path
 from cell.hardware.camera import camera_calibration
 from cell.journal.journal import Journal
+from cell.support.files import picture_file
 from cell.support.process.lock import OwnerLock
 from tests.builders.yaml_texts import aliases_of_aliases
 
@@ -211,7 +212,7 @@ def test_an_incomplete_picture_of_the_empty_table_is_refused(
     refused(f"{command} --unit m {files}", "--reference-depth")
 
 
-@pytest.mark.parametrize("kind", ["empty", "several arrays", "text"])
+@pytest.mark.parametrize("kind", ["empty", "several arrays", "text", "a size beyond its data"])
 def test_a_depth_file_without_an_array_is_refused(refused: Callable[..., str], folder: Path, kind: str) -> None:
     cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
     with Path("depth.npy").open("wb") as file:
@@ -219,7 +220,37 @@ def test_a_depth_file_without_an_array_is_refused(refused: Callable[..., str], f
             np.savez(file, a=np.zeros(3), b=np.zeros(3))
         elif kind == "text":
             file.write(b"not an array")
+        elif kind == "a size beyond its data":  # more than any memory holds
+            stated = {"descr": "<f8", "fortran_order": False, "shape": (10**6, 10**6)}
+            np.lib.format.write_array_header_1_0(file, stated)  # type: ignore[no-untyped-call]
     refused("perceive picture.png --unit m --depth depth.npy", "depth.npy", "array")
+
+
+def test_a_depth_image_of_more_pixels_than_a_camera_has_is_refused(
+    refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture_file, "LARGEST_PICTURE", 640 * 480)
+    cv2.imwrite("picture.png", np.full((480, 640, 3), 128, np.uint8))
+    np.save("depth.npy", np.ones((481, 640), np.float32))
+    refused("perceive picture.png --unit m --depth depth.npy", "depth.npy", "0 million pixels")
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+def test_a_picture_that_states_too_many_pixels_is_not_decoded(refused: Callable[..., str], kind: str) -> None:
+    done, data = cv2.imencode(f".{kind}", np.full((480, 640, 3), 128, np.uint8))
+    wide, high = (640).to_bytes(2, "big"), (480).to_bytes(2, "big")
+    stated = data.tobytes().replace(b"\0\0" + wide + b"\0\0" + high, 2 * (2**17).to_bytes(4, "big"), 1)
+    stated = stated.replace(high + wide, 2 * (30_000).to_bytes(2, "big"), 1)
+    assert done and stated != data.tobytes()
+    Path(f"picture.{kind}").write_bytes(stated)
+    refused(f"perceive picture.{kind} --unit px", f"picture.{kind}", "million pixels", "at most 268")
+
+
+@pytest.mark.parametrize("size", [(8, 48), (48, 8)])
+def test_a_photograph_that_is_a_strip_is_refused(refused: Callable[..., str], size: tuple[int, int]) -> None:
+    """The view of the table that it would show needs more memory, the longer it is."""
+    cv2.imwrite("strip.png", np.full((*size, 3), 128, np.uint8))
+    refused("perceive strip.png --unit px", f"{size[1]} x {size[0]} pixels", "crop it")
 
 
 def test_an_unmeasured_surface_is_refused(refused: Callable[..., str], folder: Path) -> None:
