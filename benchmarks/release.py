@@ -155,7 +155,9 @@ def _use(program: Path, home: Path, folds: bool) -> Iterator[str]:
     if folds and not failed and json.loads(said)["report"] is None:
         yield "the fold has left no report"
     line = [str(program), "dashboard", "--json"]
-    with subprocess.Popen(line, cwd=home, env=surroundings, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        line, cwd=home, env=surroundings, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
         assert process.stdout is not None
         address = json.loads(process.stdout.readline() or "{}").get("address")
         if address is None:

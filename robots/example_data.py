@@ -16,9 +16,7 @@ def package_root() -> Path:
     try:
         wheel = distribution("example-robot-data")
     except PackageNotFoundError as error:
-        raise ConfigurationError(
-            "the robot's model is not installed", "pip install example-robot-data (make setup does it)"
-        ) from error
+        raise ConfigurationError("the robot's model is not installed", "pip install example-robot-data") from error
     return Path(str(wheel.locate_file("cmeel.prefix"))) / "share"
 
 

@@ -21,6 +21,8 @@ from robots.ros.installation import PACKAGES, find_ros
 
 __all__ = ["Check", "Verdict", "examine", "pinned_versions", "required_packages"]
 
+REPAIR = "make setup" if repository_root() else "pip install --force-reinstall foldcell"
+"""The command that installs everything again."""
 LEAST_MEMORY = 3 * 2**30
 LEAST_DISK = 2**30
 
@@ -67,7 +69,7 @@ def _safely(work: Callable[[], Iterable[Check]]) -> list[Check]:
     try:
         return list(work())
     except Exception as e:
-        hint = e.hint if isinstance(e, CellError) else "make setup installs everything again"
+        hint = e.hint if isinstance(e, CellError) else f"{REPAIR} installs everything again"
         function = work.func if isinstance(work, partial) else work
         name = getattr(function, "__name__", "check").strip("_").replace("_", " ")
         return [Check(name, Verdict.BAD, f"{type(e).__name__}: {e}", hint)]
@@ -116,7 +118,7 @@ def _package(name: str, pin: str | None) -> Check:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
         return Check(
-            name, Verdict.BAD, "not installed", f"pip install {name}{f'=={pin}' if pin else ''} (or make setup)"
+            name, Verdict.BAD, "not installed", f"pip install {name}{f'=={pin}' if pin else ''} (or {REPAIR})"
         )
     if pin is not None and version != pin:
         hint = f"tested with {pin}: make setup, or pip install -c constraints.txt {name}"
@@ -153,7 +155,7 @@ def _native_modules(groups: Sequence[subprocess.Popen[str]]) -> Iterable[Check]:
     failed = [group for group, process in zip(NATIVE, groups, strict=True) if _errors(process) is not None]
     alone = {name: _loading(name) for group in failed for name in group}
     broken = {name: why for name, process in alone.items() if (why := _errors(process)) is not None}
-    hint = "make setup installs it again; the message may name a missing system library"
+    hint = f"{REPAIR} installs it again; the message may name a missing system library"
     for name, why in broken.items():
         yield Check(f"import {name}", Verdict.BAD, why, hint)
     if not broken:
@@ -293,7 +295,7 @@ def _garments() -> Iterable[Check]:
         "garments",
         Verdict.GOOD if names else Verdict.BAD,
         ", ".join(names) or "none",
-        "" if names else "make setup",
+        "" if names else REPAIR,
     )
 
 
