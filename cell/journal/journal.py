@@ -498,7 +498,8 @@ def _make_tables(connection: sqlite3.Connection, path: Path) -> None:
 def _connect_readonly(path: Path, traceless: bool) -> sqlite3.Connection:
     """Connect for reading only. This also works in a read-only folder, where SQLite cannot create WAL files."""
     if not path.is_file():
-        raise StorageError(f"there is no journal {path}", "this logs folder has no run yet", path=str(path))
+        hint = "this folder has no run yet: 'foldcell fold' makes one, and --logs DIR names another folder"
+        raise StorageError(f"there is no journal {path}", hint, path=str(path))
     wal = path.with_name(path.name + "-wal")
     modes, immutable = ["mode=ro"], "mode=ro&immutable=1"
     if traceless and not wal.exists():
