@@ -114,7 +114,8 @@ class FoldRecord:
 
     attempts: number of times that the hands went down to grasp. grasps: the grasps in which a hand touched the
     garment, in order, also those of repairs. recoveries: 'failure kind -> event (change)'.
-    estimates: the states in which the garment was thought to lie after failures, in words.
+    estimates: the states in which the garment was thought to lie after failures, in words. repairs: how the hands
+    put the moved cloth right or spread the garment, in words.
     """
 
     name: str
@@ -133,6 +134,7 @@ class FoldRecord:
     grasps: tuple[GraspRecord, ...] = ()
     recoveries: tuple[str, ...] = ()
     estimates: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

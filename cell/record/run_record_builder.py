@@ -161,7 +161,10 @@ def _folds(context: RunContext, grasps: Mapping[int, tuple[GraspRecord, ...]]) -
             fold = _fold(notes[step.name], step.name in done)
         else:
             fold = FoldRecord(step.name, attempts=context.fold.grasps if index == context.fold.index else 0)
-        yield replace(fold, grasps=grasps.get(index, ()), recoveries=recoveries, estimates=estimates)
+        repairs = tuple(text for i, text in context.repairs if i == index)
+        yield replace(
+            fold, grasps=grasps.get(index, ()), recoveries=recoveries, estimates=estimates, repairs=repairs
+        )
 
 
 def _fold(note: FoldNote, done: bool) -> FoldRecord:

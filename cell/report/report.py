@@ -122,7 +122,8 @@ def _fold(note: FoldNote, hold: DrawnHold | None, drawing: RunDrawing) -> FoldPi
         size=SIZE, scenery=drawing.along(note), view=drawing.view,
     )  # fmt: skip
     pictures = [Picture(p, f"predicted, {100 * m:.0f} %") for p, m in zip(predicted, moments, strict=True)]
-    made_from = ["predicted: cloth simulation along the planned tool path"]
+    what = "the repair that completed this fold" if attempt.repaired else "the planned tool path"
+    made_from = [f"predicted: cloth simulation along {what}"]
     if hold is not None:
         chosen = [(hold.pictures[i], hold.times[i]) for i in spread(len(hold.times), PREDICTED_FRAMES)]
         pictures += [Picture(p, f"simulated cell, {t:.1f} s") for p, t in chosen]

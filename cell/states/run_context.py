@@ -87,6 +87,8 @@ class RunContext:
     """Number of these recoveries before the operator's last RETRY. They no longer count against the limits."""
     estimates: tuple[EstimateNote, ...] = ()
     """The estimates of the garment's state after failures."""
+    repairs: tuple[tuple[int, str], ...] = ()
+    """The repairs and pulls that the hands have carried out: (step index, what it was, in words)."""
     done: tuple[FoldNote, ...] = ()
     """The completed folds."""
     layer_thickness: float | None = None

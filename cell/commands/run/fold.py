@@ -107,6 +107,7 @@ def _fold(fold: FoldRecord) -> str:
     made = fold.source
     if not fold.done:
         made = "not accepted" if fold.accepted is False else "not finished" if fold.attempts else "not made"
+    made = ", ".join([str(made), *(repair.partition(":")[0] for repair in fold.repairs)])
     overlap = "" if fold.observed_iou is None else f", observed overlap {fold.observed_iou:.3f}"
     if fold.observed_height_m is None:
         return f"{made}{overlap}"

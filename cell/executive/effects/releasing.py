@@ -18,8 +18,11 @@ __all__ = ["release_garment"]
 @effect
 def release_garment(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     """Open the pads just wide enough to release the garment."""
-    context, hands = context.with_attempt(replace(attempt, carried=True)), cell.hands
+    context, hands, repair = context.with_attempt(replace(attempt, carried=True)), cell.hands, context.fold.repair
     state = cell.ports.arms.state()
     states = {s: start_release(RELEASE_OPENING, hands.read(s, state)) for s in context.fold.held}
     context.need(each_hand(cell.loop, hands, states, commanding(hands, release)))
+    if repair is not None:
+        made = (context.fold.index, f"{repair.name}: {repair.in_words()}")
+        context = replace(context, repairs=(*context.repairs, made))
     return Result(Event.DONE, replace(context, fold=replace(context.fold, held={})))

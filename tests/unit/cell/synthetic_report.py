@@ -38,6 +38,7 @@ def report_record() -> RunRecord:
             drift_m=0.0072, observed_height_m=0.0188, pressed_from_m=(0.0273,) * (1 - step.index), duration_s=4.0,
             attempts=2 - step.index, recoveries=("missed_grasp -> grasp_again",) * (1 - step.index),
             grasps=GRASPS[step.index :],
+            repairs=("undo: the hands carry the moved cloth back where it lay before the fold",) * step.index,
         )
         for step in show.steps()
     )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -74,6 +75,13 @@ def test_a_fold_in_progress_has_the_figures_that_it_has_reached(diagnosis: Failu
     assert half.observed_height_m is None, "the height was not visible"
     assert half.accepted is (False if diagnosis else None), "an accepted fold that is not done is not told"
     assert quarter == FoldRecord("quarter")
+
+
+def test_repairs_and_pulls_are_told_in_the_rows_of_their_folds() -> None:
+    repairs = ((0, "spread: both hands pull"), (1, "undo: carried back"), (1, "undo: carried back"))
+    half, quarter = folds_of(replace(context_with(steps=STEPS, trajectory=ARC), repairs=repairs))
+    assert half.repairs == ("spread: both hands pull",)
+    assert quarter.repairs == ("undo: carried back",) * 2
 
 
 def test_the_duration_of_a_fold_is_that_of_the_arms_motion() -> None:

@@ -154,6 +154,21 @@ def test_a_loss_of_cloth_by_either_hand_ends_the_fold_at_rest_on_its_path(
     assert cell.now < 0.8 + 0.1 + 0.7, "the loss is detected within 100 ms, and the arms rest 0.6 s later"
 
 
+def test_a_loss_of_cloth_in_a_pause_moves_no_arm_and_opens_no_hand_before_the_person_resumes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cell, workcell, context = holding(monkeypatch)
+    monkeypatch.setattr(folding, "plan_arc", lambda *_, **__: Outcome(SimpleNamespace(fold=way(0.5))))
+    cell.at(0.6, lambda: workcell.commands.put(Event.PAUSE))
+    cell.at(2.0, lambda: lose(cell, Side.LEFT))
+    cell.at(6.0, lambda: workcell.commands.put(Event.RESUME))
+    result = EFFECTS[Effect.FOLD](workcell, context)
+    assert result.context.failure.kind is FailureKind.SLIPPED and cell.now == pytest.approx(6.0, abs=0.05)
+    resting = np.array([q[0] for t, q in cell.commands if t > 1.5])
+    assert len(resting) > 400 and np.ptp(resting) == 0.0
+    assert cell.openings[Side.RIGHT] == THICK and set(result.context.fold.held) == set(Side)
+
+
 def test_nothing_is_folded_if_the_arc_is_in_collision(monkeypatch: pytest.MonkeyPatch) -> None:
     """The arc is planned again from the hands' real positions, so it may differ from the first plan."""
     cell, workcell, context = holding(monkeypatch)
@@ -212,6 +227,17 @@ def test_a_hand_opens_only_to_the_release_width(monkeypatch: pytest.MonkeyPatch)
     result = EFFECTS[Effect.RELEASE](workcell, context)
     assert result.event is Event.DONE and result.context.fold.carried and not result.context.fold.held
     assert all(0.01 < opening < 0.025 for opening in cell.openings.values())
+
+
+@pytest.mark.parametrize("repaired", [False, True])
+def test_a_repair_counts_once_the_hands_have_released_its_cloth(
+    repaired: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, workcell, context = holding(monkeypatch)
+    repair: Any = SimpleNamespace(name="undo", in_words=lambda: "the hands carry it back")
+    context = replace(context, fold=replace(context.fold, repair=repair if repaired else None))
+    released = EFFECTS[Effect.RELEASE](workcell, context).context
+    assert released.repairs == ((context.fold.index, "undo: the hands carry it back"),) * repaired
 
 
 def retreating(
