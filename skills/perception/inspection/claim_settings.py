@@ -12,9 +12,8 @@ class ClaimSettings:
     """From the group `inspection` of the cell's settings. Lengths [m], angles [rad]. The sigmas are standard
     deviations.
 
-    The limits are those of the score. No margin of safety is subtracted from them: a false claim and a good fold
-    that is not claimed count as equally bad, and at the limit both are equally probable. The claim's reliability
-    tells how far the figures are from their limits.
+    The limits are those of the score. How far a figure has to be from its limit follows from its error
+    (`claiming.SURE`).
     """
 
     iou: float

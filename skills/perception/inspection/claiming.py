@@ -30,6 +30,13 @@ DRIFT_SIGMA = 0.004
 DRIFT_ANGLE_SIGMA = float(np.deg2rad(1.0))
 """Standard deviations of the figures of the shape: overlap, displacement [m] and angle [rad]."""
 
+SURE = 2.0 / 3.0
+"""Smallest probability with which the shape and the flatness are claimed. A false claim counts twice as much as a
+good fold that is not claimed."""
+UNSEEN_RELIEF, RELIEF_SIGMA = 0.12, 0.08
+"""Share by which the picture shows the relief of a stack too low, and its standard deviation, in 29 folds. Depth is
+averaged over squares, and a camera that looks at an angle does not see all flanks."""
+
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
 """Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns
 flatness."""
@@ -106,22 +113,27 @@ def claim_fold(
         Normal(e.mean + layers.thicker(h).mean, e.sigma) for e, h in zip(expected, flat_heights, strict=True)
     )
     stack = target.flat.height_m + 0.5 * layers.stated
-    height = target.observed.height_m - bias.value
+    relief = target.observed.relief_m
+    height = target.observed.height_m - bias.value + UNSEEN_RELIEF * relief
     crease = target.observed.crease_height_m - bias.value
     judged = judge_flatness(
-        Normal(height, math.hypot(errors.height_sigma, bias.sigma)),
+        Normal(height, math.hypot(errors.height_sigma, RELIEF_SIGMA * relief, bias.sigma)),
         Normal(crease, math.hypot(errors.crease_sigma, bias.sigma)) if math.isfinite(crease) else None,
         (away, near),
         Normal(stack + layers.thicker(stack).mean, layers.thicker(stack).sigma),
         errors,
     )
     visible = math.isfinite(height)
-    flat = visible and judged.flat and seen.diagnosis is not FailureKind.PILING
     probable_flat = judged.probability if visible else 0.0
     if seen.diagnosis is FailureKind.PILING:
         probable_flat = min(probable_flat, 1.0 - seen.confidence)
+    flat = judged.flat and seen.diagnosis is not FailureKind.PILING and probable_flat >= SURE
     wrong = (*_wrong_shape(seen, target, moved, settings), *(f"{name} was not found good" for name in doubtful))
     probable_shape = _probable_shape(target, moved, errors)
+    if not wrong and probable_shape < SURE:
+        wrong = (
+            f"its shape or place is so near to a limit that it is good with a probability of {probable_shape:.2f}",
+        )
     if seen.diagnosis not in SHAPE_KEPT:
         probable_shape = min(probable_shape, 1.0 - seen.confidence)
     if doubtful:
@@ -187,6 +199,10 @@ def _sentence(claim: Claim, wrong: tuple[str, ...], seen: Inspection, settings: 
         return f"folded, but stands {_mm(claim.height_m)} high, {_over(above)}"
     if not claim.flat and seen.diagnosis is FailureKind.PILING:
         return f"folded, but cloth is heaped up: {', '.join(beyond_limits(seen, settings))}"
+    if not claim.flat and math.isfinite(claim.height_m):
+        share, height, most = claim.probable_flat, _mm(claim.height_m), _mm(claim.height_limit_m)
+        near = f"so near to a limit that it is flat with a probability of {share:.2f}"
+        return f"folded, but {height} high (at most {most}) and {near}"
     if not claim.flat:
         return "folded, but its height cannot be seen"
     return f"folded as planned, {_mm(claim.height_m)} high (at most {_mm(claim.height_limit_m)})"

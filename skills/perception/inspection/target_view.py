@@ -29,11 +29,13 @@ class StackHeights:
     """95th percentiles of the height above the table [m]; NaN where too little is visible.
 
     height_m: over the silhouette away from all creases, or over all of it if it lies near creases everywhere.
-    crease_height_m: over the silhouette near creases.
+    crease_height_m: over the silhouette near creases. relief_m: how far `height_m` lies above the median of the
+    same places.
     """
 
     height_m: float
     crease_height_m: float
+    relief_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,5 +127,7 @@ def stack_heights(
     places = view.to_table(np.stack([columns, rows], axis=1), values)
     distance, _ = cKDTree(creases).query(places, distance_upper_bound=margin)
     near = np.isfinite(distance)
-    away = upper(values[~near])
-    return StackHeights(away if np.isfinite(away) else upper(values), upper(values[near]))
+    judged = values[~near] if np.isfinite(upper(values[~near])) else values
+    height = upper(judged)
+    relief = height - float(np.median(judged)) if np.isfinite(height) else 0.0
+    return StackHeights(height, upper(values[near]), relief)

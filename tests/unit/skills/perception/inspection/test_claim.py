@@ -13,7 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skills.perception.inspection.claim import Claim, claim_to_dict
-from skills.perception.inspection.claiming import Displacement, Layers, claim_fold, displacement_of
+from skills.perception.inspection.claiming import (
+    SURE,
+    Displacement,
+    Layers,
+    claim_fold,
+    displacement_of,
+)
 from skills.perception.inspection.height_expectation import CameraBias, IdealHeights, Normal
 from skills.perception.inspection.target_view import StackHeights, TargetView
 from skills.plane import rotation
@@ -33,9 +39,9 @@ def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Cla
     """The claim about a fold of these true heights [m], seen too high by BIAS."""
     given: dict[str, Any] = {
         "iou": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "bias": CameraBias(BIAS, 0.0, True),
-        "doubtful": (), "thickness": STATED,
+        "doubtful": (), "thickness": STATED, "relief": 0.0,
     } | changes  # fmt: skip
-    seen = StackHeights(height + BIAS, crease + BIAS)
+    seen = StackHeights(height + BIAS, crease + BIAS, given["relief"])
     flat = StackHeights(0.0035, 0.0035)
     target = TargetView(given["iou"], np.zeros(2), np.zeros(2), 0.0, seen, seen, flat)
     view = inspection(diagnosis=given["diagnosis"], target=target, piled_area_m2=0.0)
@@ -126,7 +132,27 @@ def test_the_reliability_is_a_probability(height: float, crease: float, iou: flo
 
 def test_a_claim_at_its_limit_is_as_good_as_a_throw_of_a_coin() -> None:
     """Only the height away from the creases is in doubt; for it the ideal fold decides."""
-    assert claimed(height=0.020, crease=0.010).reliability == pytest.approx(0.5, abs=0.05)
+    claim = claimed(height=0.020, crease=0.010)
+    assert claim.reliability == pytest.approx(0.5, abs=0.05)
+    assert not claim.holds, "a false claim counts more than a good fold that is not claimed"
+
+
+def test_a_fold_near_a_limit_is_claimed_only_if_it_is_probably_good() -> None:
+    """A millimetre below its limit, a fold is about as often too high as a millimetre above it it is not."""
+    claims = [claimed(height=h, crease=0.010) for h in np.arange(0.0150, 0.0202, 0.0002)]
+    assert {c.flat for c in claims} == {True, False}
+    assert all(c.flat == (c.probable_flat >= SURE) for c in claims if not c.too_high)
+    doubtful = next(c for c in claims if not c.flat)
+    assert not doubtful.too_high and "flat with a probability of 0.6" in doubtful.says
+    near = [claimed(iou=S.claim.iou + share) for share in (0.001, 0.006)]
+    assert [c.shape for c in near] == [False, True] and "good with a probability of 0.5" in near[0].says
+
+
+def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_known() -> None:
+    plateau, crests = claimed(), claimed(relief=0.010)
+    assert crests.height_m - plateau.height_m == pytest.approx(0.0012)
+    same = claimed(height=crests.height_m)
+    assert same.height_m == pytest.approx(crests.height_m) and crests.probable_flat < same.probable_flat < 1.0
 
 
 @given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-0.1, 0.1))

@@ -35,6 +35,16 @@ def test_the_crease_is_measured_apart_from_the_rest(crest: float) -> None:
     assert found.crease_height_m == pytest.approx(crest, abs=1e-3)
 
 
+@pytest.mark.parametrize(("at", "relief"), [(0.59, 0.014), (0.45, 0.0)])
+def test_the_relief_is_how_far_the_high_places_stand_above_the_others(at: float, relief: float) -> None:
+    """Of the places away from the crease, half or all lie high."""
+    z = np.where(at < X, 0.020, 0.006)
+    xy = np.column_stack([X.ravel(), Y.ravel()])
+    image = draw_shape(VIEW, PredictedShape(np.column_stack([xy, z.ravel()]), grid_triangles(X.shape), xy))
+    found = stack_heights(image, np.isfinite(image), VIEW, CREASE, MARGIN)
+    assert found.height_m == pytest.approx(0.020, abs=5e-4) and found.relief_m == pytest.approx(relief, abs=1e-3)
+
+
 def test_a_garment_that_lies_near_creases_everywhere_is_measured_as_a_whole() -> None:
     image = draw_shape(VIEW, sheet(0.006, 0.006))
     found = stack_heights(image, np.isfinite(image), VIEW, CREASE, 1.0)
