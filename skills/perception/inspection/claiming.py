@@ -34,8 +34,8 @@ SURE = 2.0 / 3.0
 """Smallest probability with which the shape and the flatness are claimed. A false claim counts twice as much as a
 good fold that is not claimed."""
 UNSEEN_RELIEF, RELIEF_SIGMA = 0.12, 0.08
-"""Share by which the picture shows the relief of a stack too low, and its standard deviation, in 29 folds. Depth is
-averaged over squares, and a camera that looks at an angle does not see all flanks."""
+"""Share by which the picture shows the relief of a stack too low, and its standard deviation, in 29 folds. Depth
+is averaged over squares, and a camera that looks at an angle does not see all flanks."""
 
 SHAPE_KEPT = frozenset({None, FailureKind.DRIFT, FailureKind.PILING})
 """Diagnoses that do not concern the shape. The claim has its own limit for the drift, and piled cloth concerns

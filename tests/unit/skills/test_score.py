@@ -431,6 +431,12 @@ def test_every_variant_sequence_is_a_valid_target_and_the_preferred_one_is_first
         final = np.column_stack([cut.target, np.zeros(len(cut.target))])
         result = score_plan(final, cut.triangles, cut.attributes, keypoints, a_towel("t"), THICKNESS)
         assert result.passed and result.iou > 0.999 and result.layers == 4
+        far = np.column_stack([turned(cut.target, 0.25, -0.1, 0.2), final[:, 2]])
+        moved = score_plan(far, cut.triangles, cut.attributes, keypoints, a_towel("t"), THICKNESS)
+        assert moved.iou > 0.999 and moved.figures["correspondence_m"].value < 1e-6, (
+            "somebody has moved the folded towel"
+        )
+        assert not moved.passed and moved.figures["drift_rad"].value == pytest.approx(0.2, abs=1e-6)
     assert ways[0][0].signed_distance(keypoints["far_left"]) > 0.0
     half_done = np.column_stack([fold_xy(ways[0][:1], flat), np.zeros(len(flat))])
     assert not score_plan(half_done, triangles, flat, keypoints, a_towel("t"), THICKNESS).passed
