@@ -145,6 +145,14 @@ class Attempt:
     """Whether a repair has completed the fold, so that its own motion does not explain how the garment lies."""
     repair_s: float | None = None
     """Duration of the motion of that repair, from the lift to the release [s]."""
+    interrupted: bool = False
+    """Whether the hands came to the target otherwise than planned: they stopped on the way, or took cloth along
+    when they left."""
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether layers of the fold may lie elsewhere than planned under those that the camera sees."""
+        return self.repaired or self.interrupted
 
     @property
     def carrying_s(self) -> float:
@@ -160,10 +168,13 @@ class Attempt:
 @dataclass(frozen=True, eq=False)
 class FoldNote:
     """A fold that was planned, in the state that it has reached. grasps: number of times that the hands approached
-    its grasps."""
+    its grasps. anew: what was seen of the fold when the garment had been disturbed since its inspection. hidden:
+    whether it was disturbed, and later folds hide it, so that what was seen of the fold is not known any more."""
 
     attempt: Attempt
     grasps: int
+    anew: Inspection | None = None
+    hidden: bool = False
 
     @property
     def name(self) -> str:
@@ -172,12 +183,12 @@ class FoldNote:
     @property
     def inspected(self) -> Inspection | None:
         """The last inspection."""
-        return self.attempt.inspection
+        return self.anew or self.attempt.inspection
 
     @property
     def accepted(self) -> bool:
         """Whether the inspection found nothing wrong, and the claim holds if one was made."""
-        seen, claim = self.attempt.inspection, self.attempt.claim
+        seen, claim = self.inspected, self.attempt.claim
         return seen is not None and seen.diagnosis is None and (claim is None or claim.holds)
 
 

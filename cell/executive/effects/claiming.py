@@ -7,11 +7,11 @@ import numpy as np
 from cell.executive.effects.grasping import LEARNED_ERROR
 from cell.hardware.workcell import Workcell
 from cell.states.run_context import RunContext
-from cell.states.stages import Attempt, Plan
+from cell.states.stages import Attempt, FoldNote, Plan
 from robots.errors import Failure, FailureKind
 from skills.fold_plan.folding import folded_creases, target_vertices
 from skills.perception.inspection.claim import Claim
-from skills.perception.inspection.claiming import Layers, claim_fold, displacement_of
+from skills.perception.inspection.claiming import Layers, SeenFolds, claim_fold, displacement_of
 from skills.perception.inspection.diagnosis import lasting_defect
 from skills.perception.inspection.height_expectation import (
     CameraBias,
@@ -56,10 +56,10 @@ def make_claim(
     look = context.first_look
     R, t = align(look.contour, plan.flat.contour) if look else (np.eye(2), np.zeros(2))
     bias = look.bias if look else CameraBias(errors.camera_bias, errors.camera_bias_sigma, measured=False)
-    layers, doubtful = _layers(context, plan, errors.thickness_spread), _doubtful(context, plan, cell.inspection)
+    layers = _layers(context, plan, errors.thickness_spread)
     return claim_fold(
         inspection, target, displacement_of(target, R, t), bias, _ideal_heights(cell, plan, target, first), first,
-        layers, cell.inspection, doubtful,
+        layers, cell.inspection, _seen_folds(context, plan, attempt, cell.inspection),
     )  # fmt: skip
 
 
@@ -75,11 +75,16 @@ def _layers(context: RunContext, plan: Plan, spread: float) -> Layers:
     return Layers(nominal.layers, stated, Normal(known, LEARNED_ERROR * known))
 
 
-def _doubtful(context: RunContext, plan: Plan, settings: InspectionSettings) -> tuple[str, ...]:
-    """Return the names of the earlier folds that an inspection refused for a defect that a later fold can hide."""
-    refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
+def _seen_folds(context: RunContext, plan: Plan, attempt: Attempt, settings: InspectionSettings) -> SeenFolds:
+    """Return what was seen of all folds. An earlier fold is doubtful if an inspection refused it for a defect that
+    a later fold can hide."""
     steps = {step.name: step for step in plan.steps}
-    return tuple(name for name, seen in refused if lasting_defect(seen, steps[name], settings) is not None)
+    refused = [(note.name, note.inspected) for note in context.done if note.inspected and not note.accepted]
+    folds = (*context.done, FoldNote(attempt, 0))
+    return SeenFolds(
+        tuple(name for name, seen in refused if lasting_defect(seen, steps[name], settings) is not None),
+        tuple(note.name for note in folds if note.hidden or note.attempt.disturbed),
+    )
 
 
 def claim_failure(claim: Claim) -> Failure:

@@ -134,11 +134,15 @@ def judged_as_before(
 ) -> Inspection:
     """Return the inspection after pressing, with a corrected diagnosis. If the outline was good before pressing
     and pressing did not displace it, the diagnosis uses the outline's deviation before pressing, because a pressed
-    crease reaches further out than the predicted crease, which is not pressed."""
+    crease reaches further out than the predicted crease, which is not pressed. A moved edge that lay in its place
+    before pressing still does."""
     displaced, _ = edge_deviation(before.contour, after.contour)
     if not outline_matches(before, settings) or abs(displaced) >= DISPLACED:
         return after
-    kind, confidence = diagnose(replace(after, edge_deviation_m=before.edge_deviation_m), step, settings)
+    still = replace(after, edge_deviation_m=before.edge_deviation_m)
+    kind, confidence = diagnose(still, step, settings)
+    if kind in {FailureKind.SAG, FailureKind.DROPPED_CORNER} and before.edge is not None:
+        kind, confidence = diagnose(replace(still, edge=before.edge), step, settings)
     return replace(after, diagnosis=kind, confidence=confidence)
 
 
@@ -181,12 +185,32 @@ def find_folded(cell: Workcell, context: RunContext, plan: Plan, frame: CameraFr
         )
         return context.failed(failure, figures(inspection))
     context = replace(context, plan=plan.drifted(inspection))
+    if context.disturbed or context.fold.touched:
+        context = context.need(_seen_anew(cell, context, frame))
     if context.disturbed and context.first_look is not None:
         # the claim judges only what the cell has displaced: the place of the first look moves with the garment
         moved = with_drift(context.first_look.contour, inspection)
         context = replace(context, first_look=replace(context.first_look, contour=moved))
     found = replace(context, disturbed=False, fold=replace(context.fold, touched=False))
     return Result(Event.DONE, found, figures(inspection))
+
+
+def _seen_anew(cell: Workcell, context: RunContext, frame: CameraFrame) -> Outcome[RunContext]:
+    """Return the context with what the picture shows of the last fold, because the garment was disturbed since its
+    inspection. It may lie anywhere, so its drift does not count. What later folds hide of the folds before it is
+    not known any more."""
+    last = context.done[-1] if context.done else None
+    if last is None or last.inspected is None:
+        return Outcome(context)
+    attempt, known = last.attempt, last.inspected
+    outcome = _compare(cell, context, frame, attempt.predicted, attempt.step, attempt.before)
+    if outcome.failure:
+        return Outcome(failure=outcome.failure)
+    seen = replace(outcome.unwrap(), drift_m=0.0, drift_rad=0.0, target=known.target)
+    kind, confidence = diagnose(seen, attempt.step, cell.inspection)
+    seen = replace(seen, diagnosis=kind, confidence=confidence)
+    done = (*(replace(note, hidden=True) for note in context.done[:-1]), replace(last, anew=seen))
+    return Outcome(replace(context, done=done))
 
 
 def _record(inspection: Inspection, claim: Claim | None) -> dict[str, object]:

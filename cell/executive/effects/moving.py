@@ -92,7 +92,7 @@ def approach(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     cell.hand_record.forget()
     control = pausable(cell)
     failure = move(cell, attempt.motion.approach, control=control)
-    attempt = replace(attempt, before=context.sight.frame, carried=False)
+    attempt = replace(attempt, before=context.sight.frame, carried=False, interrupted=False)
     fold = replace(context.fold, attempt=attempt, grasps=context.fold.grasps + 1, carrying=())
     context = replace(context, fold=fold)
     return _ended(with_waiting_time(context, control), failure)
@@ -107,7 +107,9 @@ def retreat(cell: Workcell, context: RunContext) -> Result:
     left = leave_freely(cell, way, biases, _thinnest_layer(context), control)
     cell.hand_record.end()
     context = with_waiting_time(context, control)
-    felt = context.need(left)
+    felt, attempt = context.need(left), context.fold.attempt
+    if felt and attempt is not None:
+        context = context.with_attempt(replace(attempt, interrupted=True))
     return Result(Event.DONE, context, {"cloth_on_finger": felt} if felt else {})
 
 

@@ -128,6 +128,5 @@ def stack_heights(
     distance, _ = cKDTree(creases).query(places, distance_upper_bound=margin)
     near = np.isfinite(distance)
     judged = values[~near] if np.isfinite(upper(values[~near])) else values
-    height = upper(judged)
-    relief = height - float(np.median(judged)) if np.isfinite(height) else 0.0
-    return StackHeights(height, upper(values[near]), relief)
+    top = upper(judged)
+    return StackHeights(top, upper(values[near]), top - float(np.median(judged)) if np.isfinite(top) else 0.0)

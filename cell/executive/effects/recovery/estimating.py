@@ -44,7 +44,7 @@ def estimate(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt, 
     if found.confidence < SURE:  # recognition or inspection decides
         state = max((FoldState.BEFORE, FoldState.AFTER), key=lambda s: found.probabilities[s])
     if state is FoldState.AFTER:
-        context = context.with_attempt(replace(attempt, carried=True))
+        context = context.with_attempt(replace(attempt, carried=True, interrupted=True))
         return Result(Event.FOLD_MADE, context, record)
     if state is FoldState.BEFORE:
         return Result(Event.DONE, context, record)

@@ -56,7 +56,7 @@ def lay_back(cell: Workcell, context: RunContext, attempt: Attempt) -> Result:
     if failure is None:
         failure = as_failure(lambda: _release_and_rise(cell, tuple(fold.held)))
         if laying is Laying.ONWARD and failure is None:
-            context = context.with_attempt(replace(attempt, carried=True))
+            context = context.with_attempt(replace(attempt, carried=True, interrupted=True))
     context = replace(with_waiting_time(context, control), cause=cause)
     if failure is None:
         return Result(ending or Event.DONE, replace(context, failure=cause), record)

@@ -14,7 +14,7 @@ from cell.executive.effects.inspecting import figures, next_step
 from cell.states.fold_context import FoldContext
 from cell.states.recovery_table import Adjustment
 from cell.states.run_context import RunContext
-from cell.states.stages import FirstLook, Repair
+from cell.states.stages import FirstLook, FoldNote, Repair
 from cell.states.transition_table import Effect, Event
 from robots.errors import Failure, FailureKind
 from skills.cloth.mesh import ClothMesh
@@ -127,8 +127,11 @@ def as_seen(height: float, crease: float = 0.020, iou: float = 0.97) -> TargetVi
 def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
     """The last of two folds was carried. earlier: the inspection that refused the first one."""
     flat = GarmentState("towel", SQUARE, {}, 1.0)
-    unpressed = SimpleNamespace(pressed=())
-    before: Any = SimpleNamespace(name="half", claim=None, accepted=False, inspected=earlier, attempt=unpressed)
+    unpressed = SimpleNamespace(pressed=(), disturbed=False)
+    before: Any = SimpleNamespace(
+        name="half", claim=None, accepted=False, inspected=earlier, hidden=False,
+        attempt=unpressed,
+    )  # fmt: skip
     garment: Any = SimpleNamespace(
         plan=[SimpleNamespace(variants=())] * 2,
         material=SimpleNamespace(thickness=0.002, bending_length=0.015),
@@ -294,6 +297,36 @@ def test_a_shove_by_a_person_does_not_count_as_the_cells_drift(
     np.testing.assert_allclose(after.plan.flat.contour, SQUARE + shift)
     assert after.first_look is not None
     np.testing.assert_allclose(after.first_look.contour, SQUARE + (shift if disturbed else 0.0))
+
+
+@pytest.mark.parametrize("cause", ["touched", "disturbed", ""])
+def test_what_was_seen_before_a_disturbance_is_seen_anew_or_counts_as_hidden(
+    cause: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two folds that were found good, the last one is looked at again. The third one is yet to be made."""
+    attempt: Any = SimpleNamespace(
+        predicted=PredictedShape(FOLDED, TRIANGLE, CORNERS), step=STEPS[1], before=None, claim=None, pressed=(),
+        inspection=seen(target=as_seen(0.011)), disturbed=False,
+    )  # fmt: skip
+    notes = (FoldNote(SimpleNamespace(**{**vars(attempt), "step": STEPS[0]}), 1), FoldNote(attempt, 1))
+    looked = [seen(K.DRIFT, drift_m=0.1), seen(K.DRIFT, drift_m=0.1, iou_aligned=0.8)]
+    monkeypatch.setattr(inspecting, "inspect", lambda *_, **__: Outcome(looked.pop(0)))
+    context = context_with(last_fold(), done=notes, disturbed=cause == "disturbed", touched=cause == "touched")
+    assert context.plan is not None and context.sight.frame is not None
+    found = inspecting.find_folded(fake_workcell(FakeCell()), context, context.plan, context.sight.frame).context
+    first, last = found.done
+    assert (first.hidden, last.accepted) == ((True, False) if cause else (False, True))
+    assert len(looked) == (0 if cause else 1), "an undisturbed fold is not looked at again"
+    assert last.inspected is not None and last.inspected.target is attempt.inspection.target
+    assert not cause or last.inspected.diagnosis is K.OFF_TARGET, "its drift does not count: somebody moved it"
+
+
+def test_a_claim_knows_which_folds_are_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    look(monkeypatch, seen(target=as_seen(0.011)))
+    known = inspect_fold(fake_workcell(FakeCell()), last_fold()).context.claim()
+    doubted = inspect_fold(fake_workcell(FakeCell()), last_fold(interrupted=True)).context.claim()
+    assert known is not None and doubted is not None
+    assert doubted.reliability == pytest.approx(0.95 * known.reliability)
 
 
 def test_the_next_fold_starts_with_a_new_context() -> None:

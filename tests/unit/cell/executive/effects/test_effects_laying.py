@@ -80,6 +80,7 @@ def test_the_cloth_is_released_at_the_nearer_end_of_the_path(share: float, back:
     assert result.event is Event.DONE and result.record["laying"] == ("back" if back else "onward")
     assert len(where) == 2 and where[0] == pytest.approx(GRASP if back else ARC.q[-1], abs=1e-3)
     assert result.context.fold.carried is not back, "the next picture is judged as that of a completed fold"
+    assert result.context.fold.attempt.disturbed is not back, "layers below may lie elsewhere than planned"
     assert result.context.failure is context.failure, "the recovery is chosen for the failure of the fold"
     assert 0.01 < min(cell.openings.values()) < 0.03, "the pads open just wide enough"
     heights = [workcell.hands.height(side, cell.q) - workcell.hands.height(side, where[0]) for side in Side]

@@ -26,6 +26,7 @@ from skills.cloth.mesh import ClothMesh
 from skills.fold_plan.pressing import OPENING, Dab, press_paths
 from skills.grasping.hand_reading import HandReading
 from skills.perception.inspection.inspect import Inspection
+from skills.perception.inspection.moved_edge import MovedEdge
 from skills.perception.rectification.table_view import TableView
 from skills.vocabulary import FoldLine, FoldStep, Outcome, PredictedShape
 from tests.builders.contexts import context_with
@@ -265,6 +266,12 @@ def test_after_pressing_a_widened_crease_is_accepted_and_a_turned_corner_is_not(
     )
     flattened = look(outline(SQUARE), diagnosis=FailureKind.PILING)
     assert judged_as_before(flattened, look(outline(further), **off), STEP, settings).diagnosis is None
+    lags = MovedEdge(np.r_[np.full(3, 0.05), np.zeros(9)], 0.003)
+    ahead = replace(lags, lag=np.zeros(12))
+    lagging = look(outline(further), edge=lags, diagnosis=FailureKind.DROPPED_CORNER)
+    for edge, kind in ((ahead, None), (lags, FailureKind.DROPPED_CORNER), (None, FailureKind.DROPPED_CORNER)):
+        found = judged_as_before(look(outline(SQUARE), edge=edge), lagging, STEP, settings)
+        assert found.diagnosis is kind, "an edge that lay in its place before still does so"
     bad = look(outline(SQUARE), diagnosis=FailureKind.OFF_TARGET, edge_deviation_m=0.0225)
     assert judged_as_before(bad, look(outline(further), **off), STEP, settings).diagnosis is FailureKind.OFF_TARGET
 

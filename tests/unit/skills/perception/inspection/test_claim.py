@@ -17,6 +17,7 @@ from skills.perception.inspection.claiming import (
     SURE,
     Displacement,
     Layers,
+    SeenFolds,
     claim_fold,
     displacement_of,
 )
@@ -39,7 +40,7 @@ def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Cla
     """The claim about a fold of these true heights [m], seen too high by BIAS."""
     given: dict[str, Any] = {
         "iou": 0.97, "moved": STILL, "diagnosis": None, "first_crease": None, "bias": CameraBias(BIAS, 0.0, True),
-        "doubtful": (), "thickness": STATED, "relief": 0.0,
+        "folds": SeenFolds(), "thickness": STATED, "relief": 0.0,
     } | changes  # fmt: skip
     seen = StackHeights(height + BIAS, crease + BIAS, given["relief"])
     flat = StackHeights(0.0035, 0.0035)
@@ -48,7 +49,7 @@ def claimed(height: float = 0.015, crease: float = 0.025, **changes: Any) -> Cla
     crease = given["first_crease"]
     first = None if crease is None else replace(target, observed=StackHeights(np.nan, crease))
     layers = Layers(1, STATED, Normal(given["thickness"], 0.0))
-    return claim_fold(view, target, given["moved"], given["bias"], IDEAL, first, layers, S, given["doubtful"])
+    return claim_fold(view, target, given["moved"], given["bias"], IDEAL, first, layers, S, given["folds"])
 
 
 def test_a_good_fold_is_claimed() -> None:
@@ -60,7 +61,7 @@ def test_a_good_fold_is_claimed() -> None:
 
 def test_a_shape_over_a_doubtful_fold_is_not_claimed() -> None:
     """A later fold covers what was wrong with an earlier one."""
-    claim = claimed(doubtful=("sleeve_left",))
+    claim = claimed(folds=SeenFolds(doubtful=("sleeve_left",)))
     assert not claim.shape and claim.flat and not claim.holds
     assert "sleeve_left was not found good" in claim.says and claim.reliability > 0.5
 
@@ -146,6 +147,15 @@ def test_a_fold_near_a_limit_is_claimed_only_if_it_is_probably_good() -> None:
     assert not doubtful.too_high and "flat with a probability of 0.6" in doubtful.says
     near = [claimed(iou=S.claim.iou + share) for share in (0.001, 0.006)]
     assert [c.shape for c in near] == [False, True] and "good with a probability of 0.5" in near[0].says
+
+
+def test_layers_that_were_disturbed_and_are_hidden_since_count_as_unknown() -> None:
+    seen, once, twice = (claimed(folds=SeenFolds(hidden=h)) for h in ((), ("half",), ("half", "quarter")))
+    assert once.reliability == pytest.approx(0.95 * seen.reliability) and once.holds
+    assert twice.reliability == pytest.approx(0.95**2 * seen.reliability)
+    near = S.claim.iou + 0.0045
+    sure, doubt = (claimed(iou=near, folds=SeenFolds(hidden=h)) for h in ((), ("half",)))
+    assert sure.holds and not doubt.holds, "one more doubt refutes a claim near its limit"
 
 
 def test_the_camera_does_not_see_all_relief_and_the_more_there_is_the_less_is_known() -> None:
