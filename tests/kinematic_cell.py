@@ -10,12 +10,14 @@ from typing import Any, cast
 
 import numpy as np
 
+from calibration.board import BOARD
 from cell.hardware.contract.rig import Rig
 from cell.hardware.robot_model import load_robot
 from robots.errors import DriverError, FailureKind
 from robots.model import RobotModel
 from robots.ports import (
     Array,
+    BoardPlace,
     CameraFrame,
     GripperState,
     JointSetpoint,
@@ -27,6 +29,7 @@ from robots.ports import (
     frozen,
 )
 from robots.setpoint import clip_setpoint
+from skills.motion.kinematics.ik import tool_pose
 from skills.motion.validation.collision import CollisionChecker
 from skills.vocabulary import CameraCalibration, Table
 
@@ -44,10 +47,12 @@ class KinematicCell:
     command_timeout = 0.2
 
     def __init__(
-        self, model: RobotModel, camera: CameraCalibration, depth: Callable[[CameraFrame], Array]
+        self, model: RobotModel, camera: CameraCalibration, depth: Callable[[CameraFrame], Array], table: float
     ) -> None:
+        """depth: makes the depth of a picture. table: height of the table in the base frame [m]."""
+        self.table = table
         self.model, self.camera, self._depth = model, camera, depth
-        self.t, self.pictures = 0.0, 0
+        self.t, self.pictures, self.board = 0.0, 0, False
         self.q, self.qd = np.array(model.q_park), np.zeros(len(model.q_park))
         self.setpoint: JointSetpoint | None = None
         self.enabled, self.reason = False, ""
@@ -135,14 +140,20 @@ class KinematicCell:
     def glimpse(self) -> CameraFrame:
         k = self.camera.intrinsics
         self.pictures += 1
-        rgb = frozen(np.full((k.height, k.width, 3), self.pictures % 256, np.uint8))
-        frame = CameraFrame(self.t, self.pictures, rgb, np.zeros((0, 0), np.float32), k)
+        rgb = np.full((k.height, k.width, 3), self.pictures % 256, np.uint8)
+        if self.board:
+            card = BOARD.image(1500.0)
+            rgb[: card.shape[0], : card.shape[1]] = card[..., None]
+        frame = CameraFrame(self.t, self.pictures, frozen(rgb), np.zeros((0, 0), np.float32), k)
         return replace(frame, depth=frozen(self._depth(frame).astype(np.float32)))
+
+    def bring_board(self, place: BoardPlace) -> None:
+        self.board = place is BoardPlace.SHOWN
 
     def ports(self) -> Ports:
         stop: Any = _Named(trigger=self.trigger, state=self.stop_state, reset=self.reset)
         pads = {side: _Named(side=side, reading=hand.reading) for side, hand in self.hands.items()}
-        attendant: Any = _Named()
+        attendant: Any = _Named(bring_board=self.bring_board)
         return Ports(
             "kinematic", True, self, self, self, self.hands, cast(Mapping[Side, Any], pads), self, stop, attendant
         )
@@ -182,7 +193,13 @@ class _Hand:
         return GripperState(self.cell.t, self.side, self.opening, 0.0, moving, self.calibrated)
 
     def reading(self) -> TactileReading:
-        return TactileReading(self.cell.t, self.side, frozen(np.zeros((2, 4, 3))), frozen(np.zeros(2)))
+        """Noise, and the table under the tips, which are 0.1 mm deep per 0.4 N."""
+        model, noise = self.cell.model, np.random.default_rng(round(1e3 * self.cell.t)).normal(0.0, 0.004, 26)
+        tool = tool_pose(model.chains[self.side], self.cell.q[model.arm(self.side)])
+        pressed = 4e3 * max(self.cell.table - tool[2, 3], 0.0)
+        return TactileReading(
+            self.cell.t, self.side, frozen(noise[:24].reshape(2, 4, 3)), frozen(pressed + noise[24:])
+        )
 
 
 @contextmanager
@@ -191,7 +208,7 @@ def kinematic_rig(
 ) -> Iterator[Rig]:
     """A rig at a kinematic cell with an empty table. broken: makes its ports."""
     model = load_robot(settings)
-    cell = KinematicCell(model, camera, lambda frame: _table_depth(camera, frame))
+    cell = KinematicCell(model, camera, lambda frame: _table_depth(camera, frame), table.height)
 
     def interrupt(seconds: float) -> None:
         cell.unheard_until = cell.t + seconds

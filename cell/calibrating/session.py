@@ -1,4 +1,5 @@
-"""Run one calibration from request to result: open the cell, prepare, run the procedure, make safe, close."""
+"""Run one calibration, or other work at the cell that is no fold, from request to result: open the cell, perform,
+make safe, close."""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ from robots.errors import (
 from robots.ports import Stop
 from skills.vocabulary import Outcome
 
-__all__ = ["CalibrationEnd", "CalibrationPrompts", "CalibrationRequest", "calibrate"]
+__all__ = ["CalibrationEnd", "CalibrationPrompts", "CalibrationRequest", "Session", "calibrate", "perform_session"]
 
 T = TypeVar("T")
 Script = Callable[[OpenCell], None]
@@ -59,7 +60,7 @@ Script = Callable[[OpenCell], None]
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """Request for one calibration. name: name of the calibration. say: shows a progress line."""
+    """Request for one calibration. name: name of its run. say: shows a progress line."""
 
     name: str
     seed: int
@@ -110,6 +111,22 @@ class CalibrationEnd(Generic[T]):
         }
 
 
+@dataclass(frozen=True, eq=False)
+class Session:
+    """The open cell of a request. run: its journal. ended: whether a signal asks for the end. ask: see
+    CalibrationPrompts."""
+
+    request: CalibrationRequest
+    run: RunJournal
+    cell: Workcell
+    opened: OpenCell
+    ended: Callable[[], bool]
+    ask: Callable[[str | None], None]
+
+    def say(self, text: str) -> None:
+        self.request.say(f"{self.cell.ports.clock.now():8.1f} s  {text}")
+
+
 class CalibrationPrompts:
     """Asks the operator for help during a calibration. The latest request stays open until `ask(None)` withdraws
     it. say: shows a line to the operator."""
@@ -137,8 +154,26 @@ def calibrate(
 ) -> CalibrationEnd[T]:
     """Run one calibration procedure on the cell of the request.
 
-    procedure: makes the procedure for the assembled cell. figures(value, truth): returns the figures of the result
-    that are stored with the run. script: called with the open cell before the procedure begins (for tests).
+    procedure: makes the procedure for the assembled cell. The rest is as in `perform_session`.
+    """
+
+    def work(session: Session) -> tuple[Outcome[T], bool]:
+        if script is not None:
+            script(session.opened)
+        return _perform(session, procedure)
+
+    return perform_session(request, work, figures)
+
+
+def perform_session(
+    request: CalibrationRequest,
+    work: Callable[[Session], tuple[Outcome[T], bool]],
+    figures: Callable[[T, Truth | None], Mapping[str, Any]],
+) -> CalibrationEnd[T]:
+    """Open the cell of the request and do the work, with its own run in the journal.
+
+    work: returns its outcome, and whether it left the cell safe. figures(value, truth): returns the figures of the
+    result that are stored with the run.
 
     Raises ConfigurationError and StorageError before anything moves. Later, if a record cannot be written, holds
     the arms and raises RecordError.
@@ -149,10 +184,10 @@ def calibrate(
         check_terminal(sys.stdin)
     with (
         owned_cell(request.logs) as (interrupts, journal),
-        begun_run(journal, f"calibrate-{request.name}", request.seed, request.driver, request.settings) as run,
+        begun_run(journal, request.name, request.seed, request.driver, request.settings) as run,
     ):
         write_whole(run.directory / "cell.yaml", request.settings.as_yaml())
-        end = _with_cell(request, run, procedure, script, began, interrupts)
+        end = _with_cell(request, run, work, began, interrupts)
         report = end.as_json() | (dict(figures(end.value, end.truth)) if end.value is not None else {})
         run.end(end.result, report)
         write_whole(run.directory / "result.json", json.dumps(to_json(report), indent=1) + "\n")
@@ -162,8 +197,7 @@ def calibrate(
 def _with_cell(
     request: CalibrationRequest,
     run: RunJournal,
-    procedure: Callable[[Workcell], Procedure[T]],
-    script: Script | None,
+    work: Callable[[Session], tuple[Outcome[T], bool]],
     began: float,
     interrupts: Interrupts,
 ) -> CalibrationEnd[T]:
@@ -183,10 +217,9 @@ def _with_cell(
         cell = assemble(fold_request, robot, ports, Recorder.silent(), commands, workers, _ignore, _ignore)
         if not ports.simulated and sys.stdin is not None:
             TerminalOperator(commands, sys.stdin, sys.stderr, may=prompts.may).start()
-        if script is not None:
-            script(opened)
+        session = Session(request, run, cell, opened, lambda: bool(interrupts.received), prompts.ask)
         try:
-            outcome, safe = _perform(request, run, cell, procedure)
+            outcome, safe = work(session)
         except StorageError as e:
             hold_still(cell, RunContext())
             hint = f"the arms are held where they are: remove by hand what they hold. {e.hint}"
@@ -208,14 +241,13 @@ def _with_cell(
 def _ignore(*_: Any) -> None: ...
 
 
-def _perform(
-    request: CalibrationRequest, run: RunJournal, cell: Workcell, procedure: Callable[[Workcell], Procedure[T]]
-) -> tuple[Outcome[T], bool]:
+def _perform(session: Session, procedure: Callable[[Workcell], Procedure[T]]) -> tuple[Outcome[T], bool]:
     """Prepare the cell, run the procedure and make the cell safe. Returns the procedure's outcome, and whether the
     cell is safe."""
+    run, cell = session.run, session.cell
 
     def say(t: float, text: str) -> None:
-        request.say(f"{t:8.1f} s  {text}")
+        session.request.say(f"{t:8.1f} s  {text}")
 
     performer = ProcedureRunner(cell, run, say, lambda name, picture: _keep(run.directory, name, picture))
     say(cell.ports.clock.now(), "preparing")

@@ -69,7 +69,7 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
         refuse_foreign(options.output, b"by: foldcell calibrate ")
     stream = progress_stream(options.json)
     request = CalibrationRequest(
-        name=name,
+        name=f"calibrate-{name}",
         seed=options.seed,
         driver=options.driver,
         settings=settings,

@@ -1,4 +1,5 @@
-"""`foldcell hil`: performs scripted runs and checks each against the expectations of its script."""
+"""`foldcell hil`: performs scripted runs and checks each against the expectations of its script, or climbs the
+ladder."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from cell.campaigns.hil.script import Script, read_script
 from cell.campaigns.hil.script_run import ScriptResult, check_script, run_script
 from cell.commands.options import cell_option, driver_options, json_option, logs_option
 from cell.commands.output import print_json, progress_stream
+from cell.commands.run.ladder import LADDER, SPEEDS, run_ladder
 from cell.config.cell_settings import CellSettings, load_settings
 from cell.hardware.driver_names import is_simulated
 from cell.hardware.placement import refuse_unfit_folds
@@ -32,7 +34,10 @@ __all__ = ["add_options", "run"]
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
-    parser.add_argument("scripts", nargs="+", type=Path, metavar="SCRIPT", help="YAML files, or folders of them")
+    parser.add_argument(
+        "scripts", nargs="+", type=Path, metavar="SCRIPT",
+        help=f"YAML files, or folders of them; or '{LADDER}': the steps of a first day at a robot",
+    )  # fmt: skip
     driver_options(parser)
     cell_option(parser)
     logs_option(parser)
@@ -40,6 +45,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--realtime", action="store_true", help="simulated time passes no faster than the clock")
     parser.add_argument(
         "--junit", type=Path, metavar="FILE", help="write the results as JUnit XML, for a build server"
+    )
+    parser.add_argument("--from", dest="begin", metavar="STEP", help=f"{LADDER}: the first step (the very first)")
+    parser.add_argument(
+        "--speed", choices=SPEEDS, default="commissioning", help=f"{LADDER}: limits of all motions (commissioning)"
     )
     json_option(parser)
 
@@ -50,6 +59,8 @@ def run(options: argparse.Namespace) -> int:
     All scripts are read and checked before the first run begins. A signal ends the present run and skips the
     remaining scripts. The results of the performed runs are printed and written even if an error ends the command.
     """
+    if options.scripts == [Path(LADDER)]:
+        return run_ladder(options)
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
     for script in scripts:

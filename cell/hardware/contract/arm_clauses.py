@@ -27,6 +27,8 @@ HOLD_S = 0.5
 """The same for arms without a command, after the command timeout [s]."""
 STILL_S, STILL = 0.3, 0.004
 """Arms rest if no joint turns by more than STILL [rad] in this time [s]."""
+SLOW = 0.03
+"""Speed of a joint at which the time to rest ends, above the noise of readings [rad/s]."""
 TURN, FAR = 0.15, 0.6
 """Turn of the wrists in a motion, and the distance of a set-point that is too far [rad]."""
 JOINT_TURN, OTHERS = 0.03, 0.012
@@ -67,15 +69,19 @@ def stop_at_rest(rig: Rig) -> None:
     rig.hold_command()
 
 
-def stop_in_motion(rig: Rig) -> None:
+def stop_in_motion(rig: Rig) -> float:
+    """Returns the time from the stop to rest [s]."""
     rig.ready()
     rig.drive(rig.plan(rig.wrists(TURN)), 0.5)
-    _stop(rig, "arms in motion")
+    rest_s = _stop(rig, "arms in motion")
     rig.ready()
+    return rest_s
 
 
-def _stop(rig: Rig, of: str) -> None:
-    """Trigger the stop. It has to be reported and to refuse commands at once, and to bring the arms to rest."""
+def _stop(rig: Rig, of: str) -> float:
+    """Trigger the stop. It has to be reported and to refuse commands at once, and to bring the arms to rest.
+    Returns the time to rest [s]."""
+    begun = rig.now
     rig.ports.stop.trigger(REASON)
     rig.ports.stop.trigger("a second stop")
     stop = rig.ports.stop.state()
@@ -83,9 +89,10 @@ def _stop(rig: Rig, of: str) -> None:
     require(REASON in stop.reason, f"{of}: the stop has the reason {stop.reason!r}")
     rig.refused(rig.hold_command, f"{of}: a set-point after the stop", STOPPED)
     rig.refused(rig.ports.arms.enable, f"{of}: `enable` during the stop", STOPPED)
-    rig.wait(STOP_S)
+    seen = [(t - begun, rig.state.qd) for t in rig.ticks(STOP_S)]
     _rests(rig, f"{of}: {STOP_S:g} s after the stop")
     require(rig.ports.stop.state().stopped, f"{of}: the stop has ended by itself")
+    return max((t for t, qd in seen if np.abs(qd).max() > SLOW), default=0.0)
 
 
 def _rests(rig: Rig, when: str) -> Array:
@@ -104,7 +111,7 @@ def clipping(rig: Rig) -> None:
     sent = arms.command(near, zero)
     require(np.abs(sent.q - near).max() < 1e-9 and not sent.clipped, "a set-point nearby is not sent as it is")
     off = sent.stamp - before
-    require(-1e-6 <= off <= rig.now - before + 1e-6, f"the set-point's stamp is {off:.3f} s off")
+    require(-TICK_S <= off <= rig.now - before + 1e-6, f"the set-point's stamp is {off:.3f} s off")
     rig.wait(0.2)
     direction = np.sign(rig.plan(rig.wrists(FAR)).q[-1] - rig.state.q) * (rig.wrists(1.0) > 0.0)
     far, fast = rig.state.q + FAR * direction, 10.0 * limits.velocity * direction

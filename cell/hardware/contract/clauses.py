@@ -31,7 +31,7 @@ class Clause:
     name: str
     proves: str
     remedy: str
-    check: Callable[[Rig], None]
+    check: Callable[[Rig], object]
     moves: str = ""
     powered: bool = False
     guards: bool = False

@@ -1,0 +1,75 @@
+"""`foldcell hil ladder`: the ordered steps of a first day at a robot."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from cell.calibrating.session import CalibrationRequest
+from cell.campaigns.ladder.climb import Passes, climb, write_results
+from cell.campaigns.ladder.page import write_page
+from cell.campaigns.ladder.steps import STEPS
+from cell.commands.output import print_json, progress_stream
+from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.driver_names import is_simulated
+from cell.support.files.own_file import refuse_foreign
+from cell.support.files.paths import campaign_folder, logs_directory, prepare_logs
+from cell.support.files.whole_file import write_whole
+from cell.support.junit import JUnitCase, junit_text
+from cell.support.process.terminations import BY_SIGNAL
+from robots.errors import ConfigurationError
+
+__all__ = ["LADDER", "SPEEDS", "run_ladder"]
+
+LADDER = "ladder"
+SUITE = "foldcell ladder"
+SPEEDS = {"commissioning": 0.3, "planning": None}
+"""Set of accelerations -> the velocity scale that goes with it; None: as in the settings."""
+
+
+def run_ladder(options: argparse.Namespace) -> int:
+    """Climb the ladder. Returns 0 if all steps from the first on passed, 2 if one did not and the cell is safe, 3
+    if it is not, and 128 + its number after a signal. Raises ConfigurationError before anything moves."""
+    settings = _at_speed(load_settings(options.cell), options.speed)
+    if options.junit is not None:
+        refuse_foreign(options.junit, f'<testsuite name="{SUITE}"'.encode())
+    logs = prepare_logs(logs_directory(options.logs))
+    passes = Passes(logs / f"ladder-{settings.robot}-{options.driver}.json")
+    out = progress_stream(options.json)
+    begin = options.begin or STEPS[0].name
+    request = CalibrationRequest(
+        name=LADDER, seed=0, driver=options.driver, settings=settings, logs=logs, realtime=options.realtime,
+        say=lambda text: print(text, file=out, flush=True),
+    )  # fmt: skip
+    began = time.monotonic()
+    climbed = climb(request, begin, passes, _confirmed)
+    folder = campaign_folder(logs, LADDER)
+    page = write_page(folder, climbed, options.driver, is_simulated(options.driver), options.speed)
+    content = write_results(folder, climbed, options.driver)
+    if options.junit is not None:
+        tried = {result.step.name: result.as_case() for result in climbed.results}
+        left = [JUnitCase(step.name, skipped="not tried") for step in STEPS if step.name not in tried]
+        write_whole(options.junit, junit_text(SUITE, [*tried.values(), *left]))
+    good = all(result.passed for result in climbed.results)
+    if options.json:
+        print_json({**content, "page": str(page)})
+    else:
+        print(f"\n{content['passed']} of {len(climbed.results)} steps passed, {time.monotonic() - began:.0f} s")
+        print(f"page  {page}")
+    if climbed.signal is not None:
+        return BY_SIGNAL + climbed.signal
+    return (0 if good else 2) if climbed.safe else 3
+
+
+def _at_speed(settings: CellSettings, speed: str) -> CellSettings:
+    if speed not in SPEEDS:
+        raise ConfigurationError(f"there is no speed '{speed}'", f"it is one of {', '.join(SPEEDS)}")
+    scale = SPEEDS[speed] or settings.motion.velocity_scale
+    motion = settings.motion.model_copy(update={"accelerations": speed, "velocity_scale": scale})
+    return settings.model_copy(update={"motion": motion})
+
+
+def _confirmed(question: str) -> bool:
+    print(f"{question} (yes) ", end="", file=sys.stderr, flush=True)
+    return sys.stdin is not None and sys.stdin.readline().strip().lower() == "yes"
