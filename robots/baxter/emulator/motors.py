@@ -70,17 +70,18 @@ class Motors:
         return MotorState(self._enabled, stopped, self._button)
 
     def enable(self) -> bool:
-        """Switch the motors on. Returns False if they were already on, or if the robot refuses or is stopped."""
+        """Switch the motors on. Returns False if they were already on, or if the robot refuses or is stopped. The
+        arms are enabled in any case, because a restored cell has its motors off."""
         with self._lock:
             state = self._state()
-            if state.enabled or state.stopped:
+            if state.stopped:
                 return False
             try:
                 self._arms.enable()
             except DriverError:
                 return False
             self._enabled = True
-            return True
+            return not state.enabled
 
     def disable(self) -> None:
         with self._lock:

@@ -41,6 +41,16 @@ def test_motors_are_off_until_enabled_and_after_disabling(motors: Motors, cell: 
     assert len(cell.commands) == 1 and not motors.state().enabled
 
 
+def test_enabling_reaches_arms_that_a_restored_cell_has_switched_off(
+    cell: FakeCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ports, calls = cell.ports(), list[bool]()
+    monkeypatch.setattr(ports.arms, "enable", lambda: calls.append(True))
+    motors = Motors(ports.arms, ports.stop)
+    assert motors.enable() and not motors.enable()
+    assert len(calls) == 2
+
+
 def test_a_stop_switches_the_motors_off_and_a_reset_leaves_them_off(motors: Motors, cell: FakeCell) -> None:
     motors.enable()
     motors.stop("test")
