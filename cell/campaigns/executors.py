@@ -18,6 +18,8 @@ __all__ = ["RUNS_EACH", "Workers", "chosen_workers", "cluster_workers", "local_w
 
 RUNS_EACH = 8
 """A worker process of this machine is replaced after this number of runs, so that its memory use stays limited."""
+MEMORY_EACH = 2**30
+"""Memory that the process of a run takes at least, once it has simulated a fold [bytes]."""
 PATIENCE_S = 15.0
 
 
@@ -45,10 +47,18 @@ def chosen_workers(
     this machine, or by default one process per core. tasks_each: a process of this machine is replaced after this
     number of tasks; None: never.
 
-    Raises ConfigurationError if both `count` and `cluster` are given.
+    Raises ConfigurationError if both `count` and `cluster` are given, or if the memory is too small for `count`
+    processes.
     """
     if cluster is None:
-        return local_workers(count or len(os.sched_getaffinity(0)), tasks_each)
+        cores = len(os.sched_getaffinity(0))
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if count is not None and count > max(cores, memory // MEMORY_EACH):
+            raise ConfigurationError(
+                f"--workers {count}: this machine has memory for {memory // MEMORY_EACH} runs at a time",
+                f"give at most that; more than its {cores} cores bring nothing",
+            )
+        return local_workers(count or cores, tasks_each)
     if count is not None:
         raise ConfigurationError("--workers with --cluster", "the cluster's workers decide how many run at a time")
     return cluster_workers(cluster, folder)
