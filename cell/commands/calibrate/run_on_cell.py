@@ -15,13 +15,15 @@ from cell.commands.options import Commands, add_command, cell_option, driver_opt
 from cell.commands.output import print_json, progress_stream
 from cell.config.calibration_file import read_camera_file
 from cell.config.cell_settings import CellSettings, load_settings
+from cell.hardware.cell_check import refuse_unfit_cell
 from cell.hardware.workcell import Workcell
 from cell.simulation import Truth
 from cell.support.files.own_file import refuse_foreign
 from cell.support.files.paths import logs_directory, prepare_logs
 from cell.support.files.whole_file import write_whole
+from robots.errors import ConfigurationError
 
-__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm"]
+__all__ = ["DATA_SHEET", "CellCalibration", "Provenance", "add_action", "camera_provenance", "mm", "unfit_with"]
 
 Provenance = dict[str, dict[str, Any]]
 DATA_SHEET = "data sheet"
@@ -86,8 +88,9 @@ def _run(options: argparse.Namespace, name: str, choose: Choose) -> int:
     report: dict[str, Any] = {"calibration": name, "seed": options.seed, "driver": options.driver}
     report |= end.as_json()
     if end.value is not None:
-        report |= figures(end.value, end.truth) | {"warning": chosen.warning or None}
-        report["file"] = str(_write(options, name, chosen, end))
+        file = _write(options, name, chosen, end)
+        warnings = filter(None, (chosen.warning, unfit_with(settings, chosen.setting, file)))
+        report |= figures(end.value, end.truth) | {"warning": "; ".join(warnings) or None, "file": str(file)}
     if options.json:
         print_json(report)
     else:
@@ -109,6 +112,19 @@ def _write(options: argparse.Namespace, name: str, chosen: CellCalibration, end:
     return path.absolute()
 
 
+def unfit_with(settings: CellSettings, setting: str, file: Path) -> str:
+    """Return why every run would refuse the cell with this calibration file; empty if none would. setting: key of
+    cell.yaml that names the file."""
+    group, key = setting.split(".")
+    field = "table_" if group == "table" else group
+    changed = getattr(settings, field).model_copy(update={key: file})
+    try:
+        refuse_unfit_cell(settings.model_copy(update={field: changed}))
+    except ConfigurationError as e:
+        return f"with this file the cell is refused: {e.what}"
+    return ""
+
+
 def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[str, Any]) -> None:
     words = {"done": "done", "not_done": "NOT DONE (the cell is safe)", "fault": "FAULT"}
     print(f"\ncalibrate {report['calibration']}, seed {report['seed']}: {words[end.result]}")
@@ -121,8 +137,8 @@ def _summary(chosen: CellCalibration, end: CalibrationEnd[Any], report: Mapping[
             print(f"  simulated truth: {name:<11} {_shown(value)}")
         print(f"  file  {report['file']}")
         print(f"  next: in cell.yaml, {_yaml_setting(chosen.setting, report['file'])}")
-        if chosen.warning:
-            print(f"  warning: {chosen.warning}")
+        if report["warning"]:
+            print(f"  warning: {report['warning']}")
     print(f"  robot time {end.robot_time_s:.1f} s, wall time {end.wall_time_s:.1f} s")
     print(f"  run   {end.run_dir}")
 
