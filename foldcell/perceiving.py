@@ -29,7 +29,8 @@ class PerceivedGarment:
     """The garment recognised in a picture.
 
     garment: name of the garment whose template fits; category: its kind. confidence: probability that all
-    key points are within 10 mm of their true places. ambiguous: symmetries that the picture does not resolve.
+    key points are within 10 mm of their true places, or with the unit 'px' within 2 % of their diagonal.
+    ambiguous: symmetries that the picture does not resolve.
     unit: 'm' for the table frame (x forward, y left) in metres, 'px' for pixels (column, row) of the picture.
     keypoints: name -> (2,). contour: (n, 2), not closed, counter-clockwise in the table frame.
 

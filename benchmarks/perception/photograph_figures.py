@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.perception.photographs import CRUMPLED, GARMENTS, Photograph, photograph
 from benchmarks.shipped_settings import PERCEPTION
-from cell.hardware.photograph import ANY_SIZE, photographed
+from cell.hardware.photograph import photographed
 from robots.ports import Array, CameraFrame
 from skills.garments.garment import Garment
 from skills.perception.perceive import Perception, perceive
@@ -38,7 +38,7 @@ def look_at(picture: Photograph, garments: Sequence[Garment]) -> Outcome[Percept
     calibration, table = photographed(picture.rgb.shape)
     depth = np.full(picture.rgb.shape[:2], np.nan, np.float32)
     frame = CameraFrame(0.0, 0, picture.rgb, depth, calibration.intrinsics)
-    settings = replace(PERCEPTION, depth_holes=1.0, size_tolerance=ANY_SIZE)
+    settings = replace(PERCEPTION, depth_holes=1.0, size_known=False)
     return perceive(frame, calibration, table, None, garments, settings=settings)
 
 

@@ -46,6 +46,7 @@ def main() -> int:
         judgements.append(judgement)
         stated = "" if photograph.stated else "auto: "
         tiles.append(tile(photograph, judgement.found_px, stated + judging.caption(judgement)))
+        print(f"{len(judgements)} of {args.count}, seed {seed}: {stated}{judging.caption(judgement)}", flush=True)
         records = {
             "figures": judging.figures(judgements),
             "photographs": [judging.as_record(j) for j in judgements],

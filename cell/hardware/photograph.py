@@ -22,7 +22,6 @@ from skills.perception.segmentation.mask import Segmentation
 from skills.vocabulary import CameraCalibration, Outcome, Table
 
 __all__ = [
-    "ANY_SIZE",
     "Photograph",
     "in_unit",
     "perceive_photograph",
@@ -31,8 +30,6 @@ __all__ = [
     "read_photograph",
 ]
 
-ANY_SIZE = 1e3
-"""Size tolerance that accepts a garment of any size (relative difference from the nominal size)."""
 LEAST_CONFIDENCE = 0.6
 """Least accepted probability that the key points in a photograph are accurate. It is higher than in a run, because
 a garment file that is made from them is used again and again."""
@@ -85,8 +82,7 @@ def perceive_photograph(
     thresholds = replace(settings.perception.settings(), least_confidence=LEAST_CONFIDENCE)
     if picture.depth is None or unit == "px":  # no depth, or none that a calibration could contradict
         thresholds = replace(thresholds, depth_holes=1.0)
-    if unit == "px":  # the scale of the picture is unknown
-        thresholds = replace(thresholds, size_tolerance=ANY_SIZE)
+    thresholds = replace(thresholds, size_known=unit != "px")
     expected = None if garment == "auto" else garments[0].name
     outcome = perceive(
         frame, calibration, table, empty, garments, expected, settings=thresholds, on_region=on_region

@@ -18,8 +18,11 @@ __all__ = ["choose_garment", "fit_quality", "misfit", "wanted_garment"]
 
 POLYGON_IOU = 0.91
 """Minimum overlap of a silhouette with the polygon of its key points."""
-PROPOSED_POLYGON_IOU = 0.86
-"""Minimum overlap for a proposal of `propose_garments`, whose limbs may be bent as well as swung."""
+FREE_POLYGON_IOU = 0.86
+"""Minimum overlap in a photograph, where limbs may be bent as well as swung."""
+MEMBER_IOU, MOST_STRAIN = 0.90, 0.63
+"""Minimum overlap of a member of a family, which has bends, and its maximum strain. A member with very unusual
+figures resembles any outline, such as a rectangular print."""
 MAX_DISTORTION = 0.20
 """Maximum difference from the template's proportions: standard deviation, over the outline's edges, of the
 logarithm of observed over template length."""
@@ -93,41 +96,46 @@ def _match_of_size(matches: tuple[Match, ...], best: Match, settings: Perception
 
 
 def _fits_in_size(match: Match, settings: PerceptionSettings) -> bool:
-    return bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
+    return not settings.size_known or bool(abs(np.log(match.scale)) <= np.log1p(settings.size_tolerance))
 
 
-def misfit(registration: Registration, garment: GarmentOutline, contour: Array, proposed: bool) -> Failure | None:
+def misfit(registration: Registration, garment: GarmentOutline, contour: Array, free: bool) -> Failure | None:
     """Return UNKNOWN_GARMENT or LOW_CONFIDENCE when the key points do not fit the garment, else None.
 
     The registered contour bends freely and follows any silhouette, but the polygon of its key points does not.
-    This polygon is therefore compared with the silhouette. proposed: whether `propose_garments` found the region.
+    This polygon is therefore compared with the silhouette. free: whether the garment may have any shape of its
+    category.
     LOW_CONFIDENCE: a key point that should be a sharp corner lies where the outline has no corner.
     """
     polygon = np.array([registration.keypoints[name] for name in garment.keypoints])
     lengths = segment_lengths(np.asarray(garment.template, dtype=float))
     ratio = np.log(segment_lengths(polygon) / lengths)
+    least, strain = FREE_POLYGON_IOU if free else POLYGON_IOU, 0.0
     if isinstance(garment, MemberOutline):
+        least, strain = MEMBER_IOU, garment.strain
         # Its bends belong to the shape, and an edge of a few millimetres, as an underarm seam, has any ratio.
         overlap = polygon_iou(garment.placed, contour)
         middle = np.average(ratio, weights=lengths)
         distortion = float(np.sqrt(np.average((ratio - middle) ** 2, weights=lengths)))
     else:
         overlap, distortion = polygon_iou(polygon, contour), float(ratio.std())
-    if overlap >= (PROPOSED_POLYGON_IOU if proposed else POLYGON_IOU) and distortion <= MAX_DISTORTION:
+    if overlap >= least and distortion <= MAX_DISTORTION and strain <= MOST_STRAIN:
         if registration.least_turn >= LEAST_TURN:
             return None
         return Failure(
             FailureKind.LOW_CONFIDENCE,
-            f"the outline has no corner where one of {garment.name} should be",
+            f"the outline has no corner at the {registration.straightest} of {garment.name}",
             "straighten the garment, especially its ends, or make a template with `foldcell garment new`",
-            {"least_turn": registration.least_turn},
+            {"least_turn": registration.least_turn, "keypoint": registration.straightest},
         )
     return Failure(
         FailureKind.UNKNOWN_GARMENT,
         f"the silhouette is not that of {garment.name} (polygon of the key points overlaps by {overlap:.2f}, "
-        f"proportions differ by {distortion:.0%})",
+        f"proportions differ by {distortion:.0%})"
+        if strain <= MOST_STRAIN
+        else f"the silhouette fits {garment.name} only in proportions that no such garment has",
         "spread the garment flat, or make a template with `foldcell garment new`",
-        {"polygon_iou": overlap, "distortion": distortion},
+        {"polygon_iou": overlap, "distortion": distortion, "strain": strain},
     )
 
 

@@ -117,25 +117,48 @@ _CURVES = (
     Joint("collar_base", "shoulder", (0.05, 0.30), (-88.0, -40.0), before="collar"),
     Joint("neckline", "", (0.80, 1.05), (0.0, 0.0), before="collar"),
 )
-"""A rounded shoulder, the lower edge of a collar that stands up, and the middle of the neckline."""
+"""A rounded shoulder, the lower edge of a collar that stands up, and the middle of the neckline. A member of
+such a shirt has its key point at the upper edge, until `upper_edge` moves it to the lower one."""
+
+_VEST = Family(
+    (
+        Joint("hem", "", (0.22, 0.55), (90.0, 90.0)),
+        Joint("armpit", "hem", (0.42, 0.80), (-16.0, 14.0)),
+        Joint("side", "hem", (0.15, 0.50), (-26.0, 20.0), before="armpit"),
+        Joint("shoulder", "armpit", (0.18, 0.52), (-40.0, 6.0)),
+        Joint("collar", "shoulder", (0.04, 0.22), (-90.0, -45.0)),
+        Joint("neck", "", (0.55, 0.96), (0.0, 0.0)),
+        Joint("armhole", "armpit", (0.06, 0.35), (-80.0, 0.0), before="shoulder"),
+        Joint("neckline", "collar", (0.04, 0.40), (-200.0, -110.0), before="neck"),
+    ),
+    "collar",
+    (1.0, 0.0),
+    (0.0, -1.0),
+    ("right", "left"),
+    corners=(
+        Corner(("armhole", "shoulder", "collar"), (35.0, 125.0)),
+        Corner(("shoulder", "collar", "neckline"), (50.0, 140.0)),
+    ),
+)
 
 FAMILIES: Mapping[str, Family] = {
     "t_shirt": _shirt(
-        Joint("cuff_upper", "shoulder", (0.18, 0.55), (75.0, 184.0), limb=True),
+        Joint("cuff_upper", "shoulder", (0.18, 0.48), (75.0, 184.0), limb=True),
         Joint("cuff_lower", "cuff_upper", (0.12, 0.36), (60.0, 125.0), after="cuff_upper"),
         *_CURVES,
         angles=(100.0, 125.0, 150.0, 170.0),
         lengths=(0.25, 0.38),
     ),
     "long_sleeve_shirt": _shirt(
-        Joint("cuff_upper", "shoulder", (0.45, 1.15), (75.0, 192.0), limb=True),
+        Joint("cuff_upper", "shoulder", (0.50, 1.15), (75.0, 192.0), limb=True),
         Joint("cuff_lower", "cuff_upper", (0.08, 0.28), (60.0, 120.0), after="cuff_upper"),
         *_CURVES,
         angles=(95.0, 115.0, 135.0, 155.0, 170.0),
         lengths=(0.58, 0.80, 1.00),
     ),
+    "vest": _VEST,
     "pants": _trousers((0.10, 0.32)),
-    "shorts": _trousers((0.24, 0.75)),
+    "shorts": _trousers((0.24, 0.95)),
 }  # fmt: skip
 """The families of categories. A towel and a skirt have no limbs: for them, the stretch of the template is
 enough."""
@@ -199,7 +222,8 @@ def _best_member(contour: Array, garment: GarmentOutline) -> GarmentOutline:
     names = garment.keypoints
     feature = np.array([names.index(name) if name in names else -1 for name in model.vertices])
     placed = scale * model.polygon(chosen)
-    return MemberOutline(garment.name, garment.category, names, model.template(chosen), placed, feature)
+    strain = float((model.prior(chosen) ** 2).mean())
+    return MemberOutline(garment.name, garment.category, names, model.template(chosen), placed, feature, strain)
 
 
 def _has_joints(garment: GarmentOutline, family: Family) -> bool:

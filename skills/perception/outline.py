@@ -56,7 +56,8 @@ class MemberOutline:
     """The outline of a garment with another shape of its category; see `GarmentOutline`.
 
     placed: (n, 2) where it lies on an observed boundary, counter-clockwise: the key points and further bends
-    between them [m]. feature: (n,) index of the key point of each of them, -1 for a bend.
+    between them [m]. feature: (n,) index of the key point of each of them, -1 for a bend. strain: how unusual its
+    figures are, as the mean square of their deviations in standard deviations.
     """
 
     name: str
@@ -65,6 +66,7 @@ class MemberOutline:
     template: Array
     placed: Array
     feature: NDArray[np.intp]
+    strain: float
 
 
 def polygon_area(polygon: Array) -> float:

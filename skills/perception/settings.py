@@ -40,5 +40,8 @@ class PerceptionSettings:
     least_confidence: float
     """A garment is refused if the probability that its key points are accurate is below this. It is low, because
     each fold that is planned with them is inspected."""
+    size_known: bool = True
+    """Whether lengths in the picture are true. If not, a garment has any size and any shape of its category, and
+    its key points are accurate within a share of its diagonal."""
     depth_holes: float = 0.5
     """Maximum share of the picture without depth. The value 1 is for pictures that have no depth."""

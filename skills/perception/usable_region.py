@@ -20,9 +20,14 @@ INTRUDER_SHARE = 0.02
 
 
 def unusable(
-    segmentation: Segmentation, view: TableView, height: NDArray[np.float32], settings: PerceptionSettings
+    segmentation: Segmentation,
+    view: TableView,
+    height: NDArray[np.float32],
+    settings: PerceptionSettings,
+    referenced: bool,
 ) -> Failure | None:
-    """Return the reason why a region cannot be the garment, else None. height: (H, W) above the table [m]."""
+    """Return the reason why a region cannot be the garment, else None. height: (H, W) above the table [m].
+    referenced: whether there is a picture of the empty table."""
     if not segmentation.found:
         return Failure(
             FailureKind.NO_GARMENT, "no garment is visible on the table", "lay one flat in the camera's view"
@@ -41,7 +46,9 @@ def unusable(
         return Failure(
             FailureKind.LOW_CONFIDENCE,
             f"only {segmentation.confidence:.0%} of the garment's boundary is clearly visible",
-            "the fabric has the table's colour, or the light changed: take a new picture of the empty table",
+            "the fabric has the table's colour, or the light changed: take a new picture of the empty table"
+            if referenced
+            else "use a table of another colour, or more even light",
             {"segmentation_confidence": segmentation.confidence},
         )
     if touches_border(segmentation.mask, view.valid, margin):

@@ -46,12 +46,12 @@ def keypoint_sigmas(registration: Registration, garment: GarmentOutline, contour
     away = np.linalg.norm(boundary.points - smooth_closed(boundary.points, size * _SMOOTH / step), axis=1)
     from_all = np.array([np.linalg.norm(boundary.points - p, axis=1) for p in registration.keypoints.values()])
     between_corners = from_all.min(axis=0) > size * _NEAR[0]
-    hidden = (*notches(registration, garment), *registration.by_picture)
+    hidden = (*notches(registration, garment), *registration.relocated)
     sigmas = {}
     for name, distance in zip(registration.keypoints, from_all, strict=True):
         near = between_corners & (distance < size * _NEAR[1])
-        # The boundary does not show the end of a gap, and key points that were located in the picture do not
-        # depend on it. Its roughness therefore does not count for them.
+        # The boundary does not show the end of a gap, and key points that were located in the picture or by
+        # the whole upper edge do not depend on it. Its roughness therefore does not count for them.
         rough = 0.0 if name in hidden or not near.any() else float(np.sqrt(np.mean(away[near] ** 2)))
         sigmas[name] = float(np.hypot(_BY_PLACE * registration.sigmas[name], _BY_ROUGHNESS * rough))
     return sigmas

@@ -16,10 +16,12 @@ from skills.perception.registration.bend import locate_bend
 from skills.perception.registration.body import lay_body
 from skills.perception.registration.energy import Boundary, closest_segments
 
-__all__ = ["NOTCH_ANGLE", "least_turn", "set_corners"]
+__all__ = ["HOLLOW_ANGLE", "NOTCH_ANGLE", "least_turn", "set_corners"]
 
 NOTCH_ANGLE = 5.6
 """A corner with a larger interior angle than this is a notch between two limbs, such as a crotch [rad]."""
+HOLLOW_ANGLE = 4.9
+"""A corner with a larger interior angle than this is hollow, as the armpit of a shirt [rad]."""
 _SHARP = 0.7
 """A corner is sharp if the sine of its interior angle is at least this, otherwise blunt."""
 _SNAP, _NOTCH = 0.05, 0.25
@@ -95,9 +97,9 @@ def set_corners(
     return moved, sigma
 
 
-def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
+def least_turn(corners: Array, angles: Array, boundary: Boundary) -> tuple[float, int]:
     """Compute how much the boundary turns at the place of a sharp corner, relative to the turn of this corner in
-    the template. Return the smallest ratio over all sharp corners.
+    the template. Return the smallest ratio over all sharp corners, and the index of this corner.
 
     corners: (k, 2) [m]. angles: (k,) interior angles of the template [rad]. A ratio near 0 means that the corner
     was placed on a straight part of the boundary. Notches are ignored, because their inside is not visible. So are
@@ -107,7 +109,7 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
     alone = np.minimum(edges, np.roll(edges, 1)) > boundary.length / len(boundary.points) * 3 * _TIP
     sharp = (np.abs(np.sin(angles)) >= _SHARP) & (angles <= NOTCH_ANGLE) & alone
     if not sharp.any():
-        return 1.0
+        return 1.0, 0
     n, points = len(boundary.points), boundary.points
     near, far = _TIP, 3 * _TIP
     nearest_index = boundary.nearest(corners[sharp])[1]
@@ -120,7 +122,8 @@ def least_turn(corners: Array, angles: Array, boundary: Boundary) -> float:
         cross = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0]
         turn = np.arctan2(cross, (incoming * outgoing).sum(axis=1))
         shares.append(turn / (np.pi - angles[sharp]))
-    return float(np.max(shares, axis=0).min())
+    share = np.max(shares, axis=0)
+    return float(share.min()), int(np.flatnonzero(sharp)[np.argmin(share)])
 
 
 def _edge_lines(

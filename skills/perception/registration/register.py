@@ -27,7 +27,7 @@ from skills.perception.outline import (
     segment_lengths,
     symmetries,
 )
-from skills.perception.registration.corners import NOTCH_ANGLE, least_turn, set_corners
+from skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE, least_turn, set_corners
 from skills.perception.registration.energy import (
     Boundary,
     EnergyWeights,
@@ -71,8 +71,9 @@ class Registration:
     residual: root mean square boundary distance [m]. scale: observed size over the template's size. ambiguous:
     symmetries of the template, see `symmetries`; if there are any, the orientation nearest to that of the template
     is chosen. history: energy [m3] before the first and after each round of the fit. stages: the contours that
-    have these energies. least_turn: see `corners.least_turn`. by_picture: names of the key points that were
-    located in the picture afterwards, see `details`.
+    have these energies. least_turn: see `corners.least_turn`; straightest: name of
+    the key point that has it. relocated: names of the key points that were
+    located afterwards in the picture, or by the whole upper edge, see `details`.
     """
 
     keypoints: Mapping[str, Array]
@@ -84,7 +85,8 @@ class Registration:
     history: tuple[float, ...]
     stages: tuple[Array, ...]
     least_turn: float
-    by_picture: tuple[str, ...] = ()
+    straightest: str
+    relocated: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +117,11 @@ def register(contour: Array, garment: GarmentOutline) -> Registration:
     sigmas = {names[feature[vertex]]: float(s) for vertex, s in zip(vertices, sigma, strict=True)}
     points = {names[feature[i]]: frozen(X[i].copy()) for i in vertices}
     angles = interior_angles(polygon)[feature[vertices]]
+    expected = _turns_with_bends(garment)[feature[vertices]] if isinstance(garment, MemberOutline) else angles
     notch = np.zeros(len(X), bool)
     notch[vertices] = angles > NOTCH_ANGLE
     # The boundary at a notch is not visible, so the two segments that end there are excluded.
+    turn, straightest = least_turn(X[vertices], expected, boundary)
     distance, _ = boundary.distance(0.5 * (X + np.roll(X, -1, axis=0))[~(notch | np.roll(notch, -1))])
     return Registration(
         keypoints={name: points[name] for name in garment.keypoints},
@@ -128,8 +132,19 @@ def register(contour: Array, garment: GarmentOutline) -> Registration:
         ambiguous=symmetries(polygon),
         history=tuple(history),
         stages=tuple(frozen(stage) for stage in stages),
-        least_turn=least_turn(X[vertices], angles, boundary),
+        least_turn=turn,
+        straightest=names[feature[vertices[straightest]]],
     )
+
+
+def _turns_with_bends(garment: MemberOutline) -> Array:
+    """Return the interior angles (k,) at the key points [rad]. A bend next to a key point takes a part of its
+    turn: the middle of a round neckline hardly turns. A hollow corner counts as a notch, because the outline often
+    ends before it."""
+    of_key_points = garment.feature >= 0
+    angles = np.empty(len(garment.keypoints))
+    angles[garment.feature[of_key_points]] = interior_angles(garment.placed)[of_key_points]
+    return np.where(angles > HOLLOW_ANGLE, 2.0 * np.pi, angles)
 
 
 # --- where to start ------------------------------------------------------------------------------------

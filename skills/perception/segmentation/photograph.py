@@ -56,6 +56,9 @@ _LEAST_CLEAR = 0.5
 """If less than this share of a region's outline is clearly visible, the region is a patch of the floor."""
 _COUNT = 6
 """Number of proposals."""
+_WITHIN, _PRINT = 0.97, 0.5
+"""A region with at least the first share of its area inside another one, and with less than the second share of
+the other's area, is a print on it."""
 _RIVAL = 0.7
 """A separate region with more than this share of a proposal's score is another thing on the floor."""
 
@@ -86,7 +89,16 @@ def propose_garments(rgb: Image, valid: Mask) -> tuple[Segmentation, ...]:
             _add(regions, region, lab)
     regions.sort(key=lambda r: -r.score)
     proposals = [_refined(region, regions, rgb, valid) for region in regions[:_COUNT]]
-    return tuple(p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA)
+    clear = [p for p in proposals if p.confidence > _LEAST_CLEAR and np.count_nonzero(p.mask) >= SMALLEST_AREA]
+    return tuple(p for p in clear if not any(_printed_on(p.mask, other.mask) for other in clear))
+
+
+def _printed_on(inner: Mask, outer: Mask) -> bool:
+    """Whether a region lies inside one that is much larger, away from its outline: a garment is surrounded by the
+    floor, and not by cloth."""
+    area = np.count_nonzero(inner)
+    within = np.count_nonzero(inner & eroded(outer, 6)) > _WITHIN * area
+    return bool(within and area < _PRINT * np.count_nonzero(outer))
 
 
 def table_distance(lab: Field, inside: Mask) -> Field:

@@ -8,6 +8,7 @@ detail, the key point stays.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,17 +16,19 @@ from numpy.typing import NDArray
 
 from robots.ports import Array, frozen
 from skills.perception.outline import GarmentOutline, interior_angles, polygon_area
-from skills.perception.registration.corners import NOTCH_ANGLE
+from skills.perception.registration.corners import HOLLOW_ANGLE, NOTCH_ANGLE
 from skills.perception.registration.details.cloth_picture import ClothPicture
 from skills.perception.registration.details.gap_end import HOLLOW, NARROW, locate_gap_end
 from skills.perception.registration.details.sleeve_seam import locate_seam
 from skills.perception.registration.energy import Boundary
 from skills.perception.registration.register import Registration
+from skills.perception.registration.upper_edge import locate_upper_edge
 
 __all__ = ["notches", "refine_by_picture"]
 
-_HOLLOW_ANGLE = 4.9
-"""A corner with a larger interior angle than this is hollow, as the armpit of a shirt [rad]."""
+_Places = Mapping[str, tuple[Array, float]]
+"""Name of a key point -> its place (2,) and standard deviation [m]."""
+
 _HOLLOW_EDGE = 0.08
 """Least length of the edges of a hollow corner [m, for a garment of its nominal size]. Shorter ones, as the
 underarm seam of many T-shirts, leave a wide gap, and the outline shows its end."""
@@ -33,21 +36,72 @@ _LEG_GROWTH = 0.12
 """Least expected growth of the width of a gap, per length, because legs can touch in a template."""
 _UNSEEN_SIGMA = 0.020
 """Standard deviation of the place of a gap's end that the picture does not show [m]."""
+_UNKNOWN_SIGMA = 0.080
+"""The same if the template does not show where the gap ends [m, for a garment of its nominal size]."""
 _SEAM_SIGMA = 0.0016
 """Standard deviation of the end of a seam [m]."""
+_AGREE, _DOUBT = 2.0, 0.3
+"""Maximum distance of a seam's end from the place where the upper edge puts it, in its standard deviations. The
+share of this distance that adds to the seam's own standard deviation, because other lines look like seams."""
+_MIRRORED = 0.6
+"""Standard deviation of a shoulder found by the seam of the other side, relative to that by the upper edge."""
 
 
 def refine_by_picture(
-    registration: Registration, garment: GarmentOutline, contour: Array, picture: ClothPicture
+    registration: Registration,
+    garment: GarmentOutline,
+    contour: Array,
+    picture: ClothPicture,
+    shape_known: bool = True,
 ) -> Registration:
     """Return the registration with its notches and shoulders moved, as far as the picture shows them.
 
     garment: with its limbs as in its template and not swung, because a notch is recognised by legs that lie close
-    together in the template. contour: (n, 2) observed boundary [m].
+    together in the template. contour: (n, 2) observed boundary [m]. shape_known: whether the template shows where
+    shoulders and collar are; otherwise the outline's upper edge does.
     """
-    # Shoulders are moved first. The search for a seam begins at the armpit where the outline puts it, because this
-    # place is near the end of the seam.
-    return _set_notches(_set_shoulders(registration, garment, contour, picture), garment, picture)
+    # The search for a seam begins at the armpit where the outline puts it, because this place is near the end of
+    # the seam.
+    outlined, boundary, sides = registration.keypoints, Boundary(contour), _sides(garment)
+    registration = _set_notches(registration, garment, picture, shape_known)
+    located: _Places = {}
+    if len(sides) == 2 and not shape_known:
+        located = locate_upper_edge(registration.keypoints, boundary.points, (sides[0], sides[1]))
+        registration = _all_moved(registration, located)
+    seams: _Places = {}
+    for side in sides:
+        shoulder = registration.keypoints[f"shoulder_{side}"]
+        place = locate_seam(picture, boundary, shoulder, outlined[f"armpit_{side}"])
+        if place is not None:
+            seams = {**seams, f"shoulder_{side}": (place, _SEAM_SIGMA)}
+    return _all_moved(registration, _agreeing(seams, located, boundary) if located else seams)
+
+
+def _agreeing(seams: _Places, located: _Places, boundary: Boundary) -> _Places:
+    """Return the ends of seams that agree with the shoulders found by the upper edge. If only one does, the other
+    shoulder lies as far from where the edge puts it, because halves are alike."""
+    step = boundary.length / len(boundary.points)
+    half = len(boundary.points) // 2
+    names = [name for name in located if name.startswith("shoulder_")]
+    usual = {name: int(boundary.nearest(located[name][0][None])[1][0]) for name in names}
+    ends = {name: int(boundary.nearest(place[None])[1][0]) for name, (place, _) in seams.items()}
+    moved = {name: (end - usual[name] + half) % (2 * half) - half for name, end in ends.items()}
+    found = {}
+    for name, (place, sigma) in seams.items():
+        if abs(moved[name]) * step <= _AGREE * located[name][1]:
+            found[name] = place, float(np.hypot(sigma, _DOUBT * moved[name] * step))
+    if len(found) == 1:
+        (name,) = found
+        other = names[1 - names.index(name)]
+        place = boundary.points[(usual[other] - moved[name]) % len(boundary.points)]
+        found[other] = place, _MIRRORED * located[other][1]
+    return found
+
+
+def _all_moved(registration: Registration, places: _Places) -> Registration:
+    for name, (place, sigma) in places.items():
+        registration = _moved(registration, name, place, sigma)
+    return registration
 
 
 def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, ...]:
@@ -61,12 +115,14 @@ def notches(registration: Registration, garment: GarmentOutline) -> tuple[str, .
     return tuple(garment.keypoints[k] for k in np.flatnonzero(angles > NOTCH_ANGLE))
 
 
-def _set_notches(registration: Registration, garment: GarmentOutline, picture: ClothPicture) -> Registration:
+def _set_notches(
+    registration: Registration, garment: GarmentOutline, picture: ClothPicture, shape_known: bool
+) -> Registration:
     names, places, scale = garment.keypoints, registration.keypoints, registration.scale
     narrow = notches(registration, garment)
     lying = _interior_angles(np.array([places[name] for name in names]))
     sleeved = [name for name in names if name.replace("armpit_", "cuff_lower_") in set(names) - {name}]
-    hollow = [name for name in sleeved if lying[names.index(name)] > _HOLLOW_ANGLE]
+    hollow = [name for name in sleeved if lying[names.index(name)] > HOLLOW_ANGLE]
     for name in dict.fromkeys((*narrow, *hollow)):
         k = names.index(name)
         first, second = places[names[k - 1]], places[names[(k + 1) % len(names)]]
@@ -79,29 +135,16 @@ def _set_notches(registration: Registration, garment: GarmentOutline, picture: C
         elif (
             name in narrow or min(np.linalg.norm(p - places[name]) for p in (first, second)) > _HOLLOW_EDGE * scale
         ):
-            registration = replace(registration, sigmas={**registration.sigmas, name: _UNSEEN_SIGMA})
+            unseen = _UNSEEN_SIGMA if shape_known else _UNKNOWN_SIGMA * scale
+            registration = replace(registration, sigmas={**registration.sigmas, name: unseen})
     return registration
 
 
-def _nearer(place: Array, first: Array, second: Array) -> float:
-    return float(min(np.linalg.norm(first - place), np.linalg.norm(second - place)))
-
-
-def _set_shoulders(
-    registration: Registration, garment: GarmentOutline, contour: Array, picture: ClothPicture
-) -> Registration:
-    sides = [n.removeprefix("cuff_upper_") for n in garment.keypoints if n.startswith("cuff_upper_")]
-    sides = [side for side in sides if {f"shoulder_{side}", f"armpit_{side}"} <= set(garment.keypoints)]
-    if not sides:
-        return registration
-    boundary = Boundary(contour)
-    for side in sides:
-        name = f"shoulder_{side}"
-        shoulder, armpit = registration.keypoints[name], registration.keypoints[f"armpit_{side}"]
-        place = locate_seam(picture, boundary, shoulder, armpit)
-        if place is not None:
-            registration = _moved(registration, name, place, _SEAM_SIGMA)
-    return registration
+def _sides(garment: GarmentOutline) -> list[str]:
+    """Return the sides on which a garment has a sleeve with its shoulder, in the order of its key points."""
+    names = garment.keypoints
+    sides = [n.removeprefix("cuff_upper_") for n in names if n.startswith("cuff_upper_")]
+    return [side for side in sides if {f"shoulder_{side}", f"armpit_{side}"} <= set(names)]
 
 
 def _interior_angles(polygon: Array) -> NDArray[np.float64]:
@@ -127,5 +170,5 @@ def _moved(registration: Registration, name: str, place: Array, sigma: float) ->
         keypoints={**registration.keypoints, name: frozen(place)},
         sigmas={**registration.sigmas, name: sigma},
         contour=frozen(contour),
-        by_picture=(*registration.by_picture, name),
+        relocated=(*registration.relocated, name),
     )

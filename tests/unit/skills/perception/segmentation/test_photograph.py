@@ -82,3 +82,14 @@ def test_the_distance_from_the_floor_is_even_under_a_lamp() -> None:
     lab = np.stack([light, np.full_like(light, 130), np.full_like(light, 140)], axis=2) + noise
     distance = table_distance(lab.astype(np.float32), np.ones((240, 320), bool))
     assert np.quantile(distance, 0.999) < 4.0, "the rim is as dark and as bright as the middle"
+
+
+def test_a_print_on_a_garment_is_no_proposal() -> None:
+    cloth = np.array([[90, 40], [390, 40], [390, 320], [90, 320]])
+    rgb, truth = picture(planks(6), (40, 60, 140), cloth)
+    patch = np.array([[180, 110], [320, 120], [310, 230], [170, 220]])
+    cv2.fillPoly(rgb, [patch.astype(np.int32)], (240, 90, 60))
+    printed = cv2.fillPoly(np.zeros(SIZE, np.uint8), [patch.astype(np.int32)], 1) > 0
+    found = propose_garments(rgb, np.ones(SIZE, bool))
+    assert max(overlap(p.mask, truth) for p in found) > 0.9
+    assert all(overlap(p.mask, printed) < 0.5 for p in found)

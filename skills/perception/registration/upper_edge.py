@@ -1,0 +1,199 @@
+"""Locates the shoulders and the ends of the collar of a shirt whose shape is not known beforehand.
+
+The outline hardly bends at a shoulder, and a rounded collar has no corner. Taken one by one, these key points can
+lie anywhere on a smooth line. Taken together they can not: both halves of the upper edge are alike, the collar is
+a dip or stands up between two slopes, and beyond the shoulders the edge falls more steeply. So one model is fitted
+to the whole upper edge: height over distance from the axis, with knots at the collar's ends and the shoulders. For
+each place of the knots, the other coefficients are integrated out, as in `bend`. Its product with the usual
+proportions of shirts is the posterior. Its spread is the uncertainty: where an edge is smooth, it is wide.
+
+A collar ends where it meets the shoulder's seam. A collar that stands up reaches beyond its ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.ports import Array
+from skills.perception.outline import polygon_area
+from skills.perception.registration.energy import Boundary
+
+__all__ = ["locate_upper_edge"]
+
+# Lengths are relative to the square root of the garment's area.
+_STEP = 0.008
+"""Distance of the boundary's points."""
+_NOISE, _CORRELATION = 0.0025, 0.03
+"""Standard deviation of these points from the model, and the length over which it is correlated."""
+_FREEDOM = 8.0
+"""Degrees of freedom of the t-distribution that replaces the normal one: outlines have wrinkles."""
+_AXIS, _COLLAR, _SHOULDER = (-0.04, 0.041, 0.02), (0.08, 0.30, 0.02), (0.25, 0.70, 0.024)
+"""Places of the axis, the collar's end and the shoulder that are tried first: from, to, step."""
+_FINER = ((-0.016, 0.017, 0.008), (-0.015, 0.016, 0.005), (-0.018, 0.019, 0.006))
+"""Displacements from the best of them that are tried then."""
+_STAND = 0.03
+"""Width of the side of a standing collar."""
+_STEEP = 1.9
+"""Beyond the shoulders, the edge is followed as far as its slope is below this."""
+_MEAN = np.array([0.0, 0.0, -0.36, 0.0, -0.70, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+_SIGMA = np.array([9.0, 0.15, 0.12, 0.08, 0.45, 0.15, 1.0, 2.5, 1.0, 0.025, 0.01])
+"""Mean and standard deviation of the coefficients: height and tilt; slopes of shoulder and sleeve, each with half
+of the difference between the sides; curvatures; depth or height of the collar, and its curvature."""
+_DIP, _STANDING = (-0.03, 0.025), (0.06, 0.02)
+"""Mean and standard deviation of the height of the collar's middle above its ends: a neckline, one that stands."""
+_RISE, _WIDTH, _NECK, _OFFSET = (0.825, 0.035), (0.95, 0.14), (0.42, 0.09), 0.03
+"""Proportions of shirts, with standard deviations: height of the shoulder above the armpits, relative to that of
+the collar's ends; its distance from the axis, relative to that of the armpits; distance of the collar's ends from
+the axis, relative to that of the shoulders; the axis's distance from the middle of the armpits."""
+_LEAST_SIGMA = (0.012, 0.040)
+"""Least standard deviation of the places found, collar and shoulder: halves differ, and proportions do."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Edge:
+    """An upper edge in the frame of the body, at unit area. y: (n,) height. b: (n,) to the first side. armpit:
+    their mean height. half: their distance from the axis. middle: place of the axis between them."""
+
+    y: Array
+    b: Array
+    armpit: float
+    half: float
+    middle: float
+
+
+def locate_upper_edge(
+    keypoints: Mapping[str, Array], contour: Array, sides: tuple[str, str]
+) -> Mapping[str, tuple[Array, float]]:
+    """Return the place (2,) and its standard deviation [m] for the shoulders and the ends of the collar;
+    of none if the edge is too short for a shirt.
+
+    keypoints: name -> (2,) [m], of which hem, armpits and cuffs are used. contour: (n, 2) observed boundary,
+    counter-clockwise [m]. sides: their names in this order.
+    """
+    size = float(np.sqrt(abs(polygon_area(contour))))
+    hem, armpit, cuff = (np.array([keypoints[f"{n}_{s}"] for s in sides]) for n in ("hem", "armpit", "cuff_upper"))
+    up, across = armpit.mean(axis=0) - hem.mean(axis=0), (armpit + hem)[0] - (armpit + hem)[1]
+    frame = size * np.column_stack([up / np.linalg.norm(up), across / np.linalg.norm(across)])
+    to_frame = np.linalg.inv(frame).T
+    boundary = Boundary(contour, step=_STEP * size)
+    first, last = boundary.nearest(cuff)[1]
+    n = len(boundary.points)
+    chain = boundary.points[(first + np.arange((last - first) % n + 1)) % n]
+    chain = _over_body(chain, (chain - hem.mean(axis=0)) @ to_frame, (armpit - hem.mean(axis=0)) @ to_frame)
+    pits = (armpit - hem.mean(axis=0)) @ to_frame
+    y, b = ((chain - hem.mean(axis=0)) @ to_frame).T
+    edge = _Edge(y, b, float(pits[:, 0].mean()), 0.5 * float(pits[0, 1] - pits[1, 1]), float(pits[:, 1].mean()))
+    found = _knots(edge)
+    if found is None:
+        return {}
+    heights, places, sigmas = found
+    located = {}
+    for row, name in enumerate(("collar", "shoulder")):
+        for k, side in enumerate(sides):
+            at = np.array([heights[row, k], places[row, k]])
+            nearest = int(np.argmin(np.linalg.norm(np.column_stack([y, b]) - at, axis=1)))
+            located[f"{name}_{side}"] = chain[nearest], size * float(np.hypot(sigmas[row], _LEAST_SIGMA[row]))
+    return located
+
+
+def _over_body(chain: Array, framed: Array, pits: Array) -> Array:
+    """Return the part of the chain (n, 2) between the places beyond the shoulders where it becomes steep."""
+    half, middle = 0.5 * (pits[0, 1] - pits[1, 1]), pits[:, 1].mean()
+    kernel = np.ones(7) / 7
+    dy, db = (np.convolve(np.pad(d, 3, mode="edge"), kernel, "valid") for d in np.gradient(framed, axis=0).T)
+    out = np.abs(framed[:, 1] - middle)
+    ends = np.flatnonzero((out > 1.5 * half) | ((out > 0.75 * half) & (np.abs(dy) > _STEEP * np.abs(db))))
+    top = int(np.argmin(out + 9.0 * (framed[:, 0] < pits[:, 0].mean())))
+    before, after = ends[ends < top], ends[ends > top]
+    return chain[before[-1] + 1 if len(before) else 0 : after[0] if len(after) else len(chain)]
+
+
+def _knots(edge: _Edge) -> tuple[Array, Array, Array] | None:
+    """Return heights and places (2, 2) of the knots, those of the collar first, and standard deviations (2,) of
+    their distances from the axis along the edge."""
+    reach = min(edge.b.max() - edge.middle, edge.middle - edge.b.min())
+    axis, collar, shoulder = (np.arange(*span) for span in (_AXIS, _COLLAR, _SHOULDER))
+    tried = np.stack(np.meshgrid(edge.middle + axis, collar, shoulder, indexing="ij"), axis=-1).reshape(-1, 3)
+    tried = tried[(tried[:, 2] > tried[:, 1] + 0.05) & (tried[:, 2] < reach - 0.02)]
+    if not len(tried):
+        return None
+    both = [_posterior(edge, tried, standing) for standing in (False, True)]
+    standing = bool(both[1][0].max() > both[0][0].max())
+    log_p = both[standing][0]
+    finer = np.stack(np.meshgrid(*(np.arange(*s) for s in _FINER), indexing="ij"), axis=-1).reshape(-1, 3)
+    near = tried[np.argmax(log_p)] + finer
+    near = near[(near[:, 2] > near[:, 1] + 0.03) & (near[:, 1] > 0.04)]
+    fine, x = _posterior(edge, near, standing)
+    mean, sigma = _moments(fine, near)
+    # The wider search shows other places that are nearly as likely, of either kind of collar.
+    _, wide = _moments(np.concatenate([p for p, _ in both]), np.vstack([tried, tried]))
+    steps = np.array([_AXIS[2], _COLLAR[2], _SHOULDER[2]])
+    sigma = np.maximum(sigma, np.sqrt(np.maximum(wide**2 - steps**2 / 6, 0.0)))
+    c = x[np.argmax(fine)]
+    side = np.array([1.0, -1.0])
+    out = np.stack([side * mean[1], side * mean[2]])
+    heights = c[0] + c[1] * out
+    heights[1] += (c[2] + side * c[3]) * (mean[2] - mean[1])
+    return heights, mean[0] + out, sigma[1:] * np.hypot(1.0, [0.0, c[2]])
+
+
+def _moments(log_p: Array, at: Array) -> tuple[Array, Array]:
+    p = np.exp(log_p - log_p.max())
+    p /= p.sum()
+    mean = p @ at
+    return mean, np.sqrt(p @ (at - mean) ** 2)
+
+
+def _posterior(edge: _Edge, knots: Array, standing: bool) -> tuple[Array, Array]:
+    """Logarithm of the probability (m,) of the knots (m, 3), each axis, collar and shoulder, up to a constant, and
+    the coefficients (m, 11)."""
+    axis, collar, shoulder = (knots[:, k, None] for k in range(3))
+    v = edge.b - axis
+    u, side = np.abs(v), np.sign(v)
+    slope, sleeve = np.clip(np.minimum(u, shoulder) - collar, 0.0, None), np.clip(u - shoulder, 0.0, None)
+    bent = np.where(u < shoulder, slope * (slope - (shoulder - collar)), 0.0)
+    if standing:
+        neck, curve = (
+            np.clip((collar - u) / _STAND, 0.0, 1.0),
+            np.clip(1 - (u / (collar - _STAND)) ** 2, 0.0, None),
+        )
+    else:
+        neck, curve = np.clip(1 - (u / collar) ** 2, 0.0, None), np.zeros_like(u)
+    rows = [
+        np.ones_like(v),
+        v,
+        slope,
+        side * slope,
+        sleeve,
+        side * sleeve,
+        bent,
+        sleeve**2,
+        side * sleeve**2,
+        neck,
+    ]
+    A = np.stack([*rows, curve], axis=2)
+    mean, sigma = _MEAN.copy(), _SIGMA.copy()
+    mean[9], sigma[9] = _STANDING if standing else _DIP
+    information = _STEP / _CORRELATION / _NOISE**2  # of one point, as neighbours are correlated
+    y = edge.y - edge.y.mean()
+    H = information * np.matmul(A.transpose(0, 2, 1), A) + np.diag(sigma**-2)
+    g = information * np.matmul(A.transpose(0, 2, 1), y[:, None])[..., 0] + mean / sigma**2
+    x = np.linalg.solve(H, g[..., None])[..., 0]
+    residual = y - np.matmul(A, x[..., None])[..., 0]
+    misfit = information * (residual**2).sum(axis=1) + (((x - mean) / sigma) ** 2).sum(axis=1)
+    log_p = -0.5 * (len(y) * _STEP / _CORRELATION + _FREEDOM) * np.log1p(misfit / _FREEDOM)
+    log_p -= 0.5 * np.linalg.slogdet(H)[1] + np.log(sigma).sum()
+    x[:, 0] += edge.y.mean()
+    above = x[:, 0] - edge.armpit
+    rise = 1.0 + x[:, 2] * (shoulder - collar)[:, 0] / np.maximum(above, 1e-3)
+    for value, (usual, spread) in (
+        (rise, _RISE),
+        (shoulder[:, 0] / edge.half, _WIDTH),
+        ((collar / shoulder)[:, 0], _NECK),
+        (axis[:, 0], (edge.middle, _OFFSET)),
+    ):
+        log_p -= 0.5 * ((value - usual) / spread) ** 2
+    return log_p, x

@@ -1,0 +1,48 @@
+"""Whether a member of a family that fits an outline is a plausible garment."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cell.config.garments.garment_file import load_garment
+from skills.perception.candidate import misfit
+from skills.perception.family import best_members
+from skills.perception.outline import MemberOutline, resample_closed
+from skills.perception.registration.register import register
+from skills.vocabulary import FailureKind
+
+
+@pytest.fixture(scope="module")
+def drooping():
+    """A T-shirt with drooping sleeves: its outline, and the member of the family that fits it."""
+    shirt = load_garment("t_shirt")
+    points = {name: np.array(p) for name, p in zip(shirt.keypoints, shirt.template, strict=True)}
+    for side, sign in (("right", -1), ("left", 1)):
+        points[f"cuff_upper_{side}"] = np.array([0.08, sign * 0.36])
+        points[f"cuff_lower_{side}"] = np.array([0.01, sign * 0.27])
+    outline = resample_closed(np.array(list(points.values())), 0.003)
+    (member,) = best_members(outline, [shirt])
+    assert isinstance(member, MemberOutline)
+    return outline, member
+
+
+def test_a_member_with_usual_figures_is_accepted(drooping):
+    outline, member = drooping
+    assert misfit(register(outline, member), member, outline, free=True) is None
+
+
+def test_a_member_with_impossible_figures_is_refused_although_it_overlaps(drooping):
+    outline, member = drooping
+    strange = replace(member, strain=2.0)
+    failure = misfit(register(outline, strange), strange, outline, free=True)
+    assert failure is not None and failure.kind is FailureKind.UNKNOWN_GARMENT
+    assert "proportions that no such garment has" in failure.what
+
+
+def test_the_refusal_of_a_missing_corner_names_its_key_point(drooping):
+    outline, member = drooping
+    straight = replace(register(outline, member), least_turn=0.1, straightest="cuff_lower_left")
+    failure = misfit(straight, member, outline, free=True)
+    assert failure is not None and failure.values["keypoint"] == "cuff_lower_left"
+    assert "corner at the cuff_lower_left of t_shirt" in failure.what
