@@ -113,15 +113,13 @@ class CalibrationEnd(Generic[T]):
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """The open cell of a request. run: its journal. ended: whether a signal asks for the end. ask: see
-    CalibrationPrompts."""
+    """The open cell of a request. run: its journal. ended: whether a signal asks for the end."""
 
     request: CalibrationRequest
     run: RunJournal
     cell: Workcell
     opened: OpenCell
     ended: Callable[[], bool]
-    ask: Callable[[str | None], None]
 
     def say(self, text: str) -> None:
         self.request.say(f"{self.cell.ports.clock.now():8.1f} s  {text}")
@@ -217,7 +215,7 @@ def _with_cell(
         cell = assemble(fold_request, robot, ports, Recorder.silent(), commands, workers, _ignore, _ignore)
         if not ports.simulated and sys.stdin is not None:
             TerminalOperator(commands, sys.stdin, sys.stderr, may=prompts.may).start()
-        session = Session(request, run, cell, opened, lambda: bool(interrupts.received), prompts.ask)
+        session = Session(request, run, cell, opened, lambda: bool(interrupts.received))
         try:
             outcome, safe = work(session)
         except StorageError as e:

@@ -150,7 +150,7 @@ def _in_the_cell(
         recording = Recording()
         cell = replace(session.cell, ports=recording.between(session.cell.ports))
         rig = rig_of(replace(session.opened, ports=cell.ports), request.settings, session.ended)
-        rung = Rung(rig, cell, session.ask)
+        rung = Rung(rig, cell, session.say)
         results = []
         for result in climb_cell(rung, steps, session.run, recording):
             results.append(result)

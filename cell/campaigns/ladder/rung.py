@@ -52,8 +52,8 @@ class Recording:
 @dataclass(frozen=True, eq=False)
 class Rung:
     """The open cell of a step. rig: its ports as the clauses of a driver use them. cell: the same as a run uses
-    them. person: asks a person, and withdraws the request with None; nobody is there in a simulated cell."""
+    them. tell: shows a line to the person at a robot; nobody is there in a simulated cell."""
 
     rig: Rig
     cell: Workcell
-    person: Callable[[str | None], None]
+    tell: Callable[[str], None]

@@ -46,15 +46,18 @@ class ScriptedRuns:
         return self._passed("hold", {"do": [pause, go_on, end], "expect": expect})
 
     def approved_fold(self) -> Mapping[str, float]:
-        """Approve the first fold, and end the run before the second. At a robot a person does both."""
+        """Approve the first fold, and end the run before the second. At a robot a person answers, and
+        may go on."""
         answers = [
             {"when": {"state": "awaiting_approval", "visit": visit, "after_s": 1.0}, "say": say}
             for visit, say in ((1, "approve"), (2, "abort"))
         ]
         through = ["awaiting_approval", "approaching"]
-        expect = {"end": ["not_folded"], "folds": 1, "through": through, "parked": True}
-        do = answers if is_simulated(self.driver) else []
-        return self._passed("approved_fold", {"attended": True, "do": do, "expect": expect})
+        expect: dict[str, Any] = {"end": ["not_folded"], "folds": 1, "through": through, "parked": True}
+        if not is_simulated(self.driver):
+            answers = []
+            expect = {"end": ["folded", "not_folded"], "through": [*through, "inspecting"], "parked": True}
+        return self._passed("approved_fold", {"attended": True, "do": answers, "expect": expect})
 
     def stop_and_resume(self) -> Mapping[str, float]:
         stop = {"when": {"state": "folding", "after_s": 1.0}, "stop": REASON}

@@ -114,16 +114,15 @@ def _pads(rung: Rung) -> Figures:
 
 def _pressed_by_a_person(rung: Rung) -> None:
     for side in Side:
-        for pad, place in enumerate(("facing left", "facing right")):
+        for pad in range(2):
             rest = rung.rig.ports.tactile[side].reading().cells[pad].sum()
-            rung.person(f"press the {side} hand's pad {pad} with a finger ({place} or the other)")
+            rung.tell(f"press pad {pad} of the {side} hand with a finger, within {PRESS_S:g} s")
 
             def felt(side: Side = side, pad: int = pad, rest: float = rest) -> bool:
                 return bool(rung.rig.ports.tactile[side].reading().cells[pad].sum() - rest > PRESSED)
 
-            pressed = rung.rig.within(PRESS_S, felt)
-            rung.person(None)
-            require(pressed, f"pad {pad} of the {side} hand has not felt a finger in {PRESS_S:g} s")
+            name = f"pad {pad} of the {side} hand"
+            require(rung.rig.within(PRESS_S, felt), f"{name} has not felt a finger in {PRESS_S:g} s")
 
 
 def _camera(rung: Rung) -> Figures:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,6 +22,7 @@ from cell.campaigns.ladder.steps import STEPS
 from cell.commands.main import main
 from cell.config.cell_settings import load_settings
 from cell.hardware.camera import camera_calibration
+from cell.hardware.contract.rig import BrokenError
 from cell.support.forwarding import forwarding
 from robots.errors import ConfigurationError
 from robots.ports import JointSetpoint, JointState, Ports, Side, TactileReading, frozen
@@ -189,6 +190,32 @@ def test_a_scripted_run_that_fails_fails_its_step(
     end = climb(request, WITH_RUNS[0].name, passes, lambda question: True)
     assert [r.passed for r in end.results] == [True] * (len(end.results) - 1) + [False]
     assert end.results[-1].step.name == broken and "it fell" in end.results[-1].reason and end.safe
+
+
+def test_a_person_presses_each_pad_of_a_real_cell() -> None:
+    """The cell without dynamics stands for a robot; its person presses what a line asks for."""
+    (pads,) = [step for step in STEPS if step.name == "pads"]
+    asked: list[str] = []
+
+    def pressed(hand: Any, reading: TactileReading) -> TactileReading:
+        cells = reading.cells.copy()
+        for pad in range(2):
+            cells[pad] += 0.2 * bool(asked and f"pad {pad} of the {hand.side} hand" in asked[-1])
+        return replace(reading, cells=frozen(cells))
+
+    def real(cell: KinematicCell) -> Ports:
+        return replace(with_reading(pressed)(cell), simulated=False)
+
+    def perform(obeyed: bool) -> None:
+        with kinematic_rig(SETTINGS, camera_calibration(SETTINGS), SETTINGS.table, real) as rig:
+            assert pads.check is not None
+            pads.check(Rung(rig, cast(Any, None), asked.append if obeyed else lambda text: None))
+
+    perform(True)
+    assert len(asked) == len(set(asked)) == 4
+    asked.clear()
+    with pytest.raises(BrokenError, match="pad 0 of the left hand has not felt a finger"):
+        perform(False)
 
 
 def test_a_step_is_begun_only_if_those_before_it_have_passed_within_a_day(tmp_path: Path) -> None:
