@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from cell.journal.journal import Entry, Intent
     from cell.record.run_record import FoldRecord, RunRecord
     from cell.transcript.set_points import SetPoints
+    from cell.transcript.transcript import Transcript
+    from robots.ports import Array
 
 __all__ = ["Run", "load_run"]
 
@@ -57,10 +59,24 @@ class Run:
         StorageError if the transcript is damaged or of another version.
         """
         from cell.transcript.set_points import read_set_points
+
+        transcript = self._transcript()
+        return read_set_points(transcript) if transcript else None
+
+    @own_numeric_state
+    def grips(self) -> Mapping[str, Array] | None:
+        """The grip forces that the pads measured: 'left' and 'right' -> (k, 2), rows of time [s] and force [N];
+        None for a run without a transcript. Raises as `set_points`."""
+        from cell.transcript.grip_readings import read_grips
+
+        transcript = self._transcript()
+        return read_grips(transcript) if transcript else None
+
+    def _transcript(self) -> Transcript | None:
         from cell.transcript.transcript import TRANSCRIPT, Transcript
 
         file = self.folder / TRANSCRIPT
-        return read_set_points(Transcript(file)) if file.is_file() else None
+        return Transcript(file) if file.is_file() else None
 
     @own_numeric_state
     def joint_trajectory(self) -> dict[str, Any] | None:

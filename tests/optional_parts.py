@@ -20,6 +20,7 @@ __all__ = [
     "BUILD",
     "GIT",
     "MUJOCO",
+    "PANDAS",
     "ROS",
     "OptionalPart",
     "may_be_skipped",
@@ -70,7 +71,8 @@ MUJOCO = OptionalPart(
 )
 BUILD = OptionalPart("build", importlib.util.find_spec("build") is not None, "make setup-dev")
 GIT = OptionalPart("git", (Path(__file__).parents[1] / ".git").exists() and program("git"), "git clone")
-PARTS = (ROS, BROWSER, MUJOCO, BUILD, GIT)
+PANDAS = OptionalPart("pandas", importlib.util.find_spec("pandas") is not None, "make setup-dev")
+PARTS = (ROS, BROWSER, MUJOCO, BUILD, GIT, PANDAS)
 
 
 def may_be_skipped(reason: str, environment: Mapping[str, str] = os.environ) -> bool:
