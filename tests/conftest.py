@@ -82,6 +82,7 @@ STARTS_PROGRAMS = (
     "cell/support/process/test_workers.py",
     "cell/view/test_recorder.py",
     "test_wheel.py",
+    "test_site.py",
 )
 LONG = tuple(
     UNIT / place

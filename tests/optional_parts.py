@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ __all__ = [
     "MUJOCO",
     "PANDAS",
     "ROS",
+    "SITE",
+    "SITE_PROGRAM",
     "OptionalPart",
     "may_be_skipped",
     "skip_summary",
@@ -72,7 +75,11 @@ MUJOCO = OptionalPart(
 BUILD = OptionalPart("build", importlib.util.find_spec("build") is not None, "make setup-dev")
 GIT = OptionalPart("git", (Path(__file__).parents[1] / ".git").exists() and program("git"), "git clone")
 PANDAS = OptionalPart("pandas", importlib.util.find_spec("pandas") is not None, "make setup-dev")
-PARTS = (ROS, BROWSER, MUJOCO, BUILD, GIT, PANDAS)
+SITE_PROGRAM = shutil.which(
+    "zensical", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
+)
+SITE = OptionalPart("zensical", SITE_PROGRAM is not None, "make site")
+PARTS = (ROS, BROWSER, MUJOCO, BUILD, GIT, PANDAS, SITE)
 
 
 def may_be_skipped(reason: str, environment: Mapping[str, str] = os.environ) -> bool:
