@@ -69,7 +69,7 @@ def test_the_examples_of_the_api_page_run(page_run: PageRun) -> None:
     assert {p.suffix for p in tmp_path.glob("half.*")} == {".csv", ".json", ".yaml"}
     message = names["message"]
     assert len(message["points"]) == len(names["sent"].t) and len(set(message["joint_names"])) == 14
-    own = load_garment(names["file"])
+    own = load_garment(tmp_path / names["file"])
     assert np.ptp(own.template[:, 1]) == pytest.approx(0.40, abs=0.005) and names["first"].garment == "my_towel"
     assert names["seen"].category == "towel"
     assert "'best'" in page_run.output
