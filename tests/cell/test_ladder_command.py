@@ -21,7 +21,7 @@ def test_the_simulated_cell_passes_the_steps_of_the_ladder(tmp_path: Path) -> No
     steps = [step for step in STEPS if step.check is not None]
     request = CalibrationRequest("ladder", 0, "sim", load_settings(), tmp_path, False, lambda text: None)
     end = climb(request, steps[0].name, Passes(tmp_path / "passes.json"), lambda question: True, steps)
-    assert [(r.step.name, r.reason) for r in end.results if not r.passed] == [] and len(end.results) == len(steps)
+    assert [(r.of.name, r.reason) for r in end.results if not r.passed] == [] and len(end.results) == len(steps)
     assert end.safe and end.signal is None and end.run_dir is not None
     assert Passes(tmp_path / "passes.json").missing(steps) is None
     with Journal.open(journal_path(tmp_path), readonly=True) as journal:

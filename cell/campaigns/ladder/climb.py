@@ -12,18 +12,17 @@ from typing import Any
 from cell.calibrating.session import CalibrationEnd, CalibrationRequest, Session, perform_session
 from cell.campaigns.ladder.rung import Curve, Recording, Rung
 from cell.campaigns.ladder.runs import ScriptedRuns
-from cell.campaigns.ladder.steps import STEPS, Figures, Step
+from cell.campaigns.ladder.steps import STEPS, Step
 from cell.executive.effects.moving import hold_still, make_safe
 from cell.hardware.contract.opening import rig_of
-from cell.hardware.contract.rig import BrokenError, UnprovenError
+from cell.hardware.contract.result import Result, judged
 from cell.hardware.driver_names import is_simulated
 from cell.hardware.workcell import Workcell
 from cell.journal.journal import RunJournal
 from cell.states.run_context import RunContext
 from cell.support.files.whole_file import write_whole
 from cell.support.json_values import to_json
-from cell.support.junit import JUnitCase
-from robots.errors import CellError, ConfigurationError, StorageError
+from robots.errors import ConfigurationError
 from skills.vocabulary import Outcome
 
 __all__ = ["Climbed", "Passes", "StepResult", "climb", "climb_cell", "write_results"]
@@ -35,42 +34,10 @@ FAILED = "a step of the ladder did not pass"
 
 
 @dataclass(frozen=True, eq=False)
-class StepResult:
-    """state: passed, failed or not_run. reason: why it did not pass. reports: folders of its runs. curve: the arms
-    meanwhile."""
+class StepResult(Result[Step]):
+    """curve: the arms meanwhile."""
 
-    step: Step
-    state: str
-    reason: str
-    figures: Figures
-    seconds: float
     curve: Curve | None = None
-    reports: Sequence[str] = ()
-
-    @property
-    def passed(self) -> bool:
-        return self.state == "passed"
-
-    def __str__(self) -> str:
-        word = {"passed": "PASS", "failed": "FAIL", "not_run": "not run"}[self.state]
-        figures = ", ".join(f"{name} {value:.4g}" for name, value in self.figures.items())
-        lines = [f"{word:8} {self.step.name:16} {self.step.proves}"]
-        lines += [f"{'':25} {line}" for line in (figures, self.reason) if line]
-        lines += [f"{'':25} remedy: {self.step.remedy}"] if self.state == "failed" else []
-        return "\n".join(lines)
-
-    def as_json(self) -> dict[str, Any]:
-        step = self.step
-        return {
-            "name": step.name, "proves": step.proves, "moves": step.moves, "person": step.person,
-            "state": self.state, "reason": self.reason, "remedy": step.remedy, "figures": dict(self.figures),
-            "wall_time_s": self.seconds, "runs": list(self.reports),
-        }  # fmt: skip
-
-    def as_case(self) -> JUnitCase:
-        broken = (self.reason, self.step.remedy) if self.state == "failed" else ()
-        skipped = self.reason if self.state == "not_run" else ""
-        return JUnitCase(self.step.name, broken, skipped, self.seconds, output="\n".join(self.reports))
 
 
 @dataclass(frozen=True)
@@ -98,10 +65,10 @@ class Passes:
     def note(self, result: StepResult) -> None:
         """A step that does not pass also takes back the steps after it."""
         names = [step.name for step in STEPS]
-        for name in names[names.index(result.step.name) :] if not result.passed else ():
+        for name in names[names.index(result.of.name) :] if not result.passed else ():
             self._passed.pop(name, None)
         if result.passed:
-            self._passed[result.step.name] = self._now()
+            self._passed[result.of.name] = self._now()
         write_whole(self._path, json.dumps(self._passed, indent=1) + "\n")
 
 
@@ -171,31 +138,16 @@ def climb_cell(rung: Rung, steps: Sequence[Step], run: RunJournal, recording: Re
         intent = run.intent(clock.now(), STATE, step.name, {"moves": step.moves})
         began = time.monotonic()
         assert step.check is not None
-        state, reason, figures = _judged(step.check, rung)
+        state, reason, figures = judged(step.check, rung)
         if rung.rig.ended():
             state, reason = "not_run", "the ladder was interrupted"
         event = "done" if state == "passed" else "failed"
         run.result(intent, clock.now(), {"event": event, "state": state, "what": reason, "figures": dict(figures)})
         if state != "passed":
             rung.rig.ports.stop.trigger(FAILED)
-        yield StepResult(step, state, reason, figures, time.monotonic() - began, recording.take())
+        yield StepResult(step, state, reason, time.monotonic() - began, figures, curve=recording.take())
         if state != "passed":
             return
-
-
-def _judged(check: Callable[[Any], Figures], at: Rung | ScriptedRuns) -> tuple[str, str, Figures]:
-    try:
-        return "passed", "", check(at)
-    except BrokenError as broken:
-        return "failed", str(broken), {}
-    except UnprovenError as unproven:
-        return "not_run", str(unproven), {}
-    except StorageError:
-        raise
-    except CellError as error:
-        return "failed", error.what, {}
-    except Exception as error:
-        return "failed", f"{type(error).__name__}: {error}", {}
 
 
 def _left_safe(cell: Workcell, passed: bool) -> bool:
@@ -215,8 +167,8 @@ def _with_runs(
         )  # fmt: skip
         assert step.runs is not None
         began = time.monotonic()
-        state, reason, figures = _judged(step.runs, runs)
-        yield StepResult(step, state, reason, figures, time.monotonic() - began, None, tuple(runs.reports))
+        state, reason, figures = judged(step.runs, runs)
+        yield StepResult(step, state, reason, time.monotonic() - began, figures, tuple(runs.reports))
         if state != "passed":
             return
 

@@ -23,7 +23,7 @@ MOVED_DEG = 0.5
 
 def write_page(folder: Path, climbed: Climbed, driver: str, simulated: bool, speed: str) -> Path:
     """Write the page into the folder and return its path. Raises StorageError."""
-    tried = {result.step.name: result for result in climbed.results}
+    tried = {result.of.name: result for result in climbed.results}
     template = page_template(Path(__file__).with_name(PAGE))
     text = template.render(
         rows=[(step, tried.get(step.name)) for step in STEPS],

@@ -172,7 +172,7 @@ def _both_arms(rung: Rung) -> Figures:
 
 def _stop(rung: Rung) -> Figures:
     arm_clauses.clipping(rung.rig)
-    return {"rest_s": arm_clauses.stop_in_motion(rung.rig)}
+    return arm_clauses.stop_in_motion(rung.rig)
 
 
 def _link(rung: Rung) -> Figures:

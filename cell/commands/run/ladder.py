@@ -48,7 +48,7 @@ def run_ladder(options: argparse.Namespace) -> int:
     page = write_page(folder, climbed, options.driver, is_simulated(options.driver), options.speed)
     content = write_results(folder, climbed, options.driver)
     if options.junit is not None:
-        tried = {result.step.name: result.as_case() for result in climbed.results}
+        tried = {result.of.name: result.as_case() for result in climbed.results}
         left = [JUnitCase(step.name, skipped="not tried") for step in STEPS if step.name not in tried]
         write_whole(options.junit, junit_text(SUITE, [*tried.values(), *left]))
     good = all(result.passed for result in climbed.results)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -69,13 +70,13 @@ def stop_at_rest(rig: Rig) -> None:
     rig.hold_command()
 
 
-def stop_in_motion(rig: Rig) -> float:
-    """Returns the time from the stop to rest [s]."""
+def stop_in_motion(rig: Rig) -> Mapping[str, float]:
+    """Measure the time from the stop to rest [s]."""
     rig.ready()
     rig.drive(rig.plan(rig.wrists(TURN)), 0.5)
     rest_s = _stop(rig, "arms in motion")
     rig.ready()
-    return rest_s
+    return {"rest_s": rest_s}
 
 
 def _stop(rig: Rig, of: str) -> float:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
 
 from cell.hardware.contract import arm_clauses as arms
 from cell.hardware.contract import device_clauses as devices
 from cell.hardware.contract import reading_clauses as readings
-from cell.hardware.contract.rig import REASON, BrokenError, Rig, UnprovenError
-from cell.support.junit import JUnitCase
+from cell.hardware.contract.result import Result, judged
+from cell.hardware.contract.rig import REASON, Rig
 from robots.errors import CellError, ConfigurationError
 
 __all__ = ["CLAUSES", "Clause", "ClauseResult", "check_driver"]
@@ -31,45 +30,14 @@ class Clause:
     name: str
     proves: str
     remedy: str
-    check: Callable[[Rig], object]
+    check: Callable[[Rig], Mapping[str, float] | None]
     moves: str = ""
     powered: bool = False
     guards: bool = False
     reopens: bool = False
 
 
-@dataclass(frozen=True)
-class ClauseResult:
-    """state: passed, failed or not_run. reason: why it did not pass."""
-
-    clause: Clause
-    state: str
-    reason: str
-    seconds: float
-
-    @property
-    def passed(self) -> bool:
-        return self.state == "passed"
-
-    def __str__(self) -> str:
-        word = {"passed": "PASS", "failed": "FAIL", "not_run": "not run"}[self.state]
-        lines = [f"{word:8} {self.clause.name:15} {self.clause.proves}"]
-        lines += [f"{'':24} {self.reason}"] if self.reason else []
-        lines += [f"{'':24} remedy: {self.clause.remedy}"] if self.state == "failed" else []
-        return "\n".join(lines)
-
-    def as_json(self) -> dict[str, Any]:
-        clause = self.clause
-        return {
-            "name": clause.name, "proves": clause.proves, "state": self.state, "reason": self.reason,
-            "remedy": clause.remedy, "wall_time_s": self.seconds,
-        }  # fmt: skip
-
-    def as_case(self) -> JUnitCase:
-        broken = (self.reason, self.clause.remedy) if self.state == "failed" else ()
-        skipped = self.reason if self.state == "not_run" else ""
-        return JUnitCase(self.clause.name, broken, skipped, self.seconds, output=self.clause.proves)
-
+ClauseResult = Result[Clause]
 
 WRISTS, HANDS = "both wrists, by 9 degrees at most", "the pads of both grippers"
 
@@ -234,7 +202,7 @@ def check_driver(
         for clause in clauses:
             if not clause.reopens:
                 result = _checked(clause, rig, guard)
-                if clause.guards and result.state == "failed":
+                if clause.guards and result.failed:
                     guard = guard or clause.name
                     if clause.powered:
                         rig.ports.stop.trigger(REASON)
@@ -246,28 +214,14 @@ def check_driver(
 
 def _checked(clause: Clause, rig: Rig, guard: str) -> ClauseResult:
     if rig.ended():
-        return ClauseResult(clause, "not_run", "the check was interrupted", 0.0)
+        return ClauseResult(clause, "not_run", "the check was interrupted")
     if guard and (clause.moves or clause.powered):
-        return ClauseResult(clause, "not_run", f"nothing moves after the failure of '{guard}'", 0.0)
+        return ClauseResult(clause, "not_run", f"nothing moves after the failure of '{guard}'")
     began = time.monotonic()
-    state, reason = _judged(clause, rig)
+    state, reason, figures = judged(clause.check, rig)
     if rig.ended():
         state, reason = "not_run", "the check was interrupted"
-    return ClauseResult(clause, state, reason, time.monotonic() - began)
-
-
-def _judged(clause: Clause, rig: Rig) -> tuple[str, str]:
-    try:
-        clause.check(rig)
-    except BrokenError as broken:
-        return "failed", str(broken)
-    except UnprovenError as unproven:
-        return "not_run", str(unproven)
-    except CellError as error:
-        return "failed", error.what
-    except Exception as error:  # the code of another package
-        return "failed", f"{type(error).__name__}: {error}"
-    return "passed", ""
+    return ClauseResult(clause, state, reason, time.monotonic() - began, figures)
 
 
 def _reopened(clause: Clause, opened: Callable[[], AbstractContextManager[Rig]], guard: str) -> ClauseResult:

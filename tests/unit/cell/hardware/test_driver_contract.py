@@ -55,7 +55,7 @@ def rig(broken: Break) -> AbstractContextManager[Rig]:
 
 
 def results(broken: Break) -> dict[str, ClauseResult]:
-    return {result.clause.name: result for result in check_driver(lambda: rig(broken))}
+    return {result.of.name: result for result in check_driver(lambda: rig(broken))}
 
 
 BROKEN: dict[str, tuple[Break, str]] = {
@@ -109,7 +109,7 @@ def test_a_driver_that_cannot_be_opened_twice_fails_to_reconnect() -> None:
         return rig(KinematicCell.ports)
 
     failed = [r for r in check_driver(once) if not r.passed]
-    assert [(r.clause.name, r.state) for r in failed] == [("reconnect", "failed")]
+    assert [(r.of.name, r.state) for r in failed] == [("reconnect", "failed")]
     assert "in use" in failed[0].reason
 
 
@@ -148,7 +148,7 @@ def test_after_a_signal_the_check_resets_no_stop_and_commands_nothing() -> None:
             cells.append(cast(KinematicCell, sound.ports.arms))
             yield replace(sound, ended=lambda: bool(cells[0].reason))  # the signal comes with the first stop
 
-    found = {r.clause.name: r for r in check_driver(interrupted)}
+    found = {r.of.name: r for r in check_driver(interrupted)}
     assert {r.state for r in list(found.values())[3:]} == {"not_run"}
     assert REASON in cells[0].reason and not cells[0].enabled
 

@@ -176,7 +176,7 @@ def test_the_simulated_driver_keeps_the_contract_of_the_ports(robot: str) -> Non
     settings = load_settings().model_copy(update={"robot": robot})
     results = list(check_driver(lambda: opened_rig("sim", settings)))
     assert len(results) == len(CLAUSES)
-    assert [(r.clause.name, r.reason) for r in results if not r.passed] == []
+    assert [(r.of.name, r.reason) for r in results if not r.passed] == []
 
 
 def test_a_stop_brakes_at_a_bounded_rate(opened: Any) -> None:

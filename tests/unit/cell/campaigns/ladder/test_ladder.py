@@ -150,7 +150,7 @@ FAULTS: dict[str, Break] = {
 def test_a_sound_cell_passes_every_step_and_the_page_shows_it(tmp_path: Path) -> None:
     journal = Journal()
     results, ports = climbed(KinematicCell.ports, journal)
-    assert [(r.step.name, r.reason) for r in results if not r.passed] == []
+    assert [(r.of.name, r.reason) for r in results if not r.passed] == []
     assert journal.intents == [step.name for step in IN_THE_CELL] == list(FAULTS)
     assert len(journal.results) == len(results) and not ports.stop.state().stopped
     figures = {name: value for r in results for name, value in r.figures.items()}
@@ -164,8 +164,8 @@ def test_a_sound_cell_passes_every_step_and_the_page_shows_it(tmp_path: Path) ->
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_fails_exactly_its_step_and_leaves_the_arms_stopped(name: str) -> None:
     results, ports = climbed(FAULTS[name])
-    assert [(r.step.name, r.reason) for r in results[:-1] if not r.passed] == []
-    assert (results[-1].step.name, results[-1].state) == (name, "failed"), results[-1].reason
+    assert [(r.of.name, r.reason) for r in results[:-1] if not r.passed] == []
+    assert (results[-1].of.name, results[-1].state) == (name, "failed"), results[-1].reason
     assert ports.stop.state().stopped
 
 
@@ -185,11 +185,11 @@ def test_a_scripted_run_that_fails_fails_its_step(
     monkeypatch.setattr(ScriptedRuns, "_resumed", lambda self, run: resumed)
     passes = Passes(tmp_path / "passes.json")
     for step in IN_THE_CELL:
-        passes.note(StepResult(step, "passed", "", {}, 0.0))
+        passes.note(StepResult(step, "passed"))
     request = CalibrationRequest("ladder", 0, "sim", SETTINGS, tmp_path, False, lambda text: None)
     end = climb(request, WITH_RUNS[0].name, passes, lambda question: True)
     assert [r.passed for r in end.results] == [True] * (len(end.results) - 1) + [False]
-    assert end.results[-1].step.name == broken and "it fell" in end.results[-1].reason and end.safe
+    assert end.results[-1].of.name == broken and "it fell" in end.results[-1].reason and end.safe
 
 
 def test_a_person_presses_each_pad_of_a_real_cell() -> None:
@@ -231,10 +231,10 @@ def test_a_step_is_begun_only_if_those_before_it_have_passed_within_a_day(tmp_pa
     assert "'clock' has not passed" in refused("connection")
     assert "no step 'roof'" in refused("roof")
     for step in STEPS[:4]:
-        passes.note(StepResult(step, "passed", "", {}, 0.0))
+        passes.note(StepResult(step, "passed"))
     again = Passes(tmp_path / "passes.json", lambda: now[0])
     assert again.missing(STEPS[:4]) is None and again.missing(STEPS) is STEPS[4]
-    again.note(StepResult(STEPS[2], "failed", "", {}, 0.0))
+    again.note(StepResult(STEPS[2], "failed"))
     assert again.missing(STEPS[:2]) is None and again.missing(STEPS[:4]) is STEPS[2]
     now[0] += FRESH_S + 1.0
     assert again.missing(STEPS[:2]) is STEPS[0]
