@@ -27,6 +27,7 @@ from cell.operator.terminal.attendant import PersonAttendant
 from cell.operator.terminal.keys import check_terminal
 from cell.record.run_record import FailureRecord, RecordingLosses, RunRecord, write_record
 from cell.runs.checkpoint_writer import CheckpointWriter, Interrupted
+from cell.runs.compiling_ahead import compiling_ahead
 from cell.runs.ownership import VERSIONED, begun_run, owned_cell
 from cell.runs.request_file import keep_request
 from cell.runs.resumable import RESUMED_FROM, check_resumable
@@ -50,6 +51,7 @@ OnOpen = Callable[[OpenCell, CommandQueue], Ports | None]
 then uses."""
 
 
+@compiling_ahead()
 def fold_once(
     request: FoldRequest,
     on_open: OnOpen | None = None,

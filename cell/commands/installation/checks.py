@@ -201,7 +201,7 @@ def _compile_cache() -> Iterable[Check]:
         except Exception:  # damaged bytes raise anything
             damaged.append(cache.index)
     folder = next(c.index for c in FallibleCache.caches if c.index.name.startswith("kernel.")).parent
-    for check in _writable("compile cache", folder, "compiled again at every start, one to three minutes"):
+    for check in _writable("compile cache", folder, "compiled again at every start, about a minute"):
         if damaged and check.verdict is Verdict.GOOD:
             hint = "these functions are compiled again when they are used next"
             yield Check(check.name, Verdict.WARNING, f"damaged: {', '.join(map(str, damaged))}", hint)

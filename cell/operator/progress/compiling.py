@@ -15,11 +15,11 @@ from skills.compiled import WAITING
 __all__ = ["report_compilation"]
 
 PARTS = {
-    "skills.cloth": "compiling the cloth simulation: once after an installation, one to three minutes",
+    "skills.cloth": "compiling the cloth simulation: once after an installation, about a minute",
     "skills.motion": "compiling the arms' kinematics: once after an installation, some seconds",
 }
 """Message for each package with its subpackages. Code of other packages compiles in about a second."""
-WAITS = "another process compiles the same code: waiting for it"
+WAITS = "another process compiles the same code, once after an installation: waiting for it, about a minute"
 STILL_EVERY = 15.0
 """Time between two messages that compilation continues [s]."""
 
