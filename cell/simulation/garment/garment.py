@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,9 +79,6 @@ class WorldGarment:
         self.traits = BodyTraits(anisotropy, damping, residual, ratio, crease_set, crease_time)
         self._relief = self._draw_relief(rng)
         self._body: ClothBody | None = None
-        self._thread = ThreadPoolExecutor(1, "garment")
-        self._frame: Future[None] | None = None
-        """The last frame of the cloth, which the thread may still compute."""
         self._pressed = False
         self.away = False
         """Whether somebody has taken the garment off the table."""
@@ -105,10 +101,6 @@ class WorldGarment:
 
     @property
     def _cloth(self) -> ClothBody:
-        """The cloth after its last frame."""
-        frame, self._frame = self._frame, None
-        if frame is not None:
-            frame.result()
         assert self._body is not None, "no garment lies on the table"
         return self._body
 
@@ -192,12 +184,9 @@ class WorldGarment:
 
     def frame(self, position: Array, rotation: Array, capsules: tuple[Array, Array, Array] | None) -> None:
         """Advance by one frame. position (2, 2, 3), rotation (2, 2, 3, 3): of both hands at the start and the end
-        of the frame. capsules: both ends (2, k, 3) and radius (k,) [m].
-
-        A thread computes the frame. Whoever next asks for the cloth waits for it, so the thread changes nothing
-        but the time that this takes."""
+        of the frame. capsules: both ends (2, k, 3) and radius (k,) [m]."""
         if self.laid:
-            self._frame = self._thread.submit(self._cloth.advance_along, position, rotation, capsules)
+            self._cloth.advance_along(position, rotation, capsules)
 
     # actions of a person
 

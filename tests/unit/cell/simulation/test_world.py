@@ -26,7 +26,6 @@ from robots.baxter.robot import load_model
 from robots.depth_averaging import EVERY_S, EXPOSURES
 from robots.errors import ConfigurationError, DriverError
 from robots.ports import Side
-from skills.cloth.solver import ClothSimulation
 from skills.vocabulary import tool_rotation
 from tests.simulated_bench import BLIND, DT, QUIET, Bench, corner
 
@@ -315,31 +314,6 @@ def test_a_careless_hand_pushes_the_hanging_garment() -> None:
         frame(0.15, 0.15, (p0, p1))
     moved = np.linalg.norm(garment.positions - hanging, axis=1)
     assert moved.max() > 0.02
-
-
-def test_the_world_waits_for_a_frame_of_the_cloth_only_when_it_asks_for_the_cloth(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    garment = WorldGarment(
-        load_garment("small_towel", "bare_table"), load_noise().garment, np.random.default_rng(0), ideal=True
-    )
-    garment.lay()
-    free, advance = threading.Event(), ClothSimulation.advance_along
-
-    def slow(cloth: ClothSimulation, *motion: Any) -> None:
-        assert free.wait(10.0)
-        advance(cloth, *motion)
-        cloth.set_positions(cloth.positions + 0.5)
-
-    monkeypatch.setattr(ClothSimulation, "advance_along", slow)
-    before, still = garment.positions, (np.zeros((2, 2, 3)), np.tile(np.eye(3), (2, 2, 1, 1)))
-    garment.frame(*still, None)  # waits for nothing, or it would never return
-    threading.Timer(0.05, free.set).start()
-    assert np.allclose(garment.positions, before + 0.5, atol=1e-4)
-    monkeypatch.setattr(ClothSimulation, "advance_along", lambda *_: 1 / 0)
-    garment.frame(*still, None)
-    with pytest.raises(ZeroDivisionError):
-        garment.highest()
 
 
 def test_a_world_continues_from_its_checkpoint(opened: Any) -> None:
