@@ -12,6 +12,10 @@ __all__ = ["BoundedWorker"]
 
 T = TypeVar("T")
 
+EVERY_S = 0.05
+"""Time after which the thread looks for new items [s]. A run offers several hundred items a second. If each item
+woke the thread, the two threads would take the interpreter from each other all the time."""
+
 
 class BoundedWorker(Generic[T]):
     """Accepts items on any thread and processes them in order on a separate thread.
@@ -49,7 +53,6 @@ class BoundedWorker(Generic[T]):
                 return False
             self._waiting.append((item, cost))
             self._cost += cost
-            self._changed.notify()
         return True
 
     def close(self, timeout: float) -> bool:
@@ -72,7 +75,7 @@ class BoundedWorker(Generic[T]):
         while True:
             with self._changed:
                 while not self._waiting and not self._closing:
-                    self._changed.wait()
+                    self._changed.wait(EVERY_S)
                 if not self._waiting:
                     break
                 item, cost = self._waiting.popleft()

@@ -25,6 +25,7 @@ import synthetic_run as show
 from scipy.spatial.transform import Rotation
 
 from cell.config.cell_settings import load_settings
+from cell.view import bounded_worker
 from cell.view.bounded_worker import BoundedWorker
 from cell.view.entries import scene
 from cell.view.entries.entry import Columns, Log
@@ -359,6 +360,28 @@ def test_a_full_queue_drops_items_except_essential_ones():
     gate.set()
     assert worker.close(5.0)
     assert done == [k for k, ok in enumerate(taken) if ok] + [99]
+
+
+def test_an_item_wakes_no_thread_and_the_end_wakes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run offers hundreds of items a second: its own thread must not be interrupted for each."""
+    monkeypatch.setattr(bounded_worker, "EVERY_S", 60.0)
+    waits, waiting, wait = list[float | None](), threading.Event(), threading.Condition.wait
+
+    def noted(condition: threading.Condition, timeout: float | None = None) -> bool:
+        if threading.current_thread().name == "pump":
+            waits.append(timeout)
+            waiting.set()
+        return wait(condition, timeout)
+
+    monkeypatch.setattr(threading.Condition, "wait", noted)
+    done: list[int] = []
+    worker: BoundedWorker[int] = BoundedWorker("pump", done.append, lambda e: None, limit=100)
+    waiting.wait()
+    for k in range(5):
+        assert worker.offer(k)
+        time.sleep(0.01)
+    assert worker.close(5.0)
+    assert done == [0, 1, 2, 3, 4] and waits == [60.0]
 
 
 def test_a_pump_continues_after_errors_and_counts_the_items_left_at_the_end():
