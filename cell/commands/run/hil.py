@@ -61,6 +61,8 @@ def run(options: argparse.Namespace) -> int:
     """
     if options.scripts == [Path(LADDER)]:
         return run_ladder(options)
+    if options.begin is not None:
+        raise ConfigurationError("--from is for the ladder, not for scripts", f"foldcell hil {LADDER} --from STEP")
     settings = load_settings(options.cell)
     scripts = [read_script(path) for path in _files(options.scripts)]
     for script in scripts:

@@ -260,7 +260,10 @@ def test_the_page_of_the_documentation_lists_the_steps() -> None:
     assert [line for line in text.splitlines() if line.startswith("| ")][1:] == rows
 
 
-@pytest.mark.parametrize("words", [["--from", "one fold"], ["--from", "roof"]])
-def test_the_command_refuses_a_step_before_anything_moves(words: list[str], tmp_path: Path, monkeypatch) -> None:
+@pytest.mark.parametrize(
+    "words",
+    ["ladder --from roof", "ladder --live", "ladder --world mujoco", "tests/hil/no_garment.yaml --from clock"],
+)
+def test_the_command_refuses_before_anything_moves(words: str, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(climbing, "perform_session", None)  # nothing is opened
-    assert main(["hil", "ladder", *words, "--logs", str(tmp_path)]) == 64
+    assert main(["hil", *words.split(), "--logs", str(tmp_path)]) == 64
