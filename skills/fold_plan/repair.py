@@ -7,7 +7,7 @@ shapes before the fold and now. Both shapes have the same vertices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -29,7 +29,7 @@ from skills.vocabulary import (
     frozen,
 )
 
-__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair"]
+__all__ = ["MISPLACED", "RepairGoal", "RepairPlan", "locate_grasp", "plan_repair", "ways_to_hold"]
 
 
 class RepairGoal(StrEnum):
@@ -55,6 +55,11 @@ OWN = (0.010, 0.040)
 """Cloth counts as the grasped cloth if it lay near the grasp before the fold: nearer than half the distance by
 which the grasped cloth has moved, limited to this range [m]. Cloth that stayed and now lies below the grasped
 cloth is as far from the grasp as the grasped cloth has moved."""
+
+
+INWARD, CLOSER = 0.030, 0.25
+"""Other places at which the hands may hold the moved cloth: further from its edge [m], or nearer to each other, as
+a share of their distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +122,31 @@ def plan_repair(
     return Outcome(
         RepairPlan(goal, replace(step, name=named, line=line, grasps=grasps, targets=targets), headings, patches)
     )
+
+
+def ways_to_hold(step: FoldStep) -> Iterator[tuple[str, FoldStep]]:
+    """Yield the ways in which the hands may hold the cloth of a fold to repair it, in words and as the fold with
+    these grasps: as in the fold (without words), then further from the edge; two hands also nearer to each other,
+    and either hand alone."""
+    yield "", step
+    inward = {grasp_id: -INWARD * step.line.normal for grasp_id in step.grasps}
+    yield "further from the edge", _shifted(step, inward)
+    if len(step.grasps) == 2:
+        (first, a), (second, b) = step.grasps.items()
+        apart = CLOSER * (b.point - a.point)
+        yield "nearer to each other", _shifted(step, {first: apart, second: -apart})
+        for grasp_id in step.grasps:
+            alone = {grasp_id: step.grasps[grasp_id]}, {grasp_id: step.targets[grasp_id]}
+            yield f"with the {grasp_id.value} grasp alone", replace(step, grasps=alone[0], targets=alone[1])
+
+
+def _shifted(step: FoldStep, shifts: Mapping[GraspId, Array]) -> FoldStep:
+    """Return the fold with each grasp moved by its shift (2,) [m], and each target as the fold moves its cloth."""
+    normal = step.line.normal
+    mirrored = {i: shift - 2.0 * float(shift @ normal) * normal for i, shift in shifts.items()}
+    grasps = {i: replace(g, point=frozen(g.point + shifts[i])) for i, g in step.grasps.items()}
+    targets = {i: frozen(t + np.append(mirrored[i], 0.0)) for i, t in step.targets.items()}
+    return replace(step, grasps=grasps, targets=targets)
 
 
 def _target(goal: RepairGoal, step: FoldStep, grasp_id: GraspId, thickness: float) -> Array:

@@ -16,7 +16,7 @@ from robots.errors import CellError, Failure, FailureKind
 from skills.cloth.predict import predict_fold
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import translate_plan
-from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair
+from skills.fold_plan.repair import RepairGoal, RepairPlan, plan_repair, ways_to_hold
 from skills.trajectory.arcs.paths import fold_duration, lifted, tool_paths
 from skills.trajectory.arcs.repair_arcs import repair_arcs, turned_paths
 from skills.trajectory.search.acceptance import acceptance_limit
@@ -28,11 +28,13 @@ __all__ = ["choose_repair"]
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A way to repair the fold, with the shape (n, 3) that it aims at [m]."""
+    """A way to repair the fold, with the shape (n, 3) that it aims at [m]. held: how the hands hold the cloth, in
+    words; empty if as in the fold."""
 
     plan: RepairPlan
     trajectory: GraspTrajectory
     target: Array
+    held: str
 
 
 def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Attempt) -> Result:
@@ -40,8 +42,9 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
 
     The fold is completed if the garment is then predicted to lie about as well as the fold was planned to leave
     it. Otherwise it is undone. This may follow an earlier plan to complete it: the arms may have found no good
-    way, or the cloth may have slipped again. Of several arcs, the one that is predicted to come nearest to its aim
-    is chosen. Motion planning follows, as for a fold.
+    way, or the cloth may have slipped again. If every way is predicted to miss, the hands are to hold the cloth
+    elsewhere, or one hand alone. Of several arcs, the one that is predicted to come nearest to its aim is chosen.
+    Motion planning follows, as for a fold.
     """
     fold, thickness = context.fold, plan.garment.material.thickness
     found = fold.estimate.likeliest_shape if fold.estimate is not None else None
@@ -51,26 +54,35 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
     before, now = found.placed(plan.vertices), found.shape.vertices
     folded = found.placed(target_vertices(plan.mesh, attempt.step.lines, plan.garment.material))
     aims = {RepairGoal.COMPLETE: folded, RepairGoal.UNDO: before}
-    plans = {goal: plan_repair(goal, plan.mesh, before, now, step, thickness) for goal in aims}
-    ways = [
-        _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal])
-        for goal, planned in plans.items() if planned.value is not None
-        for controls in repair_arcs(attempt.trajectory.control_points, planned.value, thickness)
-    ]  # fmt: skip
+    completed = RepairGoal.COMPLETE in fold.tried
+    limits = {
+        RepairGoal.COMPLETE: -np.inf if completed else acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m),
+        RepairGoal.UNDO: acceptance_limit(plan.mesh.rest),
+    }
+    ways: list[_Candidate] = []
+    refused: Failure | None = None
+    for words, held in ways_to_hold(step):
+        plans = {goal: plan_repair(goal, plan.mesh, before, now, held, thickness) for goal in aims}
+        refused = refused or plans[RepairGoal.UNDO].failure
+        new = [
+            _Candidate(planned.value, _trajectory(cell, plan, controls), aims[goal], words)
+            for goal, planned in plans.items() if planned.value is not None
+            for controls in repair_arcs(attempt.trajectory.control_points, planned.value, thickness)
+        ]  # fmt: skip
+
+        def work(new: Sequence[_Candidate] = tuple(new)) -> list[_Candidate]:
+            return [_simulated(cell, plan, way, now) for way in new]
+
+        ways += cell.compute(len(new) * cell.settings.computing.simulation_s, work) if new else []
+        if any(way.trajectory.dissimilarity <= limits[way.plan.goal] for way in ways):
+            break
+    predicted = [way for way in ways if np.isfinite(way.trajectory.dissimilarity)]
     if not ways:
-        failure = plans[RepairGoal.UNDO].failure
-        assert failure is not None
-        return _failed(context, failure)
-
-    def work() -> list[_Candidate]:
-        return [_simulated(cell, plan, way, now) for way in ways]
-
-    simulated = cell.compute(len(ways) * cell.settings.computing.simulation_s, work)
-    predicted = [way for way in simulated if np.isfinite(way.trajectory.dissimilarity)]
+        assert refused is not None
+        return _failed(context, refused)
     if not predicted:
         return _failed(context, _impossible("the cloth simulation fails on every way to repair it"))
-    limit = acceptance_limit(plan.mesh.rest, attempt.dissimilarity_m)
-    best = _best(predicted, -np.inf if RepairGoal.COMPLETE in fold.tried else limit)
+    best = _best(predicted, limits[RepairGoal.COMPLETE])
     repair, motion = Repair(best.plan, best.trajectory, now, best.target, found, attempt), best.plan.step
     record = {
         "goal": best.plan.goal.value,
@@ -78,6 +90,7 @@ def choose_repair(cell: Workcell, context: RunContext, plan: Plan, attempt: Atte
         "distance_m": {i.value: float(np.linalg.norm(t[:2] - motion.grasps[i].point))
                        for i, t in motion.targets.items()},
         "dissimilarity_m": best.trajectory.dissimilarity,
+        **({"held": best.held} if best.held else {}),
     }  # fmt: skip
     cell.recorder.plan(cell.ports.clock.now(), motion)
     # until a motion is planned, nothing was carried in this repair

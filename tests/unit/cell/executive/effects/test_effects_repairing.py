@@ -21,7 +21,7 @@ from robots.ports import Array
 from skills.cloth.mesh import mesh_from_contour
 from skills.fold_plan.folding import target_vertices
 from skills.fold_plan.plan import plan_folds
-from skills.fold_plan.repair import RepairGoal
+from skills.fold_plan.repair import RepairGoal, ways_to_hold
 from skills.state_estimate.comparison import Fit
 from skills.state_estimate.estimate import StateEstimate
 from skills.state_estimate.hypothesis import FoldState, Hypothesis
@@ -143,6 +143,53 @@ def test_a_fold_that_was_to_be_completed_before_is_undone(monkeypatch: pytest.Mo
         context = replace(context, fold=replace(context.fold, repair=None))
 
 
+@pytest.mark.parametrize(
+    ("good", "words", "hands"),
+    [
+        (0, "", 2),
+        (1, "further from the edge", 2),
+        (2, "nearer to each other", 2),
+        (3, "alone", 1),
+        (4, "alone", 1),
+    ],
+)
+def test_a_repair_that_is_predicted_to_miss_is_sought_in_other_ways(
+    good: int, words: str, hands: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The good way number `good` leaves the garment in its place. No more ways than needed are simulated."""
+    seen: list[tuple[Any, ...]] = []
+
+    def simulated(mesh: Any, positions: Array, material: Any, paths: Any, **_: Any) -> Any:
+        way = tuple(sorted((i.value, *np.round(p.position[0, :2], 3)) for i, p in paths.items()))
+        if way not in seen:
+            seen.append(way)
+        return SimpleNamespace(vertices=FLAT + np.append(DRIFT, 0.0 if len(seen) > good else 0.2))
+
+    monkeypatch.setattr(repairing, "predict_fold", simulated)
+    context = attempted(failed_fold(half_way()))
+    tried = replace(context, fold=replace(context.fold, tried=(RepairGoal.COMPLETE,)))
+    result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), tried)
+    repair = result.context.fold.repair
+    assert repair is not None and repair.plan.goal is RepairGoal.UNDO and len(seen) == good + 1
+    assert words in str(result.record.get("held", "")) and bool(words) == ("held" in result.record)
+    assert len(repair.plan.step.grasps) == hands
+    assert repair.trajectory.dissimilarity == pytest.approx(0.0, abs=1e-6)
+
+
+def test_each_way_to_hold_the_cloth_carries_it_where_the_fold_does() -> None:
+    """Each grasp and its target are mirror images at the fold line."""
+    ways = dict(ways_to_hold(HALF))
+    assert len(ways) == 5 and ways[""] is HALF
+    edge = max(HALF.line.signed_distance(g.point[None])[0] for g in HALF.grasps.values())
+    for words, step in ways.items():
+        for grasp_id, grasp in step.grasps.items():
+            moved = grasp.point - HALF.grasps[grasp_id].point
+            target = step.targets[grasp_id][:2] - HALF.targets[grasp_id][:2]
+            mirrored = moved - 2.0 * (moved @ HALF.line.normal) * HALF.line.normal
+            assert target == pytest.approx(mirrored), words
+            assert HALF.line.signed_distance(grasp.point[None])[0] <= edge + 1e-9
+
+
 def test_a_fold_that_cannot_be_repaired_says_why() -> None:
     result = EFFECTS[Effect.PLAN_REPAIR](fake_workcell(FakeCell()), attempted(failed_fold(None)))
     failure = result.context.failure
@@ -212,11 +259,12 @@ def test_a_completed_fold_is_inspected_where_the_garment_was_found_and_any_other
         assert after.attempt.predicted is failed.predicted
 
 
-@pytest.mark.parametrize(("failing", "goal"), [(1, RepairGoal.COMPLETE), (2, RepairGoal.UNDO), (4, None)])
+@pytest.mark.parametrize(("failing", "goal"), [(1, RepairGoal.COMPLETE), (2, RepairGoal.UNDO), (20, None)])
 def test_arcs_whose_simulation_fails_are_not_chosen(
     monkeypatch: pytest.MonkeyPatch, failing: int, goal: RepairGoal | None
 ) -> None:
-    """Two arcs that complete the fold are simulated first, then two that undo it."""
+    """Two arcs that complete the fold are simulated first, then two that undo it; then the same for each of four
+    other ways to hold the cloth."""
     calls = []
 
     def simulated(*_: Any, **__: Any) -> Any:
