@@ -15,7 +15,7 @@ from cell.journal.checkpoint_file import has_checkpoint
 from cell.journal.journal import Intent, Journal, JournalRun
 from cell.record.run_record import Ending, ending_of
 from cell.record.words import plain
-from cell.support.files.paths import command_for, journal_path, logs_directory
+from cell.support.files.paths import command_for, journal_path, logs_to_read
 from robots.errors import ConfigurationError
 
 __all__ = ["ListedRun", "add_options", "run"]
@@ -90,7 +90,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    logs = logs_directory(options.logs)
+    logs = logs_to_read(options.logs)
     runs = _read(journal_path(logs), options.last)
     folders = [path.parent for path in sorted(logs.glob(f"*/{MANIFEST}"))]
     campaigns = [_campaign_figures(path) for path in (folders[-options.last :] if options.last else folders)]

@@ -7,7 +7,7 @@ import argparse
 from cell.commands.options import count, json_option, logs_option
 from cell.commands.output import print_json, print_table
 from cell.runs.pruning import prunable_runs, prune
-from cell.support.files.paths import logs_directory
+from cell.support.files.paths import logs_to_read
 
 __all__ = ["add_options", "run"]
 
@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """List the removable recordings; with --yes remove them."""
-    logs = logs_directory(options.logs)
+    logs = logs_to_read(options.logs)
     heavy = prunable_runs(logs, options.keep, options.unfinished)
     if options.yes:
         for each in heavy:

@@ -7,6 +7,7 @@ from typing import Any
 
 from cell.commands.options import Commands, add_command, cell_option, json_option, logs_option
 from cell.commands.output import print_json, print_table
+from cell.config.cell_settings import load_settings
 from cell.config.trajectory_library.library_file import load_library
 from cell.support.files.paths import logs_directory
 from skills.trajectory.trajectory_library import LibraryEntry
@@ -22,6 +23,7 @@ def add_options(actions: Commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    load_settings(options.cell)  # the library is the same for every cell, but a wrong file is refused
     loaded = load_library(logs_directory(options.logs))
     entries = loaded.library.entries
     refused = [f"{path}, entry {r.index}: {r.reason}" for path, r in loaded.refused]

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cell.support.files.names import checked_name
-from robots.errors import StorageError
+from robots.errors import ConfigurationError, StorageError
 
 __all__ = [
     "JOURNAL_FILE",
@@ -20,6 +20,7 @@ __all__ = [
     "free_bytes",
     "journal_path",
     "logs_directory",
+    "logs_to_read",
     "new_folder",
     "prepare_logs",
     "repository_root",
@@ -52,6 +53,14 @@ def logs_directory(option: Path | None = None, environment: Mapping[str, str] | 
 
         folder = Path(platformdirs.user_data_dir("foldcell", appauthor=False)) / "logs"
     return Path(checked_name(str(folder), "logs folder"))
+
+
+def logs_to_read(option: Path | None) -> Path:
+    """Return the folder of `logs_directory`, which need not exist. Raises ConfigurationError if it is a file."""
+    folder = logs_directory(option)
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"the logs folder {folder} is a file", "name its folder: --logs DIR")
+    return folder
 
 
 def command_for(words: str, logs: Path) -> str:

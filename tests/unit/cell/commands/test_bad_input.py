@@ -82,6 +82,12 @@ def test_a_name_that_no_file_can_have_is_refused(refused: Callable[..., str], li
     refused(line.replace("NAME", 300 * "a"), "File name too long")
 
 
+@pytest.mark.parametrize("line", ["runs", "runs --json", "tidy", "tidy --yes", "report last"])
+def test_a_file_is_no_logs_folder(refused: Callable[..., str], folder: Path, line: str) -> None:
+    (folder / "notes.txt").write_text("x")
+    refused(f"{line} --logs notes.txt", "notes.txt")
+
+
 @pytest.mark.parametrize("line", ["garment show", "cell check --cell", "fold", "hil", "trials"])
 @pytest.mark.timeout(60)
 def test_a_file_without_an_end_is_refused(refused: Callable[..., str], line: str) -> None:
@@ -284,7 +290,7 @@ def test_invalid_settings_are_refused(
 @pytest.mark.parametrize(
     "line",
     ["supervise small_towel", "trials --garments small_towel --n 1", "optimise small_towel --export out.csv",
-     "library build small_towel", "perceive picture.png"],
+     "library build small_towel", "library show", "perceive picture.png"],
 )  # fmt: skip
 def test_every_command_with_settings_refuses_invalid_ones(
     refused: Callable[..., str], folder: Path, line: str
