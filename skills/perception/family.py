@@ -102,7 +102,7 @@ def _trousers(outer: Span) -> Family:
         Joint("waist", "", (0.12, outer[1]), (90.0, 90.0)),
         Joint("ankle_outer", "waist", (0.94, 1.15), (-18.0, 32.0), limb=True),
         Joint("ankle_inner", "ankle_outer", outer, (-118.0, -64.0), after="ankle_outer"),
-        Joint("crotch", "", (0.20, 0.75), (0.0, 0.0)),
+        Joint("crotch", "", (0.20, 0.85), (0.0, 0.0)),
         Joint("hip", "waist", (0.08, 0.35), (-18.0, 45.0), before="ankle_outer"),
         Joint("knee_outer", "waist", (0.40, 0.75), (-16.0, 16.0), after="ankle_outer", before="ankle_outer"),
         Joint("knee_inner", "ankle_inner", (0.15, 0.60), (150.0, 210.0), after="ankle_outer", before="crotch"),
@@ -158,7 +158,7 @@ FAMILIES: Mapping[str, Family] = {
     ),
     "vest": _VEST,
     "pants": _trousers((0.10, 0.32)),
-    "shorts": _trousers((0.24, 0.95)),
+    "shorts": _trousers((0.24, 1.15)),
 }  # fmt: skip
 """The families of categories. A towel and a skirt have no limbs: for them, the stretch of the template is
 enough."""
