@@ -129,7 +129,7 @@ def last_fold(earlier: Inspection | None = None, **changes: Any) -> RunContext:
     flat = GarmentState("towel", SQUARE, {}, 1.0)
     unpressed = SimpleNamespace(pressed=(), disturbed=False)
     before: Any = SimpleNamespace(
-        name="half", claim=None, accepted=False, inspected=earlier, hidden=False,
+        name="half", claim=None, accepted=False, inspected=earlier, hidden=False, anew=None,
         attempt=unpressed,
     )  # fmt: skip
     garment: Any = SimpleNamespace(
@@ -319,6 +319,18 @@ def test_what_was_seen_before_a_disturbance_is_seen_anew_or_counts_as_hidden(
     assert len(looked) == (0 if cause else 1), "an undisturbed fold is not looked at again"
     assert last.inspected is not None and last.inspected.target is attempt.inspection.target
     assert not cause or last.inspected.diagnosis is K.OFF_TARGET, "its drift does not count: somebody moved it"
+
+
+@pytest.mark.parametrize(("off", "claimed"), [(0.004, True), (0.012, False)])
+def test_a_fold_that_a_disturbance_has_distorted_is_not_claimed(
+    off: float, claimed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    look(monkeypatch, seen(target=as_seen(0.011)))
+    context = last_fold()
+    context.done[0].anew = seen(edge_deviation_m=off)
+    claim = inspect_fold(fake_workcell(FakeCell()), context).context.claim()
+    assert claim is not None and claim.holds is claimed
+    assert claimed or "half was not found good" in claim.says
 
 
 def test_a_claim_knows_which_folds_are_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
